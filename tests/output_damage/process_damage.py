@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from machopt.commands.optimize.run import run_optimize
 from output_damage.damage_case import CELLS, HEADER, JOBS, PASS, Damage, Job, build_json_change, build_table_change
 
 Rows = list[dict[str, str]]
+JOINTS = [f"q{n}_deg" for n in range(1, 7)]
 HOLE = """operations:
   default:
     kind: drilling
@@ -39,9 +40,20 @@ def plan_milled_wall(folder: Path) -> Job:
 
 def plan_drilled_hole(folder: Path) -> Job:
     """One hole with limits of position, depth and axis, in the drilling cell."""
+    return plan_holes(folder, (-150,))
+
+
+def plan_two_holes(folder: Path) -> Job:
+    """Two such holes."""
+    return plan_holes(folder, (-150, -120))
+
+
+def plan_holes(folder: Path, places: Sequence[int]) -> Job:
+    """Holes at some x in mm."""
     toolpath = folder / "pass.csv"
     rows = ((40, "rapid", ""), (25, "rapid", ""), (0, "cut", "420"), (40, "retract", ""))
-    toolpath.write_text(HEADER + "\n" + "".join(f"-150,-200,{z},0,0,1,{move},{feed}\n" for z, move, feed in rows))
+    lines = [f"{x},-200,{z},0,0,1,{move},{feed}\n" for x in places for z, move, feed in rows]
+    toolpath.write_text(HEADER + "\n" + "".join(lines))
     shutil.copytree(CELLS / "kr240_drilling", folder / "cell")
     cell, file = folder / "cell" / "cell.yaml", folder / "cell" / "process.yaml"
     cell.write_text(cell.read_text(encoding="utf-8") + "process: process.yaml\n", encoding="utf-8")
@@ -55,6 +67,7 @@ def plan_drilled_hole(folder: Path) -> Job:
 
 JOBS["process"] = plan_milled_wall
 JOBS["drilled"] = plan_drilled_hole
+JOBS["two holes"] = plan_two_holes
 
 
 def scale_column(name: str, factor: float, rows: Rows) -> None:
@@ -106,14 +119,70 @@ def demand_stability(job: Job) -> None:
         build_json_change(file, lambda told: told["options"].update(min_stability_ratio=3.9))(job)
 
 
+def keep_rows(first: int | None, stop: int | None) -> Callable[[Rows], None]:
+    """Only some rows of a table."""
+
+    def change(rows: Rows) -> None:
+        rows[:] = rows[slice(first, stop)]
+
+    return change
+
+
+def double_first_row(rows: Rows) -> None:
+    rows.insert(0, dict(rows[0]))
+
+
+def halve_rows(rows: Rows) -> None:
+    del rows[len(rows) // 2 :]
+
+
+def empty_columns(names: Sequence[str], rows: Rows) -> None:
+    for row in rows:
+        row.update(dict.fromkeys(names, ""))
+
+
+def state_bare_probability(value: str, rows: Rows) -> None:
+    """One cell at a point whose outcome is known."""
+    next(row for row in rows if row["outcome"])["p_in_deflection_only"] = value
+
+
+def zero_depth(rows: Rows) -> None:
+    next(row for row in rows if row["ap_mm"])["ap_mm"] = "0.0"
+
+
+def cut_motion(count: int, job: Job) -> None:
+    """The first samples of trajectory.csv, and no rounded corner."""
+    (job.out / "rapid_corners.csv").unlink()
+    build_table_change("trajectory.csv", keep_rows(0, count))(job)
+
+
+def forget_feed_of_first_hole(rows: Rows) -> None:
+    """One of two: the other still states a feed."""
+    assert sum(1 for row in rows if row["feed_max_mm_min"]) == 2
+    next(row for row in rows if row["feed_max_mm_min"])["feed_max_mm_min"] = ""
+
+
+ROWS = (  # what is done to the rows of points.csv
+    ("without the first row", keep_rows(1, None)),
+    ("without the last row", keep_rows(0, -1)),
+    ("with its first row twice", double_first_row),
+    ("cut to half", halve_rows),
+    ("cut to one row", keep_rows(0, 1)),
+    ("without rows", list.clear),
+)
+
 COLUMNS = (  # column, factor, check that finds it
+    ("ae_mm", 1.01, "points.csv ae_mm"),
+    ("ap_mm", 1.01, "points.csv ap_mm"),
+    ("phi_in_deg", 0.99, "points.csv phi_in_deg"),
+    ("phi_out_deg", 0.99, "points.csv phi_out_deg"),
     ("f_travel_N", 1.03, "points.csv f_travel_N"),
     ("f_normal_N", 1.03, "points.csv f_normal_N"),
     ("f_axial_N", 3.0, "points.csv f_axial_N"),
     ("error_normal_mm", 1.05, "points.csv error_normal_mm"),
     ("p_in", 0.8, "points.csv p_in"),
     ("tolerance_mm", 2.0, "points.csv tolerance_mm"),
-    ("feed_max_mm_min", 4.0, "points.csv feed_max_mm_min"),  # checked from above only
+    ("feed_max_mm_min", 4.0, "points.csv feed_max_mm_min"),
     ("f1_Hz", 1.05, "points.csv f1_Hz"),
     ("a_lim_mm", 3.0, "points.csv a_lim_mm"),  # checked from above only
 )
@@ -129,6 +198,79 @@ HOLE_COLUMNS = (
 )
 
 DAMAGES = [
+    *(
+        Damage(f"{job}: points.csv {name}", "rows", build_table_change("points.csv", change), "points.csv", job)
+        for job in ("process", "drilled")
+        for name, change in ROWS
+    ),
+    *(
+        Damage(
+            f"{job}: points.csv without joints",
+            "6 columns",
+            build_table_change("points.csv", partial(empty_columns, JOINTS)),
+            "points.csv",
+            job,
+        )
+        for job in ("process", "drilled")
+    ),
+    *(
+        Damage(
+            f"drilled: trajectory.csv cut to {count} samples",
+            "rows",
+            partial(cut_motion, count),
+            "points.csv predicted errors" if count < 4 else "from home to home",
+            "drilled",
+        )
+        for count in (2, 3, 100)
+    ),
+    Damage(
+        "drilled: trajectory.csv without points",
+        "1 column",
+        build_table_change("trajectory.csv", partial(empty_columns, ["point"])),
+        "points.csv predicted errors",
+        "drilled",
+    ),
+    Damage(
+        "points.csv feed_max_mm_min of one of two holes lost",
+        "1 cell",
+        build_table_change("points.csv", forget_feed_of_first_hole),
+        "points.csv feed_max_mm_min",
+        "two holes",
+    ),
+    *(
+        Damage(
+            f"points.csv p_in_deflection_only {value}",
+            "1 cell",
+            build_table_change("points.csv", partial(state_bare_probability, value)),
+            "points.csv p_in_deflection_only",
+            "process",
+        )
+        for value in ("0.9", "-1")
+    ),
+    Damage(
+        "points.csv f1_Hz lost",
+        "1 cell",
+        build_table_change("points.csv", partial(replace_word, "f1_Hz", "")),
+        "points.csv f1_Hz is stated",
+        "process",
+    ),
+    Damage(
+        "points.csv a_lim_mm lost",
+        "1 cell",
+        build_table_change("points.csv", partial(replace_word, "a_lim_mm", "")),
+        "points.csv chatter",
+        "process",
+    ),
+    Damage(
+        "points.csv ap_mm of zero", "1 cell", build_table_change("points.csv", zero_depth), "result.json", "process"
+    ),
+    Damage(
+        "result.json stability without unknown_points",
+        "1 key",
+        in_process(lambda process: process["stability"].pop("unknown_points")),
+        "result.json",
+        "process",
+    ),
     *(
         Damage(f"points.csv {name} ×{factor}", f"×{factor}", in_points(name, factor), check, "drilled")
         for name, factor, check in HOLE_COLUMNS
@@ -189,7 +331,7 @@ DAMAGES = [
     ),
     *(
         Damage(
-            f"result.json stability {key}",
+            f"result.json stability {key} {value}",
             f"{value}",
             in_process(lambda process, key=key, value=value: process["stability"].update({key: value})),
             "result.json process",
@@ -197,6 +339,9 @@ DAMAGES = [
         )
         for key, value in (
             ("unknown_points", [[3, 4]]),
+            ("unknown_points", [[5, 0]]),
+            ("unknown_points", [[-3_000_000, 5]]),
+            ("unknown_points", [[0, 10**15]]),
             ("least_ratio", 9.0),
             ("least_point", 0),
             ("stable", 1),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -89,8 +90,54 @@ def _enlarge_corner_and_program(job: Job) -> None:
     swap("krl/*.src", r"CPTP=\d+", "CPTP=100")(job)
 
 
+def _stop_clock(count: int, rows: Rows) -> None:
+    """The first samples at the same time."""
+    for row in rows[:count]:
+        row["time_s"] = rows[0]["time_s"]
+
+
+def _cut_motion(rows: Rows) -> None:
+    del rows[len(rows) // 2 :]
+
+
+BAD_CORNERS = (  # column, value of one row: none that a corner can have
+    *(("before_percent", value) for value in ("1e4", "1e9", "1e300", "0", "-5", "nan")),
+    *(("after_percent", value) for value in ("1e9", "-1e9")),
+    *((joint, value) for joint in ("q1_deg", "q6_deg") for value in ("1e6", "-1e6", "1e300", "")),
+    *(("sample", value) for value in ("0", "1e9", "7.5", "-1")),
+    *(("from_sample", value) for value in ("-3", "1e9")),
+    *(("to_sample", value) for value in ("0", "1e6", "1e300")),
+)
+
 DAMAGES = [
-    Damage("a corner's share of its move", "51 %", put("before_percent", "51"), "rapid corners between", "two cuts"),
+    *(
+        Damage(f"a corner's {column} is {value!r}", "1 cell", put(column, value), "rapid_corners.csv", "two cuts")
+        for column, value in BAD_CORNERS
+    ),
+    Damage("a corner's joints within the limits", "60°", put("q1_deg", "60"), "rapid corners as driven", "two cuts"),
+    Damage(
+        "two samples at the same time",
+        "1 cell",
+        build_table_change(MOTION, partial(_stop_clock, 2)),
+        "trajectory.csv",
+        "two cuts",
+    ),
+    Damage(
+        "all samples at the same time",
+        "1 column",
+        build_table_change(MOTION, partial(_stop_clock, 10**6)),
+        "trajectory.csv",
+        "two cuts",
+    ),
+    Damage("a motion cut to half", "rows", build_table_change(MOTION, _cut_motion), "rapid_corners.csv", "two cuts"),
+    Damage(
+        "a motion cut to two samples",
+        "rows",
+        build_table_change(MOTION, lambda rows: rows.__delitem__(slice(2, None))),
+        "rapid_corners.csv",
+        "two cuts",
+    ),
+    Damage("a corner's share of its move", "51 %", put("before_percent", "51"), "rapid_corners.csv", "two cuts"),
     Damage("a corner's row", "beside a cut", put("from_sample", "1"), "rapid corners between", "two cuts"),
     Damage(
         "a corner's joints", "0.01°", build_table_change(CORNERS, _turn_corner), "rapid corners as driven", "two cuts"

@@ -62,7 +62,7 @@ class StabilitySection(DocumentModel):
     stable: Count  # points
     unstable: Count
     unknown: Count
-    unknown_points: tuple[tuple[Count, Count], ...] = ()  # rows of points with a posture, limit unknown: first and last
+    unknown_points: tuple[tuple[Count, Count], ...]  # rows of points with a posture, limit unknown: first and last
 
     def describe(self) -> str:
         """Return the stability of the job in one or two sentences."""

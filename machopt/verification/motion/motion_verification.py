@@ -37,6 +37,8 @@ from machopt.verification.motion.checks.path_following import check_path
 from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
 from machopt.verification.motion.checks.process_columns import check_process_columns
 from machopt.verification.motion.checks.rapid_corners import (
+    CORNER_CHECKS,
+    CORNERS_CLEAR,
     check_corner_contacts,
     check_rapid_corners,
     measure_passing_distance,
@@ -78,9 +80,9 @@ from machopt.verification.tables.exported_tables import (
     read_compensation,
     read_motion,
     read_points,
-    read_rapid_corners,
     read_tilt,
 )
+from machopt.verification.tables.rapid_corner_table import read_rapid_corners
 
 COLLISION_CHECKS_OFF = "collision checks are switched off (collision: false)"
 
@@ -112,7 +114,7 @@ def read_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> 
             points,
             read_compensation(out / "compensation.csv") if points.shift is not None else None,
             read_tilt(out / "tilt.csv") if _has_tilt(motion, points, out) else None,
-            read_rapid_corners(out / "rapid_corners.csv", cell) if (out / "rapid_corners.csv").exists() else None,
+            read_rapid_corners(out / "rapid_corners.csv", cell, len(motion.time)),
         )
     except InputError as error:
         name = Path(str(error.file)).name if error.file is not None else "tables"
@@ -181,10 +183,12 @@ def verify_single_tool(
     context = _VerifiedTool.build(cell, toolpath, tables, options)
     kept, unfounded = verification_list_checked_pairs(cell, context.arm, context.bodies, options.clearance, touching)
     wanted = kept if touching is not None else list_checked_pairs(cell, context.arm, context.bodies)
-    checks = [*context.check_motion(), *context.check_points(kept)]
+    of_motion = context.check_motion()
+    failed = {row.name for row in of_motion if isinstance(row, VerificationCheck) and row.passed is False}
+    checks = [*of_motion, *context.check_points(kept)]
     if options.collision and touching is not None:
         checks.append(build_count_check(CheckName.TOUCHING, unfounded, "pairs"))
-    return [*checks, *context.check_bodies(wanted)]
+    return [*checks, *context.check_bodies(wanted, fits_corners=failed.isdisjoint(CORNER_CHECKS))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,14 +289,16 @@ class _VerifiedTool:
             ]
         return checks
 
-    def check_bodies(self, pairs: list[tuple[CoalBody, CoalBody]]) -> list[VerificationRow]:
-        """Return the checks of gouges, contacts and depths of the motion."""
+    def check_bodies(self, pairs: list[tuple[CoalBody, CoalBody]], *, fits_corners: bool) -> list[VerificationRow]:
+        """Return the checks of gouges, contacts and depths; rounded corners are searched where their table fits."""
         motion, on, arm, bodies = self.motion, self.locations, self.arm, self.bodies
         checks: list[VerificationRow] = [*check_inventory(self.cell, arm, bodies, pairs)]
         checks += check_gouges(motion, self.toolpath, on, arm, bodies, self.options, self.tables.shift is not None)
         if not self.options.collision:
             return [*checks, build_skipped_check(CheckName.CONTACTS, COLLISION_CHECKS_OFF)]
-        if self.tables.corners is not None:
+        if self.tables.corners is not None and not fits_corners:
+            checks.append(build_skipped_check(CORNERS_CLEAR, "rapid_corners.csv does not fit the motion"))
+        elif self.tables.corners is not None:
             corners = self.tables.corners
             corners = replace(corners, q=compute_true_angles(self.cell.kinematics, corners.q))
             checks.append(check_corner_contacts(arm, pairs, motion, corners))

@@ -18,6 +18,7 @@ TEXT_COLUMNS = frozenset(
     {"operation", "move", "status", "reason", "nearest_pair", "stiffness_from", "tool", "outcome", "cause", "chatter"}
 )  # columns of words
 BLOCK_ROWS = 20_000  # turned into numbers at once: a million rows as words would be gigabytes
+MAX_NUMBER = 1e18  # in size: no column holds more, and its powers are still finite
 NUMBER_CHARACTERS = frozenset("0123456789+-.eE")  # float() takes digits of other scripts and underscores too
 _NUMBER_REMOVAL = dict.fromkeys(map(ord, NUMBER_CHARACTERS))  # what they are translated into
 
@@ -168,13 +169,13 @@ def _remove_apostrophe(field: str) -> str:
 
 
 def _parse_plain_numbers(words: list[str]) -> Array | list[str]:
-    """Words as numbers, NaN where they are empty; as they are where one of them is no finite number in plain digits."""
+    """Words as numbers, NaN where they are empty; as they are where one is no number in plain digits or too large."""
     if not "".join(words).translate(_NUMBER_REMOVAL):
         try:
             out = np.fromiter(map(float, words if all(words) else [word or "nan" for word in words]), float, len(words))
         except ValueError:
             return words
-        if not np.isinf(out).any():
+        if not (np.abs(out) > MAX_NUMBER).any():
             return out
     return words
 
@@ -189,11 +190,13 @@ def _parse_numbers(words: list[str], name: str, file: Path, before: int) -> Arra
             where=f"data row {before + row + 1}, {name}",
         )
     out = np.array([_parse_float(text) for text in words])
-    bad = np.isinf(out)
+    bad = np.abs(out) > MAX_NUMBER
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         raise OutputFolderError(
-            f"{words[row]!r} is not a finite number", file=file, where=f"data row {before + row + 1}, {name}"
+            f"{words[row]!r} is not a finite number of at most {MAX_NUMBER:g}",
+            file=file,
+            where=f"data row {before + row + 1}, {name}",
         )
     return out
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.stock import StockEngagement
 from machopt.data_types.toolpath import MoveKind
 from machopt.errors import OutputFolderError
@@ -63,7 +62,7 @@ OPTIONAL_COLUMNS = (
     *("tolerance_mm", "p_in", "p_in_deflection_only", "outcome", "cause", "f1_Hz", "a_lim_mm", "chatter"),
     "feed_max_mm_min",
 )
-CORNER_COLUMNS = ("sample", "from_sample", "to_sample", "before_percent", "after_percent")
+MIN_STEP_S = 1e-6  # s from sample to sample
 MAX_POINT_NUMBER = 2**31  # a point number beyond is none
 MOVE_WORDS = tuple(move.word for move in MoveKind)
 
@@ -120,7 +119,15 @@ class ExportedPoints:
     @property
     def ok(self) -> NDArray[np.bool_]:
         """(N,) whether the point has a configuration."""
-        return np.array([s == "ok" for s in self.status])
+        return np.array([s == "ok" for s in self.status], bool)
+
+    def is_complete(self, count: int) -> bool:
+        """Return whether row n is point n, and there is one row a point.
+
+        Args:
+            count: Number of toolpath points.
+        """
+        return np.array_equal(self.point, np.arange(count))
 
 
 @dataclass(frozen=True)
@@ -149,18 +156,22 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
         cell: The robot cell.
 
     Raises:
-        InputError: the file, a column or a number is missing, or a column is unknown.
+        InputError: the file, a column or a number is missing, a column is unknown, or the time does not rise.
     """
     table = read_table(file)
     tilted = any(name in table for name in TILT_COLUMNS)
-    needed = (*MOTION_COLUMNS, *_list_external_names(cell), *(["tool"] if cell.tools else []))
-    _check_names(table, (*needed, *(TILT_COLUMNS if tilted else ())), ("tool",))
+    needed = (*MOTION_COLUMNS, *list_external_names(cell), *(["tool"] if cell.tools else []))
+    check_column_names(table, (*needed, *(TILT_COLUMNS if tilted else ())), ("tool",))
     lead, side = _read_tilt(table) if tilted else (None, None)
     if cell.tools:
         _check_tools(table, cell)
     time = table.read_numbers("time_s")
     if len(time) < 2:
         raise OutputFolderError(f"{len(time)} samples; a motion has two or more", file=file)
+    stands = np.flatnonzero(np.diff(time) < MIN_STEP_S)
+    if len(stands):
+        row = int(stands[0]) + 2
+        raise OutputFolderError("the time does not rise", file=file, where=f"data row {row}, time_s")
     point, move = table.read_numbers("point", empty=True), parse_moves(table)
     lifted = find_lifted_samples(point, move)
     return ExportedMotion(
@@ -168,8 +179,8 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
         point=point,
         move=np.where(lifted, int(MoveKind.RAPID), move),
         lifted=lifted,
-        q=_read_joints(table, empty=False),
-        external=_read_external(table, cell, empty=False),
+        q=read_joints(table, empty=False),
+        external=read_external(table, cell, empty=False),
         operation=tuple(table.read_words("operation")),
         gamma=np.deg2rad(table.read_numbers("gamma_deg", empty=True)),
         feed=table.read_numbers("feed_mm_min") / 6e4,
@@ -192,9 +203,9 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
     """
     table = read_table(file)
     shifted, tilted = (any(name in table for name in names) for names in (SHIFT_COLUMNS, TILT_COLUMNS))
-    axes = _list_external_names(cell)
+    axes = list_external_names(cell)
     more = (*(SHIFT_COLUMNS if shifted else ()), *(TILT_COLUMNS if tilted else ()))
-    _check_names(table, (*POINT_COLUMNS, *axes, *more), OPTIONAL_COLUMNS)
+    check_column_names(table, (*POINT_COLUMNS, *axes, *more), OPTIONAL_COLUMNS)
     lead, side = _read_tilt(table) if tilted else (None, None)
     number = table.read_numbers("point")
     odd = np.flatnonzero((number != np.round(number)) | (np.abs(number) > MAX_POINT_NUMBER))
@@ -206,8 +217,8 @@ def read_points(file: Path, cell: Cell) -> ExportedPoints:
     shift = np.column_stack([table.read_numbers(n) for n in SHIFT_COLUMNS]) / 1e3 if shifted else None
     return ExportedPoints(
         point=number.astype(int),
-        q=_read_joints(table, empty=True),
-        external=_read_external(table, cell, empty=True),
+        q=read_joints(table, empty=True),
+        external=read_external(table, cell, empty=True),
         status=tuple(table.read_words("status")),
         numbers={
             name: table.read_numbers(name, empty=name not in POINT_COLUMNS[3:9])
@@ -249,39 +260,10 @@ def read_tilt(file: Path) -> ExportedTilt:
         InputError: the file, a column or a number is missing, or the index falls.
     """
     table = read_table(file)
-    _check_names(table, ("point", *TILT_COLUMNS), ())
+    check_column_names(table, ("point", *TILT_COLUMNS), ())
     index = _read_rising_index(table)
     lead, side = (np.deg2rad(table.read_numbers(name)) for name in TILT_COLUMNS)
     return ExportedTilt(index, lead, side)
-
-
-def read_rapid_corners(file: Path, cell: Cell) -> RapidCorners:
-    """Read rapid_corners.csv.
-
-    Args:
-        file: Path of the file.
-        cell: The robot cell.
-
-    Raises:
-        InputError: the file, a column or a number is missing, or the samples are no numbers of rows in order.
-    """
-    table = read_table(file)
-    _check_names(table, (*CORNER_COLUMNS, *JOINT_COLUMNS, *_list_external_names(cell)), ())
-    rows = [table.read_numbers(name) for name in CORNER_COLUMNS[:3]]
-    before, sample, after = rows[1], rows[0], rows[2]
-    whole = all((values == np.round(values)).all() and (np.abs(values) < MAX_POINT_NUMBER).all() for values in rows)
-    if not (whole and (before >= 0).all() and (before < sample).all() and (sample < after).all()):
-        raise OutputFolderError("from_sample < sample < to_sample does not hold in every row", file=table.file)
-    if (np.diff(sample) <= 0).any():
-        raise OutputFolderError("the samples do not rise", file=table.file, where="sample")
-    return RapidCorners(
-        sample=sample.astype(np.int64),
-        before=before.astype(np.int64),
-        after=after.astype(np.int64),
-        q=_read_joints(table, empty=False),
-        external=_read_external(table, cell, empty=False, first=CORNER_COLUMNS[0]),
-        share=np.column_stack([table.read_numbers(name) for name in CORNER_COLUMNS[3:]]) / 100.0,
-    )
 
 
 def read_engagement(file: Path, points: int) -> StockEngagement:
@@ -295,7 +277,7 @@ def read_engagement(file: Path, points: int) -> StockEngagement:
         InputError: the file, a column or a number is missing, the points fall, or one does not exist.
     """
     table = read_table(file)
-    _check_names(table, ("point", *ARC_COLUMNS), ())
+    check_column_names(table, ("point", *ARC_COLUMNS), ())
     index = _read_rising_index(table)
     if len(index) and not (index[0] >= 0 and index[-1] < points and (index == np.round(index)).all()):
         raise OutputFolderError(f"a point is no number from 0 to {points - 1}", file=table.file, where="point")
@@ -327,7 +309,17 @@ def _read_tilt(table: ColumnTable) -> tuple[Array, Array]:
     return lead, side
 
 
-def _check_names(table: ColumnTable, needed: Sequence[str], further: Sequence[str]) -> None:
+def check_column_names(table: ColumnTable, needed: Sequence[str], further: Sequence[str]) -> None:
+    """Check that a table has the needed columns and no unknown one.
+
+    Args:
+        table: The table.
+        needed: Names of the columns that must be there.
+        further: Names of those that may be there.
+
+    Raises:
+        InputError: a column is missing or unknown.
+    """
     for name in needed:
         if name not in table:
             raise OutputFolderError(
@@ -390,16 +382,40 @@ def parse_moves(table: ColumnTable) -> NDArray[np.int64]:
     return np.array([code[word] for word in moves])
 
 
-def _read_joints(table: ColumnTable, *, empty: bool) -> Array:
+def read_joints(table: ColumnTable, *, empty: bool) -> Array:
+    """Return the (rows, 6) rad of the joint columns.
+
+    Args:
+        table: The table.
+        empty: Whether fields may be empty: NaN.
+
+    Raises:
+        InputError: a field is no number.
+    """
     return np.deg2rad(np.column_stack([table.read_numbers(name, empty=empty) for name in JOINT_COLUMNS]))
 
 
-def _list_external_names(cell: Cell) -> list[str]:
+def list_external_names(cell: Cell) -> list[str]:
+    """Return the names of the columns of the external joints.
+
+    Args:
+        cell: The robot cell.
+    """
     return [f"e{n}_mm" if slides else f"e{n}_deg" for n, slides in enumerate(cell.external_prismatic, start=1)]
 
 
-def _read_external(table: ColumnTable, cell: Cell, *, empty: bool, first: str = JOINT_COLUMNS[0]) -> Array:
-    """(rows, E) rad or m; ``first``: a column that the table has in any case."""
-    names = _list_external_names(cell)
+def read_external(table: ColumnTable, cell: Cell, *, empty: bool, first: str = JOINT_COLUMNS[0]) -> Array:
+    """Return the (rows, E) rad or m of the columns of the external joints.
+
+    Args:
+        table: The table.
+        cell: The robot cell.
+        empty: Whether fields may be empty: NaN.
+        first: A column that the table has in any case.
+
+    Raises:
+        InputError: a field is no number.
+    """
+    names = list_external_names(cell)
     columns = [table.read_numbers(n, empty=empty) * (1e-3 if n.endswith("mm") else np.pi / 180.0) for n in names]
     return np.array(columns).T.reshape(len(table.read_numbers(first, empty=True)), -1)

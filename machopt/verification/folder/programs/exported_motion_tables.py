@@ -11,9 +11,9 @@ from machopt.verification.tables.exported_tables import (
     read_compensation,
     read_motion,
     read_points,
-    read_rapid_corners,
     read_tilt,
 )
+from machopt.verification.tables.rapid_corner_table import read_rapid_corners
 
 
 def read_program_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> ExportedTables:
@@ -34,5 +34,5 @@ def read_program_tables(cell: Cell, out: Path, motion: ExportedMotion | None = N
         points,
         read_compensation(out / "compensation.csv") if points.shift is not None else None,
         read_tilt(out / "tilt.csv") if points.lead is not None else None,
-        read_rapid_corners(out / "rapid_corners.csv", cell) if (out / "rapid_corners.csv").exists() else None,
+        read_rapid_corners(out / "rapid_corners.csv", cell, len(motion.time)),
     )

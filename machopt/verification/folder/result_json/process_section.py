@@ -67,19 +67,27 @@ def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str
     for name, count in counts.items():
         yield from check_equal(f"process.stability.{name}", getattr(stated, name), count)
     ok = np.array(t.points.read_words("status"), dtype=object) == "ok"
-    listed = [p for first, last in stated.unknown_points for p in range(first, min(last + 1, len(words)))]
-    yield from check_equal(
-        "process.stability.unknown_points", listed, np.flatnonzero((words == "unknown") & ok).tolist()
-    )
+    beyond = [pair for pair in stated.unknown_points if not 0 <= pair[0] <= pair[1] < len(words)]
+    if beyond:
+        yield f"process.stability.unknown_points has {list(beyond[0])}; first and last point are 0 to {len(words) - 1}"
+    else:
+        listed = [p for first, last in stated.unknown_points for p in range(first, last + 1)]
+        unknown = np.flatnonzero((words == "unknown") & ok).tolist()
+        yield from check_equal("process.stability.unknown_points", listed, unknown)
     limit, depth = (t.points.read_numbers(name, empty=True) for name in ("a_lim_mm", "ap_mm"))
-    ratio = np.where((words != "") & (words != "unknown"), limit / depth, np.nan)
+    judged = (words != "") & (words != "unknown")
+    if not (depth[judged] > 0).all():
+        yield "process.stability: points.csv has a milled point whose ap_mm is not above 0"
+        return
+    ratio = np.full(len(words), np.nan)
+    ratio[judged] = limit[judged] / depth[judged]
     if not np.isfinite(ratio).any():
         yield from check_equal("process.stability.least_ratio", stated.least_ratio, None)
         return
     if stated.least_ratio is None or stated.least_point is None:
         yield f"process.stability states no least ratio and its point; points.csv has {np.nanmin(ratio):.4g}"
         return
-    rounding = PRINTED_DEPTH / float(np.nanmin(depth))
+    rounding = PRINTED_DEPTH / float(np.min(depth[judged]))
     yield from check_close("process.stability.least_ratio", stated.least_ratio, float(np.nanmin(ratio)), 0.0, rounding)
     at = float(ratio[stated.least_point]) if 0 <= stated.least_point < len(ratio) else np.nan
     yield from check_close("process.stability.least_point", stated.least_ratio, at, 0.0, rounding)

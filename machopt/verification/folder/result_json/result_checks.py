@@ -121,7 +121,7 @@ def _run_part_check(
         return _build_check(name, list(part(told)))
     except InputError as problem:
         return replace(_build_check(name, [str(problem)]), because=get_error_file(problem))
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as problem:
+    except (KeyError, TypeError, ValueError, IndexError, ArithmeticError) as problem:
         return _build_check(name, [f"is not of the form that machopt writes: {_format_error(problem)}"])
 
 

@@ -17,6 +17,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
 from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.motion.process.hole_strokes import HoleVisit
 from machopt.verification.motion.process.point_loads import RecomputedLoads
 from machopt.verification.tables.exported_tables import ExportedPoints
 
@@ -83,20 +84,27 @@ class LargestFeeds:
         return self.compute_probability(self._spread_over_strokes(feed), np.isfinite(feed))
 
     def _list_misplaced_feeds(self, feed: Array) -> list[str]:
-        """Points with a feed and no outcome, milled points without one, and negative feeds."""
+        """Points with a feed and no outcome, milled points and holes without one, and negative feeds."""
         assert self.cell.process is not None
         operations, wrong = self.cell.process.operations, []
         words = dict(zip(self.points.point.tolist(), self.points.words.get("outcome", ()), strict=False))
+        drilled = {hole.deepest for hole in self.loads.holes if self._follows_from_feed(hole)}
         for point, value in enumerate(feed.tolist()):
             known = words.get(point, "") not in ("", "unknown")
             k = int(self.loads.operation[point])
             if np.isfinite(value) and (not known or k < 0 or operations[k].kind == "force"):
                 wrong.append(f"point {point}: has a feed, and its force or outcome does not follow from one")
-            elif not np.isfinite(value) and known and operations[k].kind == "milling":
+            elif not np.isfinite(value) and known and k >= 0 and (operations[k].kind == "milling" or point in drilled):
                 wrong.append(f"point {point}: lacks a feed")
             elif value < 0.0:
                 wrong.append(f"point {point}: {value * MM_MIN:g} mm/min")
         return wrong
+
+    def _follows_from_feed(self, hole: HoleVisit) -> bool:
+        """Whether the force of a hole comes from its material."""
+        assert self.cell.process is not None
+        thrust = [self.loads.force[stroke.point, 2] for stroke in hole.strokes]
+        return self.cell.process.operations[hole.operation].kind != "force" and bool(max(thrust, default=0.0) > 0.0)
 
     def _compute_higher_feeds(self, feed: Array) -> Array:
         """(N,) m/s, a feed at which the tolerances no longer hold; NaN where the search ended before."""

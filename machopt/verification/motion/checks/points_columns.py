@@ -206,7 +206,7 @@ class PointsTableCheck:
 
     def _check_completeness(self) -> VerificationCheck:
         have, n = self.points.point, len(self.toolpath)
-        complete = len(have) == n and bool((have == np.arange(n)).all())
+        complete = self.points.is_complete(n)
         if complete or len(have) != n:
             where = "one row a toolpath point, numbered from 0"
         else:

@@ -5,6 +5,7 @@ column                                    recomputed as
 ========================================  =========================================================================
 f_travel_N, f_normal_N, f_axial_N,        :mod:`machopt.verification.motion.process.point_loads` at the largest feed
 m_axial_Nm                                of the samples on the way to the point
+ae_mm, ap_mm, phi_*                       :mod:`machopt.verification.motion.checks.contact_columns`
 error_*                                   C w of :mod:`machopt.verification.motion.stiffness.arm_compliance` at the
                                           joints of the motion, part and compensation counted in
 f1_Hz, a_lim_mm, chatter                  :mod:`machopt.verification.motion.checks.stability_columns`
@@ -30,11 +31,11 @@ from machopt.verification.checks import (
     build_skipped_check,
     build_worst_value_check,
 )
+from machopt.verification.motion.checks.contact_columns import check_contact_columns, compare_column
 from machopt.verification.motion.checks.largest_feeds import LargestFeeds
 from machopt.verification.motion.checks.stability_columns import StabilityTables, check_stability
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
-from machopt.verification.motion.process.contact_load import find_slice_shapes
 from machopt.verification.motion.process.draws import find_unsupported_draws
 from machopt.verification.motion.process.point_loads import RecomputedLoads, recompute_loads
 from machopt.verification.motion.process.predicted_errors import PredictedErrors, predict_errors
@@ -42,10 +43,10 @@ from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
+LEAST_SAMPLES = 2  # between which joints are interpolated
 FORCE_SHARE, FORCE_N = 2e-3, 0.05  # numerical integration, and feeds that are printed to 1e-3 mm/min
 ERROR_SHARE, ERROR_MM, ERROR_DEG = 5e-3, 5e-4, 5e-4  # joints between planning points are interpolated
 PROBABILITY = 0.02
-CONTACT_COLUMNS, CONTACT_LIMIT = ("ae_mm", "ap_mm", "phi_in_deg", "phi_out_deg"), 2e-3  # printed decimals
 FORCE_COLUMNS = ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm")
 PRINTED_PROBABILITY = 5e-6  # half of the last printed decimal: on it either outcome may follow
 
@@ -74,9 +75,11 @@ def check_process_columns(
     missing = [name for name in (*FORCE_COLUMNS, "p_in") if name not in points.numbers]
     if missing:
         return [build_count_check("points.csv process columns", missing, "columns")]
+    if not points.is_complete(len(toolpath)):
+        return [build_skipped_check("points.csv process columns", "points.csv has not one row a toolpath point")]
     driven = find_largest_feed(toolpath, motion)
     loads = recompute_loads(cell, toolpath, driven, toolpath.process_operation)
-    checks = [*_check_forces(points, loads), *_check_contact_columns(cell, toolpath, points)]
+    checks = [*_check_forces(points, loads), *check_contact_columns(cell, toolpath, points, loads)]
     name = "points.csv predicted errors"
     if cell.stiffness is None:
         return [*checks, build_skipped_check(name, "the cell names no stiffness")]
@@ -85,7 +88,12 @@ def check_process_columns(
     except UnknownTermError as error:
         return [*checks, build_skipped_check(name, f"no second law is written for {error}")]
     true_motion = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
-    true_points = replace(points, q=compute_true_angles(cell.kinematics, points.q))
+    true_points = _leave_out_unplaced_rows(replace(points, q=compute_true_angles(cell.kinematics, points.q)))
+    if np.isfinite(motion.point).sum() < LEAST_SAMPLES:
+        return [
+            *checks,
+            build_count_check(name, [f"trajectory.csv has no {LEAST_SAMPLES} samples at points"], "samples"),
+        ]
     found = predict_errors(cell, toolpath, loads, true_motion, true_points, arm, law)
     tables = StabilityTables(cell=cell, toolpath=toolpath, loads=loads, points=true_points, arm=arm, law=law)
     checks += [*_check_errors(points, found), *check_stability(tables, options.min_stability_ratio)]
@@ -108,6 +116,13 @@ def check_process_columns(
             compute_probability=compute_probability,
         ).check()
     return [*checks, *_check_probabilities(cell, points, found), _check_unknown(cell, toolpath, points, found)]
+
+
+def _leave_out_unplaced_rows(points: ExportedPoints) -> ExportedPoints:
+    """Return the points without a configuration where a joint is empty; nothing follows from one there."""
+    placed: Bools = np.asarray(np.isfinite(np.hstack([points.q, points.external])).all(axis=1))
+    words = zip(points.status, placed.tolist(), strict=True)
+    return replace(points, status=tuple(word if known else "left out" for word, known in words))
 
 
 def find_largest_feed(toolpath: Toolpath, motion: ExportedMotion) -> Array:
@@ -133,38 +148,18 @@ def _check_forces(points: ExportedPoints, loads: RecomputedLoads) -> list[Verifi
     size_of = (size, size, size, np.abs(np.nan_to_num(loads.moment)))
     limits = (FORCE_N, FORCE_N, FORCE_N, 1e-3)
     return [
-        _compare(points, name, wanted[:, n], limits[n] + FORCE_SHARE * size_of[n])
+        compare_column(points, name, wanted[:, n], limits[n] + FORCE_SHARE * size_of[n])
         for n, name in enumerate(FORCE_COLUMNS)
     ]
-
-
-def _check_contact_columns(cell: Cell, toolpath: Toolpath, points: ExportedPoints) -> list[VerificationCheck]:
-    """Check the columns that summarise the arcs of engagement.csv."""
-    arcs, cutter = toolpath.engagement, cell.tool.cutter
-    if arcs is None or cutter is None:
-        return []
-    radius = find_slice_shapes(cutter, arcs)[0]
-    wanted = {name: np.full(len(toolpath), np.nan) for name in CONTACT_COLUMNS}
-    for p in np.unique(arcs.point).tolist():
-        mine = slice(*np.searchsorted(arcs.point, (p, p + 1)))
-        start, end = arcs.start[mine], arcs.end[mine]
-        left, right = np.max(radius[mine] * np.cos(start)), np.min(radius[mine] * np.cos(end))
-        height = np.max(arcs.high[mine]) - np.min(arcs.low[mine])
-        values = (1e3 * (left - right), 1e3 * height, np.degrees(start.min()), np.degrees(end.max()))
-        for name, value in zip(CONTACT_COLUMNS, values, strict=True):
-            wanted[name][p] = value
-    rows = np.flatnonzero(arcs.is_computed)
-    some = replace(points, point=points.point[rows], numbers={n: points.numbers[n][rows] for n in CONTACT_COLUMNS})
-    return [_compare(some, n, wanted[n][rows], np.full(len(rows), CONTACT_LIMIT)) for n in CONTACT_COLUMNS]
 
 
 def _check_errors(points: ExportedPoints, found: PredictedErrors) -> list[VerificationCheck]:
     checks = []
     for name, wanted in (("along", found.along), ("across", found.across), ("normal", found.normal)):
         limit = ERROR_MM + ERROR_SHARE * 1e3 * np.nan_to_num(np.abs(found.size))
-        checks.append(_compare(points, f"error_{name}_mm", 1e3 * wanted, limit))
+        checks.append(compare_column(points, f"error_{name}_mm", 1e3 * wanted, limit))
     axis = np.degrees(found.axis)
-    return [*checks, _compare(points, "error_axis_deg", axis, ERROR_DEG + ERROR_SHARE * np.nan_to_num(axis))]
+    return [*checks, compare_column(points, "error_axis_deg", axis, ERROR_DEG + ERROR_SHARE * np.nan_to_num(axis))]
 
 
 def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErrors) -> list[VerificationCheck]:
@@ -175,7 +170,7 @@ def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErr
     quantile = cell.process.quantile
     wrong = [f"point {p}: {word} with p_in {v:.3f}" for p, word, v in zip(points.point, words, stated, strict=False)
              if not _fits(word, v, quantile)]  # fmt: skip
-    out = [build_count_check("points.csv outcome", wrong, "rows")]
+    out = [build_count_check("points.csv outcome", wrong, "rows"), _check_bare_probabilities(points)]
     if why:
         return [*out, build_skipped_check("points.csv p_in", why)]
     known = np.isfinite(stated)
@@ -186,6 +181,17 @@ def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErr
             "points.csv p_in", "1", np.where(known & np.isnan(found.p_in), 1.0, off), PROBABILITY, "point {}".format
         ),
     ]
+
+
+def _check_bare_probabilities(points: ExportedPoints) -> VerificationCheck:
+    """Find probabilities of the deflection alone that are none, or that stand where the outcome is known."""
+    stated = points.numbers.get("p_in_deflection_only", np.full(len(points.point), np.nan))
+    wrong = [
+        f"point {p}: {value:g}"
+        for p, word, value in zip(points.point, points.words.get("outcome", ()), stated, strict=False)
+        if np.isfinite(value) and (word != "unknown" or not 0.0 <= value <= 1.0)
+    ]
+    return build_count_check("points.csv p_in_deflection_only", wrong, "rows")
 
 
 def _check_tolerances(cell: Cell, toolpath: Toolpath, points: ExportedPoints) -> VerificationCheck:
@@ -199,7 +205,7 @@ def _check_tolerances(cell: Cell, toolpath: Toolpath, points: ExportedPoints) ->
             limits = cell.process.operations[k].tolerance
             least = min(limits.position, limits.depth, limits.surface)
             wanted[point] = 1e3 * least if np.isfinite(least) else np.nan
-    return _compare(points, "tolerance_mm", wanted, np.full(len(toolpath), 1e-5))
+    return compare_column(points, "tolerance_mm", wanted, np.full(len(toolpath), 1e-5))
 
 
 def _check_unknown(cell: Cell, toolpath: Toolpath, points: ExportedPoints, found: PredictedErrors) -> VerificationCheck:
@@ -234,17 +240,3 @@ def _fits(word: str, probability: float, quantile: float) -> bool:
         return word in ("", "unknown")
     ends = (probability - PRINTED_PROBABILITY, probability + PRINTED_PROBABILITY)
     return word in {"pass" if p >= quantile else "fail" if p < 0.5 else "marginal" for p in ends}
-
-
-def _compare(points: ExportedPoints, name: str, wanted: Array, limit: Array) -> VerificationCheck:
-    stated = points.numbers.get(name)
-    if stated is None:
-        return build_count_check(f"points.csv {name}", ["the column is missing"], "columns")
-    both = np.isfinite(stated) & np.isfinite(wanted)
-    one = np.isfinite(stated) != np.isfinite(wanted)
-    off = np.where(both, np.abs(stated - wanted) / limit, np.where(one, np.inf, 0.0))
-
-    def describe(n: int) -> str:
-        return f"point {points.point[n]}: {stated[n]:.6g}, {wanted[n]:.6g} follows"
-
-    return build_worst_value_check(f"points.csv {name}", "of its limit", off, 1.0, describe)

@@ -27,14 +27,21 @@ from machopt.verification.motion.collision.bodies import CoalBody
 from machopt.verification.motion.collision.contact_search import find_polyline_contacts
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
+from machopt.verification.tables.rapid_corner_table import PRINTED_SHARE
 
-MAX_SHARE = 0.5  # of a move, from either end
-PRINTED_SHARE = 1e-6  # what the decimals of joints and shares leave of a share
 OFF_TOLERANCE_DEG = 1e-3  # of a sample from the moves and the triangle; a metre of a slide counts as a radian
 JOINT_TOLERANCE_DEG = 1e-5  # corner and points.csv: nine and six decimals
 WHOLE = 1e-6  # of an index
 CHORD_M, CHORD_RAD = 5e-3, float(np.radians(2.0))  # distance of the chords, at the tool and in the joints
 LEAST_CHORDS = 2
+BETWEEN, DRIVEN, SHARES, AT_POINTS = (
+    "rapid corners between rapid moves",
+    "rapid corners as driven",
+    "rapid corner shares",
+    "rapid corners at the points",
+)
+CORNERS_CLEAR = "rapid corners clear"
+CORNER_CHECKS = frozenset((BETWEEN, DRIVEN, SHARES, AT_POINTS))
 DEPARTED = 1e-8  # share of the other move at which a sample has left its own; joints have nine decimals
 ONSET_S = 4e-3  # in which a move of 1 rad or 1 m covers that share, beginning with a jerk of 1 rad/s³ or 1 m/s³
 
@@ -130,7 +137,7 @@ def check_rapid_corners(
         corners: Rounded corners (rapid_corners.csv).
     """
     wrong = _list_misplaced_corners(motion, toolpath, corners)
-    out = [build_count_check("rapid corners between rapid moves", wrong, "corners")]
+    out = [build_count_check(BETWEEN, wrong, "corners")]
     if wrong:
         return out
     x = np.hstack([motion.q, motion.external])
@@ -138,7 +145,7 @@ def check_rapid_corners(
     off = np.zeros(len(x))
     touched = np.zeros(len(x), bool)
     deviation = np.full(len(x), np.inf)
-    excess, unseen = np.zeros(len(triangles)), math.ceil(ONSET_S / float(motion.time[1] - motion.time[0]))
+    excess, unseen = np.zeros(len(triangles)), math.ceil(ONSET_S / motion.sample_time)
     for n, triangle in enumerate(triangles):
         turn = int(corners.sample[n])
         arriving, leaving = x[corners.before[n] : turn + 1], x[turn : corners.after[n] + 1][::-1]
@@ -158,16 +165,16 @@ def check_rapid_corners(
             apart[n] = np.degrees(np.abs(stood[row] - corners.x[c]).max())
     return [
         *out,
-        build_worst_value_check("rapid corners as driven", "deg", off, OFF_TOLERANCE_DEG, motion.describe_row),
+        build_worst_value_check(DRIVEN, "deg", off, OFF_TOLERANCE_DEG, motion.describe_row),
         build_worst_value_check(
-            "rapid corner shares",
+            SHARES,
             "%",
             100.0 * np.append(excess, 0.0),
             100.0 * PRINTED_SHARE,
             lambda n: motion.describe_row(int(corners.sample[n])) if n < len(corners) else "there are none",
         ),
         build_worst_value_check(
-            "rapid corners at the points",
+            AT_POINTS,
             "deg",
             np.append(apart, 0.0),
             JOINT_TOLERANCE_DEG,
@@ -177,19 +184,16 @@ def check_rapid_corners(
 
 
 def _list_misplaced_corners(motion: ExportedMotion, toolpath: Toolpath, corners: RapidCorners) -> list[str]:
-    """Corners with shares that are none, at rows that are none, beside a feed move, or where the machine acts."""
+    """Corners with samples of another tool, beside a feed move, where the machine acts, or whose moves overlap."""
     acting = {event.index - 1 for event in toolpath.events if event.kind != "comment"}
     wrong = []
     for n, row in enumerate(corners.sample.tolist()):
         first, last = int(corners.before[n]), int(corners.after[n])
-        if last >= len(motion.time):
-            wrong.append(f"data row {n + 1} ends at sample {last}, the motion has {len(motion.time)}")
+        if first < 0 or last >= len(motion.time):
+            wrong.append(f"corner {n + 1}: its moves are from sample {first} to {last} of {len(motion.time)}")
             continue
         at = motion.describe_row(row)
-        if not ((corners.share[n] > 0.0) & (corners.share[n] <= MAX_SHARE + PRINTED_SHARE)).all():
-            shares = " and ".join(f"{100 * share:.3g} %" for share in corners.share[n])
-            wrong.append(f"{at}: rounded over {shares} of the moves, 50 % are the most")
-        elif (motion.move[first + 1 : last + 1] != MoveKind.RAPID).any():
+        if (motion.move[first + 1 : last + 1] != MoveKind.RAPID).any():
             wrong.append(f"{at}: beside a move that is not rapid")
         elif np.isfinite(motion.point[row]) and round(float(motion.point[row])) in acting and _is_whole(motion, row):
             wrong.append(f"{at}: the CAM file acts there, and the machine has to stop")
@@ -241,7 +245,7 @@ def check_corner_contacts(
     fans = [build_chords(triangle, arm) for triangle in list_corner_triangles(corners, x)]
     hits = find_polyline_contacts(arm, wanted, fans)
     named = [f"{pair} beside {motion.describe_row(int(corners.sample[n]))}" for pair, n in hits]
-    return build_count_check("rapid corners clear", named, "contacts")
+    return build_count_check(CORNERS_CLEAR, named, "contacts")
 
 
 def build_chords(triangle: CornerTriangle, arm: UrdfKinematics) -> Array:

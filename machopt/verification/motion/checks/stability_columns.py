@@ -4,6 +4,7 @@
 check                     condition
 ========================  ==========================================================================================
 chatter                   the word follows from a_lim_mm and ap_mm; unknown only where it cannot be computed
+f1_Hz is stated           at every cut that is driven, where the modes can be computed
 f1_Hz                     is that of :mod:`machopt.verification.motion.process.stability`, at 40 points
 a_lim_mm                  is not above the limit of the second law below ωT = 1, at 40 points
 min_stability_ratio       a_lim_mm over ap_mm is not below it, at all milled points
@@ -19,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.process import CutSide, ProcessOperation
-from machopt.data_types.toolpath import Toolpath
+from machopt.data_types.process import ProcessOperation
+from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import (
     VerificationCheck,
@@ -28,6 +29,7 @@ from machopt.verification.checks import (
     build_skipped_check,
     build_worst_value_check,
 )
+from machopt.verification.motion.checks.contact_columns import SIDES
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
 from machopt.verification.motion.process.point_loads import RecomputedLoads
@@ -47,8 +49,8 @@ MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
     1e-5,
     5e-3,
 )  # three decimals; of the frequency; by which a limit may be above that of the second law
+WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is not stated
 RATIO_SHARE = 1e-3  # four decimals of a_lim_mm; joints are interpolated between planning points
-_SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 Rows = NDArray[np.intp]
 
 
@@ -69,13 +71,20 @@ class StabilityTables:
         return np.flatnonzero((words != "") & (words != "unknown") & self.points.ok)
 
     def compute_ratios(self, rows: Rows) -> Array:
-        """Return (n,) the stated limit over the stated depth; inf where no limit is stated.
+        """Return (n,) the stated limit over the stated depth; inf where no limit is stated, NaN where no depth is.
 
         Args:
             rows: Milled rows.
         """
         limit, depth = (self.points.numbers[name][rows] for name in ("a_lim_mm", "ap_mm"))
-        return np.where(np.isfinite(limit), limit / depth, np.inf)
+        ratio = np.divide(limit, depth, out=np.full(len(rows), np.nan), where=depth > 0.0)
+        return np.where(np.isfinite(limit), ratio, np.inf)
+
+    def list_least_limits(self) -> Array:
+        """Return (N,) mm the stated limits; of a stable point without one, the depth above which none is stated."""
+        limit, depth = (self.points.numbers[name] for name in ("a_lim_mm", "ap_mm"))
+        is_stable = np.array([word == "stable" for word in self.points.words["chatter"]], bool)
+        return np.where(np.isnan(limit) & is_stable, WIDEST_DEPTH * depth, limit)
 
     def compute_modes(self, model: ModeModel, rows: Rows) -> list[PointModes]:
         """Return the modes at some rows.
@@ -121,8 +130,10 @@ class StabilityTables:
         if engagement is not None and engagement.is_computed[row]:
             own = engagement.take_range(row, row + 1)
             return find_contact_arcs(own, float(np.max(own.high, initial=0.0) - np.min(own.low, initial=np.inf)))
-        ae = 1e-3 * float(self.points.numbers["ae_mm"][row])
-        return [find_given_arc(self.cell, _SIDES[int(self.loads.side[row])], ae)]
+        cutter, ae = self.cell.tool.cutter, self.find_operation(row).ae
+        assert cutter is not None
+        side = SIDES[int(self.loads.side[row])]
+        return [find_given_arc(self.cell, side, cutter.diameter if ae is None else ae)]
 
 
 def check_stability(tables: StabilityTables, least: float | None) -> list[VerificationCheck]:
@@ -134,11 +145,12 @@ def check_stability(tables: StabilityTables, least: float | None) -> list[Verifi
     """
     points, cell = tables.points, tables.cell
     model = ModeModel(cell, tables.arm)
-    checks = [_check_words(tables, is_computable=model.has_inertia and not cell.mimics)]
+    is_computable = model.has_inertia and not cell.mimics
+    checks = [_check_words(tables, is_computable=is_computable), _check_modes(tables, is_computable=is_computable)]
     if least is not None:
         checks += [*_check_stated_ratios(tables, least), *_list_unknown(points)]
     rows = np.flatnonzero(np.isfinite(points.numbers["f1_Hz"]) & points.ok)
-    if not len(rows) or not model.has_inertia or cell.mimics:
+    if not len(rows) or not is_computable:
         return checks
     checks += _check_limits(tables, model, _spread(rows, STABILITY_POINTS))
     if least is not None:
@@ -156,9 +168,21 @@ def _check_words(tables: StabilityTables, *, is_computable: bool) -> Verificatio
     wrong = [
         f"point {p}: {word}, limit {a:.4g} mm at {ap:.4g} mm"
         for p, word, a, ap, ok in zip(points.point, points.words["chatter"], *columns, points.ok, strict=True)
-        if (word and np.isfinite(a) and (word == "stable") != (ap < a)) or (word == "unknown" and ok and is_computable)
+        if (word and np.isfinite(a) and (word == "stable") != (ap < a))
+        or (word not in ("", "stable", "unknown") and np.isnan(a))
+        or (word == "unknown" and ok and is_computable)
     ]
     return build_count_check("points.csv chatter", wrong, "rows")
+
+
+def _check_modes(tables: StabilityTables, *, is_computable: bool) -> VerificationCheck:
+    """Find points that lack their lowest mode, or state one where nothing is cut or no posture is known."""
+    points, operation = tables.points, tables.loads.operation
+    cuts = (tables.toolpath.move == MoveKind.CUT) & (operation >= 0) & is_computable
+    stated = np.isfinite(points.numbers["f1_Hz"])
+    lacks, extra = cuts & points.ok & ~stated, stated & ~cuts
+    wrong = [f"point {points.point[n]}: {'lacks' if lacks[n] else 'has'} one" for n in np.flatnonzero(lacks | extra)]
+    return build_count_check("points.csv f1_Hz is stated", wrong, "points")
 
 
 def _check_stated_ratios(tables: StabilityTables, least: float) -> list[VerificationCheck]:
@@ -183,7 +207,7 @@ def _list_unknown(points: ExportedPoints) -> list[VerificationCheck]:
 
 def _check_limits(tables: StabilityTables, model: ModeModel, rows: Rows) -> list[VerificationCheck]:
     """Check f1_Hz and a_lim_mm at some rows."""
-    f1, limit = tables.points.numbers["f1_Hz"], tables.points.numbers["a_lim_mm"]
+    f1, limit = tables.points.numbers["f1_Hz"], tables.list_least_limits()
     off, above, at = np.zeros(len(rows)), np.zeros(len(rows)), tables.points.point[rows]
     for n, (row, modes) in enumerate(zip(rows.tolist(), tables.compute_modes(model, rows), strict=True)):
         off[n] = abs(f1[row] - modes.lowest_hz) / (MODE_HZ + MODE_SHARE * modes.lowest_hz)
@@ -204,7 +228,7 @@ def _check_second_law(tables: StabilityTables, model: ModeModel, least: float) -
     wrong = []
     for row, modes in zip(rows.tolist(), tables.compute_modes(model, rows), strict=True):
         depth = 1e-3 * float(tables.points.numbers["ap_mm"][row])
-        if not tables.build_law(row, modes).is_stable_to(least * depth * (1.0 - LIMIT_SHARE)):
+        if not (depth > 0.0 and tables.build_law(row, modes).is_stable_to(least * depth * (1.0 - LIMIT_SHARE))):
             wrong.append(f"point {tables.points.point[row]}: unstable below {least:g} times its depth")
     return build_count_check("points.csv stability at min_stability_ratio", wrong, "points")
 
