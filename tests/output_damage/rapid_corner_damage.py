@@ -109,7 +109,28 @@ BAD_CORNERS = (  # column, value of one row: none that a corner can have
     *(("to_sample", value) for value in ("0", "1e6", "1e300")),
 )
 
+
+def _leap(column: str, value: str, rows: Rows) -> None:
+    """One sample in the middle."""
+    rows[len(rows) // 2][column] = value
+
+
 DAMAGES = [
+    *(
+        Damage(
+            f"a motion whose {column} is {value} once",
+            "1 cell",
+            build_table_change(MOTION, partial(_leap, column, value)),
+            check,
+            "two cuts",
+        )
+        for column, value, check in (
+            ("q1_deg", "1e9", "joint velocity"),
+            ("q6_deg", "-1e9", "joint velocity"),
+            ("q3_deg", "1e300", "trajectory.csv"),
+            ("time_s", "1e300", "trajectory.csv"),
+        )
+    ),
     *(
         Damage(f"a corner's {column} is {value!r}", "1 cell", put(column, value), "rapid_corners.csv", "two cuts")
         for column, value in BAD_CORNERS

@@ -54,7 +54,7 @@ from machopt.verification.motion.collision.clearance_column import (
     find_cutting_points,
     list_varying_pairs,
 )
-from machopt.verification.motion.collision.contact_search import PlacedBodies, find_contacts
+from machopt.verification.motion.collision.contact_search import PlacedBodies, find_contacts, find_leap
 from machopt.verification.motion.collision.cutter_contact_depth import (
     check_contacts,
     check_cut_level,
@@ -302,6 +302,10 @@ class _VerifiedTool:
             corners = self.tables.corners
             corners = replace(corners, q=compute_true_angles(self.cell.kinematics, corners.q))
             checks.append(check_corner_contacts(arm, pairs, motion, corners))
+        leap = find_leap(np.hstack([motion.q, motion.external]), self.cell.limits.velocity, motion.sample_time)
+        if leap is not None:
+            where = f"{motion.describe_row(leap)}: a joint leaps; not searched"
+            return [*checks, build_count_check(CheckName.CONTACTS, [where], "leaps")]
         contacts = find_contacts(arm, pairs, motion.q, motion.external, on.is_free)
         return [
             *checks,

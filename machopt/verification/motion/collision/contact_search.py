@@ -26,6 +26,7 @@ from machopt.verification.motion.collision.bodies import (
 )
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
+LEAP, LEAP_FACTOR = 2.0 * np.pi, 10.0  # rad or m; times the limit of velocity
 MAX_JOINT_STEP_RAD = np.radians(0.5)  # joint motion between the rows that are checked first
 BLOCK_ROWS = 20_000  # rows whose frames are held at a time
 MIN_MOTION_M = 1e-4  # m, motion below which a stretch is not halved any more
@@ -38,6 +39,21 @@ class ContactInterval:
     pair: str
     sample: int  # first one, or the one before a contact in between
     stretches: tuple[int, ...]  # sample before or in each stretch in contact
+
+
+def find_leap(joints: Array, velocity: Array, sample_time: float) -> int | None:
+    """Return the first sample that a joint reaches by a leap, too far to divide into steps; None where none does.
+
+    A leap is longer than ``LEAP_FACTOR`` times the joint's limit of velocity allows, and than ``LEAP``.
+
+    Args:
+        joints: (S, 6 + E) rad or m.
+        velocity: (6 + E,) rad/s or m/s, limits.
+        sample_time: s.
+    """
+    far = np.abs(np.diff(joints, axis=0)) > LEAP + LEAP_FACTOR * velocity * sample_time
+    rows = np.flatnonzero(far.any(axis=1))
+    return int(rows[0]) + 1 if len(rows) else None
 
 
 def find_contacts(
