@@ -239,7 +239,7 @@ DAMAGES = [
     row("krl", "cut off", "60 %", cut(KRL, 0.6), S),
     row("krl", "the spindle's line", "1 line", swap(KRL, r"^\$OUT\[5\]=TRUE\r\n", ""), S + "wording"),
     row("krl", "the spindle's line a comment", "1 character", swap(KRL, r"^\$OUT\[5\]=TRUE", ";$OUT[5]=TRUE"), S),
-    row("krl", "a full-width digit", "1 character", swap(KRL, r"^(LIN \{X -?\d*)(\d)", full_width, 4), S + "wording"),
+    row("krl", "a full-width digit", "1 character", swap(KRL, r"^(LIN \{X -?\d*)(\d)", full_width, 4), S + "readable"),
     row("krl", "a no-break space", "1 character", swap(KRL, r"^(LIN \{X -?[\d.]+,Y) ", "\\1\N{NO-BREAK SPACE}", 4), S),
     row("krl", "a comment in another script", "1 character", swap(KRL, r"^; move: cut", "; move: \u0441ut"), S),
     row("krl", "a lone carriage return", "1 character", swap(KRL, r"^(; .*)\r\n", r"\1\r"), S + "wording"),

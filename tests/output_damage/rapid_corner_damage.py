@@ -106,7 +106,7 @@ BAD_CORNERS = (  # column, value of one row: none that a corner can have
     *((joint, value) for joint in ("q1_deg", "q6_deg") for value in ("1e6", "-1e6", "1e300", "")),
     *(("sample", value) for value in ("0", "1e9", "7.5", "-1")),
     *(("from_sample", value) for value in ("-3", "1e9")),
-    *(("to_sample", value) for value in ("0", "1e6", "1e300")),
+    *(("to_sample", value) for value in ("0", "1e300")),
 )
 
 
@@ -134,6 +134,13 @@ DAMAGES = [
     *(
         Damage(f"a corner's {column} is {value!r}", "1 cell", put(column, value), "rapid_corners.csv", "two cuts")
         for column, value in BAD_CORNERS
+    ),
+    Damage(
+        "a corner's to_sample is '1e6'",
+        "1 cell",
+        put("to_sample", "1e6"),
+        "rapid corners between rapid moves",
+        "two cuts",
     ),
     Damage("a corner's joints within the limits", "60°", put("q1_deg", "60"), "rapid corners as driven", "two cuts"),
     Damage(

@@ -114,7 +114,7 @@ def read_tables(cell: Cell, out: Path, motion: ExportedMotion | None = None) -> 
             points,
             read_compensation(out / "compensation.csv") if points.shift is not None else None,
             read_tilt(out / "tilt.csv") if _has_tilt(motion, points, out) else None,
-            read_rapid_corners(out / "rapid_corners.csv", cell, len(motion.time)),
+            read_rapid_corners(out / "rapid_corners.csv", cell),
         )
     except InputError as error:
         name = Path(str(error.file)).name if error.file is not None else "tables"

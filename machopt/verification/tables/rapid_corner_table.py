@@ -25,13 +25,13 @@ PRINTED_SHARE = 1e-6  # what the decimals of joints and shares leave of a share
 JOINT_TOLERANCE = 1e-8  # rad or m beyond a limit: the joints have nine decimals
 
 
-def read_rapid_corners(file: Path, cell: Cell, samples: int) -> RapidCorners | None:
+def read_rapid_corners(file: Path, cell: Cell, samples: int | None = None) -> RapidCorners | None:
     """Read rapid_corners.csv.
 
     Args:
         file: Path of the file.
         cell: The robot cell.
-        samples: Number of rows of trajectory.csv.
+        samples: Number of rows of trajectory.csv; None: a check of the motion compares them.
 
     Returns:
         None where there is no such file.
@@ -46,12 +46,11 @@ def read_rapid_corners(file: Path, cell: Cell, samples: int) -> RapidCorners | N
     names = list_external_names(cell)
     check_column_names(table, (*CORNER_COLUMNS, *JOINT_COLUMNS, *names), ())
     sample, before, after = (table.read_numbers(name) for name in CORNER_COLUMNS[:3])
-    in_order = (before >= 0) & (before < sample) & (sample < after) & (after < samples)
+    last = np.iinfo(np.int64).max if samples is None else samples - 1
+    in_order = (before >= 0) & (before < sample) & (sample < after) & (after <= last)
     for values in (sample, before, after):
         in_order &= values == np.round(values)
-    _require_rows(
-        table, "sample", in_order, f"0 <= from_sample < sample < to_sample < {samples} rows of trajectory.csv"
-    )
+    _require_rows(table, "sample", in_order, "0 <= from_sample < sample < to_sample < rows of trajectory.csv")
     _require_rows(table, "sample", np.diff(sample, prepend=-1.0) > 0, "samples that rise")
     share = np.column_stack([table.read_numbers(name) for name in CORNER_COLUMNS[3:]]) / 100.0
     for name, values in zip(CORNER_COLUMNS[3:], share.T, strict=True):
