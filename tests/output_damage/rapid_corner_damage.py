@@ -157,12 +157,14 @@ DAMAGES = [
         "trajectory.csv",
         "two cuts",
     ),
-    Damage("a motion cut to half", "rows", build_table_change(MOTION, _cut_motion), "rapid_corners.csv", "two cuts"),
+    Damage(
+        "a motion cut to half", "rows", build_table_change(MOTION, _cut_motion), "cutting points visited", "two cuts"
+    ),
     Damage(
         "a motion cut to two samples",
         "rows",
         build_table_change(MOTION, lambda rows: rows.__delitem__(slice(2, None))),
-        "rapid_corners.csv",
+        "cutting points visited",
         "two cuts",
     ),
     Damage("a corner's share of its move", "51 %", put("before_percent", "51"), "rapid_corners.csv", "two cuts"),
