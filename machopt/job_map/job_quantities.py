@@ -40,7 +40,7 @@ from machopt.workspace_map.quantities import MapQuantity, MapSettings, PostureSt
 
 DRAWS = 256
 WIDEST = 4.0  # times the planned depth: a larger limit is mapped as this
-DIRECTION_STEP = np.radians(15.0)  # between directions of travel that are told apart
+DIRECTION_STEP = np.radians(15.0)  # between directions of travel that count separately
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
 

@@ -75,19 +75,19 @@ def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str
         unknown = np.flatnonzero((words == "unknown") & ok).tolist()
         yield from check_equal("process.stability.unknown_points", listed, unknown)
     limit, depth = (t.points.read_numbers(name, empty=True) for name in ("a_lim_mm", "ap_mm"))
-    judged = (words != "") & (words != "unknown")
-    if not (depth[judged] > 0).all():
+    is_known = (words != "") & (words != "unknown")
+    if not (depth[is_known] > 0).all():
         yield "process.stability: points.csv has a milled point whose ap_mm is not above 0"
         return
     ratio = np.full(len(words), np.nan)
-    ratio[judged] = limit[judged] / depth[judged]
+    ratio[is_known] = limit[is_known] / depth[is_known]
     if not np.isfinite(ratio).any():
         yield from check_equal("process.stability.least_ratio", stated.least_ratio, None)
         return
     if stated.least_ratio is None or stated.least_point is None:
         yield f"process.stability states no least ratio and its point; points.csv has {np.nanmin(ratio):.4g}"
         return
-    rounding = PRINTED_DEPTH / float(np.min(depth[judged]))
+    rounding = PRINTED_DEPTH / float(np.min(depth[is_known]))
     yield from check_close("process.stability.least_ratio", stated.least_ratio, float(np.nanmin(ratio)), 0.0, rounding)
     at = float(ratio[stated.least_point]) if 0 <= stated.least_point < len(ratio) else np.nan
     yield from check_close("process.stability.least_point", stated.least_ratio, at, 0.0, rounding)

@@ -26,9 +26,7 @@ HIGHER = 1.35  # the search corrects a feed down to 0.8 of what it found, in ste
 WIDEST = 3.0  # times the driven feed, the end of the search
 SMALL = 0.125  # times the driven feed: the first step of the search of a hole
 TOO_LARGE = 0.03  # by which the probability may fall short: 20,000 draws of the plan, and as many here
-TOO_SMALL = (
-    0.6  # of the share that may be out of tolerance, by which it may exceed at the higher feed what is asked for
-)
+TOO_SMALL = 0.6  # of the permitted share out of tolerance, by which the higher feed may exceed the quantile
 MM_MIN = 6e4
 
 

@@ -103,10 +103,10 @@ def find_polyline_contacts(
         return []
     rows = np.vstack(divided)
     owner = np.repeat(np.arange(len(divided)), [len(way) for way in divided])
-    asked = owner[1:] == owner[:-1]
+    is_same_corner = owner[1:] == owner[:-1]
     scene = PlacedBodies(arm, [b for pair in wanted for b in pair], rows)
     stops = np.arange(len(rows))
-    found = [(f"{a.name} ~ {b.name}", scene.find_contact_rows(a, b, stops, asked)) for a, b in wanted]
+    found = [(f"{a.name} ~ {b.name}", scene.find_contact_rows(a, b, stops, is_same_corner)) for a, b in wanted]
     return [(pair, int(owner[hits[0]])) for pair, hits in found if hits]
 
 

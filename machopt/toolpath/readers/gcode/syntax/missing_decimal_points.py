@@ -148,8 +148,8 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
     if zeros is not None:
         raise _build_decimals_question(source, f"{zeros.text} has leading zeros and no decimal point", zeros.line)
     control = find_control(source)
-    asked = first is not None and marks_whole and control != "linuxcnc"
-    if source.find_line(_EXPRESSIONS) is not None and not asked:  # in expressions whole numbers are usual
+    is_ambiguous = first is not None and marks_whole and control != "linuxcnc"
+    if source.find_line(_EXPRESSIONS) is not None and not is_ambiguous:  # in expressions whole numbers are usual
         return ""
     least = _LARGE if pointed and not marked else _LARGE_WITHOUT
     doubted = next((w for w in large if int(w.number) >= least), None)
@@ -159,7 +159,7 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
         raise _build_decimals_question(
             source, f"{doubted.text} has no decimal point ({which} of the file {has} a decimal point)", doubted.line
         )
-    if asked and first is not None:
+    if is_ambiguous and first is not None:
         raise _build_decimals_question(
             source,
             f"{first.text} has no decimal point ({pointed + marked} coordinates have one, {bare} have none)",
