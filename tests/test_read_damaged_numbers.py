@@ -193,6 +193,7 @@ def list_digits(text: str) -> list[int]:
     return [m.start() for n, m in enumerate(re.finditer(r"\d", text)) if m.start() in pointed or n % 4 == 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_no_damaged_digit_moves_a_point(tmp_path: Path, name: str) -> None:
     text, file = PROGRAMS[name], tmp_path / name
