@@ -53,7 +53,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     (
         "planning.sequence_search.search_kernels",
         "find_cheapest_sequence",
-        f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},{_I1},i4[:,::1],b1[::1],b1[:,:,::1],b1[:,::1],b1,{_I1},{_F1},i2[::1],{_F2},{_F2},{_F1}",
+        f"{_F3},f8[:,:,:,::1],i8,{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},{_I1},i4[:,::1],b1[::1],b1[:,:,::1],b1[:,::1],b1,{_I1},{_F1},i2[::1],{_F2},{_F2},{_F1}",
     ),
     (
         "collision.mesh_distance",

@@ -140,7 +140,7 @@ def check_rapid_corners(
     out = [build_count_check(BETWEEN, wrong, "corners")]
     if wrong:
         return out
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     triangles = list_corner_triangles(corners, x)
     off = np.zeros(len(x))
     touched = np.zeros(len(x), bool)
@@ -241,7 +241,7 @@ def check_corner_contacts(
         motion: The exported motion with true angles.
         corners: Rounded corners with true angles.
     """
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     fans = [build_chords(triangle, arm) for triangle in list_corner_triangles(corners, x)]
     hits = find_polyline_contacts(arm, wanted, fans)
     named = [f"{pair} beside {motion.describe_row(int(corners.sample[n]))}" for pair, n in hits]
@@ -271,7 +271,7 @@ def unround_motion(motion: ExportedMotion, corners: RapidCorners) -> ExportedMot
         motion: The exported motion (trajectory.csv), SI.
         corners: Rounded corners (rapid_corners.csv).
     """
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     out = x.copy()
     for n, triangle in enumerate(list_corner_triangles(corners, x)):
         row = int(corners.sample[n])
