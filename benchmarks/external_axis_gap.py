@@ -25,12 +25,12 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from external_axis_cells import external_folder
 
 from machopt.cell.cell_reader import load_cell
 
+ROOT = Path(__file__).resolve().parents[1]
 JOBS = (
     (ROOT / "cells/kr500_rail", ROOT / "toolpaths/beam_passes.csv"),
     (ROOT / "cells/kr240_turntable", ROOT / "toolpaths/drum_holes.csv"),
