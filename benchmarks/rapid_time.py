@@ -6,7 +6,7 @@ Each shipped job is planned twice in one run, with ``rapid_blend_mm=0`` (an exac
 default. A chain is an unbroken row of rapid moves between two moves at a feed, or from or to home. For each plan:
 
 * rapid time, its share of the cycle, and the cycle time,
-* chains (none over a tool change), moves (between two points of the file, or a point and home) and stops inside of chains,
+* chains (none over a tool change), moves (between two points of the file, or a point and home), stops inside of chains,
 * moves that are straight in joint space to 0.01°,
 * the median rise of the TCP above the higher end of its chain, in the direction of the tool axis there,
 * the time of one straight joint move between any two places where the machine has to stop: the ends of a chain, and
@@ -97,7 +97,7 @@ def read_motion(folder: Path) -> tuple[Array, Array, list[str], Array, list[str]
         x,
         [row["move"] for row in rows],
         np.array([float(row["point"] or "nan") for row in rows]),
-        [row["tool"] for row in rows],
+        [row.get("tool", "") for row in rows],
     )
 
 
