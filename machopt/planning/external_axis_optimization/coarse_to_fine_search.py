@@ -70,7 +70,10 @@ TRUSTS = (
 )  # trust regions of the refinement: each leads to another local optimum, the best is selected
 FAR = (np.radians(40.0),)  # the same for long paths, which are refined once to save time
 ONCE = 1  # passes of a long path before improvement by a sequence, which replaces the other passes
-LIGHT = 0.3  # of the travel's weight: a start that follows the tool farther than the search with the full weight finds
+WEIGHTS = (
+    0.3,
+    2.0,
+)  # of the travel's weight: starts that follow the tool farther, or less far, than the full weight finds
 FOLLOWING = 2  # motions that follow the tool and are examined further
 AS_NEAR = 1.5  # times the least estimate: threshold for planning a curve of moving joints
 
@@ -352,11 +355,11 @@ class _Tries:
         """
         search = self.search
         with self.asked.clock.stage("external"):
-            light = [replace(axis, weight=LIGHT * axis.weight) for axis in self.asked.axes]
+            scaled = [[replace(axis, weight=w * axis.weight) for axis in self.asked.axes] for w in WEIGHTS]
             curves = AxisCurveSearch(self.setup, self.asked.options, search.scale, turns=turns)
             ways = [
                 compute_moving_axis_path(curves, self.path, some, axes, stands)
-                for some, axes in [*((some, self.asked.axes) for some in tries), (tries[0], light)]
+                for some, axes in [*((some, self.asked.axes) for some in tries), *((tries[0], axes) for axes in scaled)]
             ]
             following = list_following_paths(self.setup, self.path, self.groups, stands)
             following += list_following_paths(self.setup, self.path, self.groups, search.at_home())
