@@ -81,6 +81,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("planning.retiming.joint_derivatives", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
     ("planning.retiming.joint_derivatives", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2},{_F1}"),
     ("planning.motion.clearance_over_cuts", "_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
+    ("planning.motion.clearance_over_cuts", "_find_higher", f"{_F3},{_F2},{_F2},f8"),
     ("planning.retiming.time_law_kernels", "find_next_corners", f"{_F1},{_F1},{_F1}"),
     (
         "planning.retiming.time_law_kernels",

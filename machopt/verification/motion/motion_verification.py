@@ -240,12 +240,16 @@ class _VerifiedTool:
         """Return the checks of path, labels, feed and stops of the motion."""
         motion, points, on = self.tables.motion, self.tables.points, self.locations
         corners, beyond = self.tables.corners, np.full(len(self.toolpath), np.inf)
+        of_corners: list[VerificationCheck] = []
         if corners is not None:
             passed = measure_passing_distance(motion, corners, on.tool, self.toolpath)
             beyond = np.maximum(passed - self.options.rapid_blend, 0.0)
+            angles = compute_true_angles(self.cell.kinematics, corners.q)
+            place = self.arm.compute_tcp_in_workpiece(angles, corners.external)[:, :3, 3]
+            of_corners = check_rapid_corners(motion, self.toolpath, corners, place, self.options.rapid_blend)
         return [
             *check_path(motion, self.toolpath, points, on, self.options.allow_gaps, beyond),
-            *([] if corners is None else check_rapid_corners(motion, self.toolpath, points, corners)),
+            *of_corners,
             *check_move_labels(motion, self.toolpath, points, on, self.options.allow_gaps),
             *check_reentries(motion, self.toolpath, self.options),
             *check_feed(motion, self.toolpath, on, self.options, self.cell),
