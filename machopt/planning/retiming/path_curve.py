@@ -35,6 +35,8 @@ TURN_BACK_COS = np.cos(TURN_BACK)  # corners with a stop
 FLIP = np.cos(np.radians(170.0))  # linear interpolation of axis vectors is no rotation beyond this angle
 TIME = 0.1  # s of travel at the programmed feed: the widest rounding
 SPIN_TOLERANCE = np.radians(0.2)  # of reference and spin, where only smoothness matters
+PLACES = 4  # of each segment, at which the rounding is compared with the polyline
+BLOCK = 10_000  # segments
 CHECKED = 8  # places of each segment that are compared with its line
 GRADE = 1.0  # neighbouring half-widths differ by at most this share of their distance
 NODES = 5  # nodes per half-width
@@ -239,29 +241,63 @@ def _round_part(polyline: PathCurve, a: int, b: int, wide: Array, tolerances: Co
             last=np.where(share > 0.0, place, lines.last[on]),
             turns=np.interp(filled.segment, rows, lines.turns),
         )
-        curve = _round_vertices(
-            smooth, np.minimum(cap[on], cap[np.ceil(filled.segment).astype(int)]), scale, tolerances
-        )
+        added = np.maximum(share[:-1], share[1:]) > 0.0
+        places = np.where(added, 1, PLACES)  # the rounding of a convex curve deviates most at the vertices
+        widest = np.minimum(cap[on], cap[np.ceil(filled.segment).astype(int)])
+        curve = _round_vertices(smooth, widest, scale, tolerances, places)
         if _measure_excess(curve, lines, scale) <= 1.0:
             return curve
-    return _round_vertices(lines, cap, scale, tolerances)
+    return _round_vertices(lines, cap, scale, tolerances, np.full(len(lines.u) - 1, PLACES))
 
 
-def _round_vertices(lines: PathCurve, cap: Array, scale: Array, tolerances: CornerTolerances) -> PathCurve:
-    """Return a polyline with its half-widths; ``cap`` (m,) m: the largest at each vertex."""
+def _round_vertices(
+    lines: PathCurve, cap: Array, scale: Array, tolerances: CornerTolerances, places: NDArray[np.int64]
+) -> PathCurve:
+    """Return a polyline with its half-widths.
+
+    ``cap`` (m,) m: the largest at each vertex; ``places`` (m − 1,): compared places of each segment.
+    """
     width = np.zeros((len(lines.u), 2))
-    width[:, 0] = _half_widths(lines.u, lines.X[:, POSE] * scale, (0, 3, 6), cap[1:-1])
-    width[:, 1] = _half_widths(lines.u, lines.X[:, TURN] / tolerances.spin, (0, 4), 2.0 * cap[1:-1])
+    at = _list_places(lines.u, places)
+    width[:, 0] = _half_widths(lines.u, lines.X[:, POSE] * scale, (0, 3, 6), cap[1:-1], at)
+    width[:, 1] = _half_widths(lines.u, lines.X[:, TURN] / tolerances.spin, (0, 4), 2.0 * cap[1:-1], at)
     return replace(lines, width=width)
 
 
+def _list_places(u: Array, places: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Return evenly divided values of u, and the segment of each; ``places`` (m − 1,): number in each segment."""
+    ends = np.cumsum(places)
+    segment: NDArray[np.int64] = np.repeat(np.arange(len(places)), places)
+    share = (np.arange(int(ends[-1])) - np.repeat(ends - places, places)) / places[segment]
+    return np.append(u[segment] + share * np.diff(u)[segment], u[-1]), np.append(segment, len(places))
+
+
 def _measure_excess(curve: PathCurve, lines: PathCurve, scale: Array) -> float:
-    """Return the largest deviation of position or axis from the polyline, in units of the tolerances."""
-    share = np.arange(CHECKED) / CHECKED
-    u = np.r_[(lines.u[:-1, None] + share * np.diff(lines.u)[:, None]).ravel(), lines.u[-1]]
-    straight = np.column_stack([np.interp(u, lines.u, column) for column in lines.X[:, POSE].T])
-    off = (replace(curve, phi_curve=None).coordinates(u)[:, 0, POSE] - straight) * scale
-    return float(np.sqrt(np.maximum((off[:, :3] ** 2).sum(axis=1), (off[:, 3:] ** 2).sum(axis=1)).max()))
+    """Return the largest deviation of position or axis from the polyline, in units of the tolerances.
+
+    Only the pose itself is computed, in blocks of segments: all derivatives of a long run need gigabytes.
+    """
+    worst, count = 0.0, len(lines.u) - 1
+    slope = np.diff(curve.X[:, POSE], axis=0) / np.diff(curve.u)[:, None]
+    bend = np.diff(slope, axis=0)
+    width = np.ascontiguousarray(curve.width[1:-1, 0])
+    reach = float(width.max(initial=0.0))
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        u, segment = _list_places(lines.u[start : stop + 1], np.full(stop - start, CHECKED))
+        straight = lines.X[np.minimum(segment + start, count)][:, POSE]
+        after = lines.X[np.minimum(segment + start + 1, count)][:, POSE]
+        ends = lines.u[np.minimum(segment + start, count)], lines.u[np.minimum(segment + start + 1, count)]
+        share = (u - ends[0]) / np.where(ends[1] > ends[0], ends[1] - ends[0], 1.0)
+        straight += share[:, None] * (after - straight)
+        k = np.clip(np.searchsorted(curve.u, u, side="right") - 1, 0, len(curve.u) - 2).astype(np.int64)
+        off = (curve.X[k][:, POSE] + (u - curve.u[k])[:, None] * slope[k] - straight)[:, None]
+        first, last = np.searchsorted(curve.u[1:-1], (u[0] - reach, u[-1] + reach)).tolist()
+        near = slice(first, last)
+        _round(u, k - first, curve.u[1:-1][near], width[near], bend[near], off)
+        squares = (off[:, 0] * scale) ** 2
+        worst = max(worst, float(np.maximum(squares[:, :3].sum(axis=1), squares[:, 3:].sum(axis=1)).max()))
+    return math.sqrt(worst)
 
 
 def _vertices(position: Array, R: Array, u: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -317,20 +353,24 @@ def _carry(axis: Array, start: Array) -> Array:
     return out
 
 
-def _half_widths(u: Array, X: Array, groups: tuple[int, ...], cap: Array) -> Array:
-    """Return half-widths (m,) for which the rounded polyline is within 1 of the polyline in every group of columns."""
+def _half_widths(
+    u: Array, X: Array, groups: tuple[int, ...], cap: Array, places: tuple[Array, NDArray[np.int64]]
+) -> Array:
+    """Return half-widths (m,) for which the rounded polyline is within 1 of the polyline in every group of columns.
+
+    ``places``: values of u that are compared, and the segment of each.
+    """
     out = np.zeros(len(u))
     if len(u) < 3:
         return out
     bend = np.diff(np.diff(X, axis=0) / np.diff(u)[:, None], axis=0)
     inner = np.ascontiguousarray(u[1:-1])
     width = np.minimum(cap, np.minimum(inner - u[0], u[-1] - inner))
-    share = (np.arange(4) / 4.0)[None, :]
-    where = np.r_[(u[:-1, None] + share * np.diff(u)[:, None]).ravel(), u[-1]]
+    where, segment = places
     for _ in range(200):
         _grade(inner, width)
         deviation = np.zeros((len(where), 1, X.shape[1]))
-        _round(where, np.repeat(np.arange(len(u), dtype=np.int64), 4)[: len(where)], inner, width, bend, deviation)
+        _round(where, segment, inner, width, bend, deviation)
         squares = [np.sum(deviation[:, 0, a:b] ** 2, axis=1) for a, b in pairwise(groups)]
         excess = np.sqrt(np.max(squares, axis=0))
         if excess.max() <= 1.0:
