@@ -329,3 +329,38 @@ def test_no_point_is_passed_where_material_may_be_beside(case: str) -> None:
     out = round_rapid_corners(legs, no_events(), keep)
     targets = [leg.waypoints[-1] for leg in out if leg.name == "rapid"]
     np.testing.assert_array_equal(targets, nodes[1:])
+
+
+@pytest.mark.parametrize("sideways", [0.0, 1e-12, 1e-5, 1e-3])
+def test_where_the_joints_turn_back_it_stops(sideways: float) -> None:
+    nodes = np.zeros((4, 6))
+    nodes[1, :2], nodes[2, 0], nodes[2, 1], nodes[3, 1] = (0.3, 0.1), 0.1, 0.1 / 3.0 + sideways, 0.4
+    corners = list_rounded_corners(round_rapid_corners(build_legs(nodes), no_events(), space(deviation=1e-6)))
+    assert corners is None or not (np.abs(corners.q - nodes[1]).max(axis=1) < 1e-9).any()
+
+
+def list_near_straight_legs(off: float, count: int) -> Array:
+    """Nodes on a line, every second one beside it."""
+    nodes = np.zeros((count, 6))
+    nodes[:, 0] = 0.05 * np.arange(count)
+    nodes[1:-1:2, 1] = off
+    return nodes
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("count", [3, 6])
+def test_flat_corners_have_shares_that_the_table_can_state_and_the_motion_keeps(off: float, count: int) -> None:
+    legs = round_rapid_corners(build_legs(list_near_straight_legs(off, count)), no_events(), space(deviation=1e-3))
+    corners = list_rounded_corners(legs)
+    assert corners is not None
+    shares = np.round(corners.share, 6)  # as the table has them
+    assert shares.min() > 0.0
+    assert off > 1e-9 or shares.min() == 0.5
+    x = np.concatenate([legs[0].q, *(leg.q[1:] for leg in legs[1:])])
+    x = np.radians(np.round(np.degrees(x), 9))
+    triangles = list_corner_triangles(replace(corners, share=shares), x)
+    assert np.min([triangle.measure_deviation(x) for triangle in triangles], axis=0).max() <= 1e-9
+    for n, triangle in enumerate(triangles):
+        row = int(corners.sample[n])
+        parts = x[corners.before[n] : row + 1], x[row : corners.after[n] + 1][::-1]
+        assert triangle.measure_excess(*parts, SAMPLE) <= 1e-6

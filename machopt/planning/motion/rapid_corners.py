@@ -39,6 +39,8 @@ from machopt.planning.motion.rapid_chain import (
 from machopt.planning.motion.rapid_moves import retime_straight_segments
 from machopt.planning.motion.rapid_node_placement import HALF
 
+STATED_SHARE = 1e-5  # of a leg, at least: the table has 4 decimals of a percent, and a sample step is much longer
+STRAIGHT = 5e-9  # rad or m, of a corner from the line between its neighbours: any share is on it
 LEAST_SHARE = 0.02  # of a leg; a corner rounded over less is a stop
 SMALLER = 0.6  # of the share, where the corner collides
 ROUNDS = 8  # of checking and timing
@@ -212,7 +214,10 @@ def _resample(legs: list[MotionSegment], chain: RapidChain, space: CornerSpace) 
         x[0], x[-1] = nodes[0], nodes[-1]
         pieces += [x[a : b + 1] for a, b in itertools.pairwise(rows)]
         for n in range(1, last - first):
-            shares[chain.kept[first + n]] = chain.compute_shares(first + n, found.get_rounded_shares(n))
+            driven = found.get_rounded_shares(n)
+            if measure_height(corners[[first + n, first + n - 1, first + n + 1]], 1.0) <= STRAIGHT:
+                driven = HALF, HALF
+            shares[chain.kept[first + n]] = np.maximum(chain.compute_shares(first + n, driven), STATED_SHARE)
     steps = [
         part
         for piece, (a, b) in zip(pieces, itertools.pairwise(chain.kept), strict=True)

@@ -22,6 +22,7 @@ PASSED = 0.995  # of the deviation
 PLACES = 65  # of a straight move, that are compared with the points
 ENDS = 0.02  # share of a straight move at either end where no passed point may lie
 STILL = 1e-6  # rad or m, a move that is none
+REVERSED = float(np.cos(np.radians(179.0)))  # of two moves that lead back: no controller rounds such a corner
 LEAST_GAIN = 2e-3  # of the time
 SWEEPS = 2
 
@@ -51,6 +52,8 @@ class NodePlacement:
     def limit_shares(self, most: Array) -> Array:
         """Return the largest shares of the kept inner nodes, of the straight moves between kept nodes.
 
+        At a node where the joints turn back, it is a stop.
+
         Args:
             most: (K − 1,) largest share of all inner nodes, of the moves between nodes; 0: a stop.
         """
@@ -58,7 +61,9 @@ class NodePlacement:
         for before, here, after in zip(self.kept, self.kept[1:], self.kept[2:], strict=False):
             last = 1.0 - float(self.share[here - 1]) if here - 1 > before else 1.0
             first = float(self.share[here + 1]) if here + 1 < after else 1.0
-            out.append(most[here - 1] * min(last, first, 1.0))
+            to, away = np.diff(self.nodes[[before, here, after]], axis=0)
+            is_reversal = to @ away <= REVERSED * np.linalg.norm(to) * np.linalg.norm(away)
+            out.append(0.0 if is_reversal else most[here - 1] * min(last, first, 1.0))
         return np.array(out)
 
 

@@ -47,7 +47,8 @@ BETWEEN, DRIVEN, SHARES, AT_POINTS = (
 CORNERS_CLEAR = "rapid corners clear"
 CORNER_CHECKS = frozenset((BETWEEN, DRIVEN, SHARES, AT_POINTS))
 DEPARTED = 1e-8  # share of the other move at which a sample has left its own; joints have nine decimals
-ONSET_S = 4e-3  # in which a move of 1 rad or 1 m covers that share, beginning with a jerk of 1 rad/s³ or 1 m/s³
+PRINTED_RAD = 2e-11  # of joints with nine decimals of a degree, in all axes together
+ONSET_JERK = 1.0  # 1/s³, with which a move begins: 4 ms to the share DEPARTED
 
 
 @dataclass(frozen=True)
@@ -101,22 +102,33 @@ class CornerTriangle:
         inside &= u / self.share[0] + v / self.share[1] <= 1.0 + PRINTED_SHARE / self.share.min()
         return np.minimum(np.minimum(*sides), np.where(inside, off, np.inf))
 
-    def measure_excess(self, arriving: Array, leaving: Array, before: int) -> float:
+    @property
+    def departed(self) -> float:
+        """Share of one move at which a sample has visibly left the other one: more where the corner is flat or short,
+        since printed joints do not tell the moves apart.
+        """
+        A = np.column_stack([self.start - self.corner, self.end - self.corner])
+        least = float(np.linalg.svd(A, compute_uv=False)[-1])
+        return max(DEPARTED, PRINTED_RAD / max(least, PRINTED_RAD))
+
+    def measure_excess(self, arriving: Array, leaving: Array, sample_time: float) -> float:
         """Return by how much the stated shares exceed those that were driven.
 
         Args:
             arriving: (A, n) rad or m, samples up to the corner.
             leaving: (L, n) rad or m, samples from the corner on, in reverse order.
-            before: samples in which a departure may be unseen.
+            sample_time: s; a departure may be unseen in the samples of the onset.
         """
         excess = 0.0
         if self.is_straight:
             return excess
+        departed = self.departed
+        unseen = math.ceil((6.0 * departed / ONSET_JERK) ** (1.0 / 3.0) / sample_time)
         for n, x in enumerate((arriving, leaving)):
             parts = self.resolve(x)[:2]
             own, other = parts[n], parts[1 - n]
-            last = int(np.flatnonzero(other <= DEPARTED)[-1]) if (other <= DEPARTED).any() else 0
-            excess = max(excess, float(self.share[n] - own[max(last - before, 0)]))
+            last = int(np.flatnonzero(other <= departed)[-1]) if (other <= departed).any() else 0
+            excess = max(excess, float(self.share[n] - own[max(last - unseen, 0)]))
         return excess
 
 
@@ -159,11 +171,11 @@ def check_rapid_corners(
     off = np.zeros(len(x))
     touched = np.zeros(len(x), bool)
     deviation = np.full(len(x), np.inf)
-    excess, unseen = np.zeros(len(triangles)), math.ceil(ONSET_S / motion.sample_time)
+    excess = np.zeros(len(triangles))
     for n, triangle in enumerate(triangles):
         turn = int(corners.sample[n])
         arriving, leaving = x[corners.before[n] : turn + 1], x[turn : corners.after[n] + 1][::-1]
-        excess[n] = triangle.measure_excess(arriving, leaving, unseen)
+        excess[n] = triangle.measure_excess(arriving, leaving, motion.sample_time)
         rows = np.arange(corners.before[n], corners.after[n] + 1)
         deviation[rows] = np.minimum(deviation[rows], triangle.measure_deviation(x[rows]))
         touched[rows] = True
