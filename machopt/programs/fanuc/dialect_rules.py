@@ -62,7 +62,9 @@ def _compute_passing(job: PostJob, used: frozenset[str]) -> CornerPassing:
         return CornerPassing(np.zeros(len(p)), np.full(len(p), np.inf))
     speed = np.where(n > 0.0, n / 100.0 * np.nan_to_num(p.feed), 0.0)
     both = np.minimum(a, np.append(a[1:], np.inf))
-    braking = speed**2 / np.maximum(2.0 * np.nan_to_num(both, nan=np.inf), 1e-12)  # a line of no length brakes nothing
+    braking = speed**2 / np.maximum(
+        2.0 * np.where(np.isnan(both), np.inf, both), 1e-12
+    )  # a line of no length brakes nothing
     distance = np.where(n > 0.0, np.minimum(braking, job.zone.room), 0.0)
     return CornerPassing(distance, np.where(n > 0.0, speed, np.inf))
 
