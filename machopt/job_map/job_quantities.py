@@ -81,11 +81,11 @@ def build_job_quantities(
     notes: list[str] = []
     for n, every in enumerate(_list_operation_loads(cell, toolpath, loads, setting), 1):
         load = every[0]
-        if load.one.is_hole or load.is_known:
+        if load.one.is_hole or all(one.is_known for one in every):
             out.append(_build_error_quantity(model, n, every))
         else:
             notes.append(f"{load.one.label}: no error is mapped: its surface does not follow from the travel direction")
-        why = model.find_missing(load)
+        why = model.find_missing(every)
         if why:
             notes.append(f"{load.one.label}: no probability is mapped: {why}")
         else:
@@ -202,9 +202,10 @@ class _JobModel:
             no_stability=missing,
         )
 
-    def find_missing(self, load: OperationLoad) -> str:
+    def find_missing(self, every: tuple[OperationLoad, ...]) -> str:
         """Return why an operation has no probability; empty where it has one."""
-        if not load.is_known:
+        load = every[0]
+        if not all(one.is_known for one in every):
             return "the surface normal changes along the path"
         limit = load.one.tolerance.position if load.one.is_hole else load.one.tolerance.surface
         if not np.isfinite(limit):
@@ -276,7 +277,8 @@ def _build_probability_quantity(model: _JobModel, n: int, every: tuple[Operation
     limit = one.tolerance.position if one.is_hole else one.tolerance.surface
 
     def compute(s: PostureStates) -> Array:
-        return np.asarray(np.min([compute_one(s, load) for load in every], axis=0))
+        is_stated = model.spread.find_stated(s.state.T_base_tool[:, :3, 3])
+        return np.where(is_stated, np.min([compute_one(s, load) for load in every], axis=0), np.nan)
 
     def compute_one(s: PostureStates, load: OperationLoad) -> Array:
         # the force of the process is drawn; the clamp, which bears where it is larger, is not

@@ -12,7 +12,12 @@ from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 
 
 def find_missing_input(
-    process: CuttingProcess, one: ProcessOperation, spread: StiffnessSpread, position_std: float
+    process: CuttingProcess,
+    one: ProcessOperation,
+    spread: StiffnessSpread,
+    position_std: float,
+    *,
+    is_stated: bool = True,
 ) -> str:
     """Return what makes the probability unknown; empty where nothing is missing.
 
@@ -21,12 +26,15 @@ def find_missing_input(
         one: Operation with a tolerance.
         spread: Random part of the stiffness.
         position_std: m, 1 sigma of a coordinate of the arm at the point; NaN where it is not known.
+        is_stated: The spread of the springs is stated at the point.
     """
     stiffness = spread.elasticity.stiffness
     if stiffness.estimated:
         return "the stiffness is estimated, not measured"
     if not spread.is_known:
         return "the stiffness file states no covariance and no spread_percent"
+    if not is_stated:
+        return "the point lies outside the stiffness grid, where no covariance and no spread_percent is stated"
     if not has_load_spread(process, one):
         return "the spread of the force coefficients is not stated"
     if not np.isfinite(position_std):
