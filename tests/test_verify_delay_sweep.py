@@ -42,7 +42,7 @@ class RandomCut:
 
 
 def draw_cuts(count: int, seed: int) -> list[RandomCut]:
-    """Two to six modes of 6 to 300 Hz, a quarter of them with two close ones; 300 to 24,000 rev/min; any side and ae."""
+    """Two to six modes of 6 to 300 Hz, a quarter with two close ones; 300 to 24,000 rev/min; any side and ae."""
     rng, out = np.random.default_rng(seed), []
     for k in range(count):
         n = int(rng.integers(2, 7))

@@ -96,14 +96,19 @@ class StiffnessSpread:
             columns[0] = columns[0] + moved[:, :, :1]
             columns.append(moved[:, :, 1:])
         elif self.kind != "unknown":
-            columns.append(self._compute_joint_columns(elastic, wrench))
+            columns.append(self.compute_joint_columns(elastic, wrench))
         for variant in self.term_variants:
             other = variant.evaluate(q, None, external).compute_compliance()
             columns.append((np.einsum("mij,mj->mi", other, wrench) - mean)[:, :, None])
         return np.concatenate(columns, axis=2)
 
-    def _compute_joint_columns(self, elastic: ElasticState, wrench: Array) -> Array:
-        """Return (M, 6, 6): the change of the twist by each independent error of the springs."""
+    def compute_joint_columns(self, elastic: ElasticState, wrench: Array) -> Array:
+        """Return (M, 6, 6): the change of the twist by each independent error of the springs.
+
+        Args:
+            elastic: elastic state of the configurations.
+            wrench: (M, 6) N and N·m at the TCP in base_link.
+        """
         J, gears = elastic.state.J, elastic.k if elastic.gears is None else elastic.gears
         torque = np.einsum("mci,mc->mi", J, wrench) * (gears / elastic.k) ** 2
         per_compliance = J * torque[:, None, :]  # twist per unit compliance of each joint

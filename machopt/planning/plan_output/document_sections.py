@@ -206,7 +206,9 @@ def build_compensation_section(the_plan: Plan, toolpath: Toolpath) -> optimize_d
         toolpath: its toolpath.
     """
     found = compute_residual(the_plan)
-    removed = predict_removals(the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations))
+    removed = predict_removals(
+        the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations), toolpath.process_operation
+    )
     if found is None:
         return None
     length = the_plan.compensation.length if the_plan.compensation else float("nan")

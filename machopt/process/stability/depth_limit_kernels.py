@@ -257,9 +257,9 @@ def _is_grazing(l1: complex, l2: complex, r1: complex, r2: complex, least: float
         r1, r2 = r2, r1
     for branch in range(2):
         a, b = (l1, r1) if branch == 0 else (l2, r2)
-        if (a.imag > 0.0) == (b.imag > 0.0) and max(a.real, b.real) > least:
-            if min(abs(a.imag), abs(b.imag)) < GRAZING * _compute_modulus(a - b):
-                return True
+        is_near = min(abs(a.imag), abs(b.imag)) < GRAZING * _compute_modulus(a - b)
+        if is_near and (a.imag > 0.0) == (b.imag > 0.0) and max(a.real, b.real) > least:
+            return True
     return False
 
 

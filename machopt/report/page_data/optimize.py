@@ -333,7 +333,9 @@ def _build_shift(plan: Plan, toolpath: Toolpath) -> page.ShiftSummary | None:
     out = page.ShiftSummary(
         worst=found.shift_worst, mean=found.shift_mean, left_worst=found.worst, left_mean=found.mean
     )
-    whole = predict_removals(plan, toolpath.operation, tuple(o.label for o in toolpath.operations))[:1]
+    whole = predict_removals(
+        plan, toolpath.operation, tuple(o.label for o in toolpath.operations), toolpath.process_operation
+    )[:1]
     for r in whole:
         out = replace(out, left_worst90=r.worst90, left_mean90=r.left90, removed90=r.removed90)
     return out

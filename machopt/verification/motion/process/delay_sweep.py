@@ -5,8 +5,8 @@ G = Uᵀ H U of rank 2:
 
     D(ω) = 1 − a p Σ_i G_ii / Λ_i + (a p)² Σ_{i<j} (G_ii G_jj − G_ij G_ji) / (Λ_i Λ_j)
 
-The modes alone are stable, so that the number of growing solutions is the number of turns of D about 0 from ω = −∞ to ∞,
-counted clockwise (Nyquist). D tends to 1 at both ends. A highly interrupted cut may double its period: with one impulse
+The modes alone are stable, so that the number of growing solutions is the number of clockwise turns of D about 0 from
+ω = −∞ to ∞ (Nyquist). D tends to 1 at both ends. A highly interrupted cut may double its period: with one impulse
 a T G (q − q_T) a period, the map of one period has the eigenvalue −1 at these depths.
 """
 
