@@ -214,6 +214,7 @@ COLUMNS = (  # column, factor, check that finds it
     ("f_travel_N", 1.03, "points.csv f_travel_N"),
     ("f_normal_N", 1.03, "points.csv f_normal_N"),
     ("f_axial_N", 3.0, "points.csv f_axial_N"),
+    ("f_peak_N", 1.03, "points.csv f_peak_N"),
     ("error_normal_mm", 1.05, "points.csv error_normal_mm"),
     ("p_in", 0.8, "points.csv p_in"),
     ("tolerance_mm", 2.0, "points.csv tolerance_mm"),
