@@ -150,7 +150,7 @@ def compare_with_none(cell: machopt.Cell, hardening: float, pair: tuple[list[Wal
     worse = float(np.mean(after > before))
     print(f"with the true springs and force: {100 * (1 - left / whole):.1f} % of {1e3 * whole:.3f} mm removed")
     print(
-        f"with errors of springs, force and position: {100 * (1 - after.mean() / before.mean()):.1f} % removed in mean; "
+        f"with errors of springs, force, position: {100 * (1 - after.mean() / before.mean()):.1f} % removed in mean; "
         f"larger than without in {100 * worse:.1f} % of the arms"
     )
     return left <= 0.1 * whole and worse <= RARE and after.mean() < before.mean()

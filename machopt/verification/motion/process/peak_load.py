@@ -7,6 +7,7 @@ above 0.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -28,7 +29,7 @@ GIVEN_SHARE, STOCK_SHARE, PEAK_N = 0.01, 0.06, 0.5  # layers of finite height; c
 _SIDES: dict[int, CutSide] = {1: "up", -1: "down", 0: "slot"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class EdgeSlice:
     """Part of the cutter between two heights with one arc of contact."""
 
@@ -126,7 +127,7 @@ def _cut_into_slices(cutter: CutterGeometry, ae: float, ap: float, side: CutSide
     if rc > 0:
         last = math.acos(max(1.0 - min(ap, rc) / rc, 0.0))
         turns = np.linspace(0.0, last, CORNER_SLICES + 1)
-        for a, b in zip(turns[:-1], turns[1:], strict=True):
+        for a, b in itertools.pairwise(turns):
             middle = 0.5 * (a + b)
             low, high = (rc * (1.0 - math.cos(v)) for v in (a, b))
             heights.append(
@@ -138,7 +139,7 @@ def _cut_into_slices(cutter: CutterGeometry, ae: float, ap: float, side: CutSide
     for low, high, r, kappa in heights:
         theta = math.pi if side == "slot" else math.acos(min(max(1.0 - ae / r, -1.0), 1.0))
         start = math.pi - theta if side == "down" else 0.0
-        out.append(EdgeSlice(low, high, r, kappa, start, start + theta))
+        out.append(EdgeSlice(low=low, high=high, radius=r, kappa=kappa, start=start, end=start + theta))
     return out
 
 
@@ -159,8 +160,9 @@ def _find_stock_peaks(
     for n in open_rows[picked].tolist():
         own = arcs.take_range(int(rows[n]), int(rows[n]) + 1)
         radius, kappa, _ = find_slice_shapes(cutter, own)
-        columns = zip(own.low, own.high, radius, kappa, own.start, own.end, strict=True)
-        slices = [EdgeSlice(*(float(v) for v in values)) for values in columns]
+        names = ("low", "high", "radius", "kappa", "start", "end")
+        columns = np.column_stack([own.low, own.high, radius, kappa, own.start, own.end]).tolist()
+        slices = [EdgeSlice(**dict(zip(names, values, strict=True))) for values in columns]
         feed = float(loads.bite[rows[n]])
         wear = 0.5 * (one.wear[0] + one.wear[1])
         out[n] = wear * compute_peak_force(coefficients, cutter, one.spindle, slices, feed)
