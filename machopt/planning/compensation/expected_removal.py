@@ -7,10 +7,10 @@ place is |offset + d + δ|. It is not linear in δ. Its distribution is sampled 
 same in every run. Without a discrepancy, δ is that of the springs' covariance, of their ``spread_percent`` or of the
 grid's standard uncertainties. With a process, d + δ also scatters with the force of each operation.
 
-An interval reaches from the model's own residual to the 95th percentile of the samples. The lower end is the model's
-own value because δ hardly ever reduces the residual, and because only an upper bound of δ is well known. (Where the
-5th percentile is below the model's own value, for example at corners, the percentile is used.) Without δ only the
-model's own value is reported, and no interval.
+An interval reaches from the model's own residual, at the 5th percentile of the deflection, to the 95th percentile of
+the samples. The lower end follows from the model's own value because δ hardly ever reduces the residual, and because
+only an upper bound of δ is well known. (Where the 5th percentile is below it, for example at corners, the percentile is
+used.) Without δ only the model's own value is reported, and no interval.
 """
 
 from __future__ import annotations
@@ -196,9 +196,13 @@ def _removal(label: str, left: Array, bent: Array, worst: Array) -> DeflectionRe
     if len(left) == 1:
         return out
     share = 1.0 - left[1:] / np.maximum(bent[1:], np.finfo(float).tiny)
-    low, high = _ninety(-share, -out.removed)
+    least = min(float(np.quantile(bent[1:], 0.05)) / max(out.bent, np.finfo(float).tiny), 1.0)
+    high = 1.0 - least * (1.0 - out.removed)  # of what is removed: what no shift removes grows with the deflection
     return replace(
-        out, left90=_ninety(left[1:], out.left), worst90=_ninety(worst[1:], out.worst), removed90=(-high, -low)
+        out,
+        left90=_ninety(left[1:], least * out.left),
+        worst90=_ninety(worst[1:], least * out.worst),
+        removed90=(float(np.quantile(share, 0.05)), max(float(np.quantile(share, 0.95)), high)),
     )
 
 

@@ -54,6 +54,7 @@ MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
 )  # three decimals; of the frequency; by which a limit may be above that of the second law
 WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is not stated
 REACHED = (1.01, 1.03, 1.06, 1.1, 1.2, 1.35)  # of a limit: the law of second order is up to 15 % below the whole delay
+BELOW, LOWEST = 24, 0.03  # depths up to a limit at which nothing may grow; the lowest as a share of it
 PRINTED_MM = 5e-5  # half of the last decimal
 RATIO_SHARE = 1e-3  # four decimals of a_lim_mm; joints are interpolated between planning points
 Rows = NDArray[np.intp]
@@ -237,12 +238,14 @@ def compute_excess(law: DelayLaw, stated: float) -> float:
         law: Modes, directions and delay at the point.
         stated: m, the limit.
     """
-    own = law.find_limit()
-    if np.isnan(own):
+    if np.isnan(law.zeta).any():
         return float("inf")
-    depths = stated * (1.0 - LIMIT_SHARE) * np.arange(1, DEPTHS + 1) / DEPTHS
-    if DelaySweep(law, stated).find_unstable(depths).any():
-        own = min(own, DelaySweep(law, stated).find_limit())
+    depths, own = stated * (1.0 - LIMIT_SHARE) * np.geomspace(LOWEST, 1.0, BELOW), float("inf")
+    if (law.find_eigenvalues(depths).real >= 0.0).any():
+        own = law.find_limit()
+    sweep = DelaySweep(law, stated)
+    if sweep.find_unstable(depths[-DEPTHS:]).any():
+        own = min(own, sweep.find_limit())
     return max(stated / own - 1.0, 0.0) if own > 0 else float("inf")
 
 
