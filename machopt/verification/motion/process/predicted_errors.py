@@ -195,10 +195,11 @@ class _Predictor:
             error[:, :-2] += draws.noise @ (sigma * rows[:-2, :3]).T
             if draws.part.any():
                 error += self._move_part(pose.place, pose.R, draws.part) @ rows.T
-            turn = error[:, -2:] + draws.tilt
-            good &= np.hypot(turn[:, 0], turn[:, 1]) <= limits.axis
+            if math.isfinite(limits.axis):
+                turn = error[:, -2:] + draws.tilt
+                good &= turn[:, 0] ** 2 + turn[:, 1] ** 2 <= limits.axis**2
             if n == 0:
-                good &= np.hypot(error[:, 0], error[:, 1]) <= limits.position
+                good &= error[:, 0] ** 2 + error[:, 1] ** 2 <= limits.position**2
             else:
                 good &= np.abs(error[:, 0]) <= limits.depth
         return float(np.mean(good))
