@@ -149,12 +149,12 @@ def _carry_back(
             near = there - sign * step
             inside, outside = (there, near) if sign == into else (near, there)
             far = _find_crossing(grid, origin, cell, p, cu, cv, outer, w, inside, outside)
-            return _extrapolate_boundary(phi, reach, far, outer, radius)
+            return extrapolate_boundary(phi, reach, far, outer, radius)
     return phi
 
 
 @jit_compile
-def _extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
+def extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
     """Angle on the circle ``radius`` of the straight line through two places in polar coordinates."""
     x, y = reach * cos(phi), reach * sin(phi)
     dx, dy = outer * cos(far) - x, outer * sin(far) - y
