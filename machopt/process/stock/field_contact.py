@@ -149,11 +149,11 @@ def _add_arcs(
     last = len(circle) - 1
     stride = max(int(last * SPACING * h / (pi * reach)), 1)
     count, start, phi_before, is_before = 0, 0.0, 0.0, False
-    n = 0
-    while n <= last + stride:
+    steps = (last + stride - 1) // stride
+    for n in range(steps + 2):  # the step behind the last sample ends the arc there
         is_inside, phi = False, pi
-        if n < last + stride and (n <= last or n - stride < last):
-            m = min(n, last)
+        if n <= steps:
+            m = min(n * stride, last)
             phi = pi * m / last
             is_inside = _is_inside(arrays, frame, axes, reach, circle[m, 0], circle[m, 1], w)
         if is_inside and not is_before:
@@ -173,7 +173,6 @@ def _add_arcs(
                 arcs[count, 0], arcs[count, 1] = a, b
                 count += 1
         is_before, phi_before = is_inside, phi
-        n += stride
     return count
 
 
@@ -316,10 +315,14 @@ def find_field_contact(
     if lowest < 0:
         return 0
     _refine_ends(arrays, frame, axes, cutter, slices, (lowest, highest, count), circle, arcs)
+    bottom, top = slices[lowest, 0], slices[highest, 1]
+    margin = min(h, 0.5 * (top - bottom))
     found, before = 0, (0, 0)
     for n in range(lowest, highest + 1):
         low, high = slices[n, 0], slices[n, 1]
         w = 0.5 * (low + high)
+        if low >= cutter[1]:  # a field rounds the edges of the stock within a cell of where the contact ends
+            w = min(max(w, bottom + margin if bottom > 0.0 else 0.0), top - margin)
         number = _add_arcs(arrays, frame, axes, _compute_radius(cutter, w), w, circle, arcs) if high > low else 0
         second = found
         for m in range(min(number, len(rows) - found)):

@@ -46,8 +46,8 @@ def remove_field_path(
     found = _remove_path(
         stock.arrays,
         (stock.origin, stock.cell),
-        np.ascontiguousarray(position),
-        np.ascontiguousarray(axis),
+        np.array(position, float, order="C"),
+        np.array(axis, float, order="C"),
         wanted,
         cutter,
         circle,

@@ -3,8 +3,8 @@
 A line through a point of the cutter's outline along the tool axis leaves the stock mesh at exact heights. What earlier
 moves left on it is the least surface height of the cutter over poses along those moves, ``STEP`` apart. The outline is
 sampled at ``BINS`` angles; where the tool axis turns between cut moves, it is sampled by :mod:`turning_contact`.
-The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part of the path: a stated force
-must lie between what these three give.
+The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part of the path, and moved by
+``AHEAD`` cells along travel and against it: a stated force must lie between what these give.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from machopt.verification.motion.process.turning_contact import (
     list_turning_poses,
 )
 
-POINTS = 40
-BINS, CORNER_SLICES = 180, 24
+POINTS, TURNING_POINTS = 40, 24
+BINS, CORNER_SLICES = 180, 48
 STEP = 0.25e-3  # m
 SHIFT = 0.75  # cells
+AHEAD = 3.0  # cells: near an exit the planner leaves out chips thinner than a tenth of a cell
 LAG = 8.0  # shifts of path before a point that are not counted where the outline is moved
 SHARE, FORCE_N = 0.03, 1.0  # of the force, and N: angles in steps of 1°
 TYPICAL_BITE = 1e-4  # m, where a point has no feed
@@ -66,11 +67,12 @@ def check_stock_contact(segments: Sequence[ToolSegment]) -> list[VerificationChe
     process = segments[0].cell.process
     if process is None or process.stock is None or all(s.toolpath.engagement is None for s in segments):
         return []
+    scene = _build_scene(segments, process.stock)
     rows = [(n, int(k)) for n, s in enumerate(segments) for k in _list_wanted(s)]
-    chosen = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, POINTS).round().astype(int))] if rows else []
+    most = TURNING_POINTS if isinstance(scene[0], TurningPoses) else POINTS
+    chosen = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, most).round().astype(int))] if rows else []
     if not chosen:
         return []
-    scene = _build_scene(segments, process.stock)
     off, names = np.zeros(len(chosen)), []
     for n, (which, k) in enumerate(chosen):
         segment = segments[which]
@@ -140,8 +142,12 @@ def _compare_point(
     stated = path.engagement.take_range(k, k + 1)
     shift = SHIFT * stock.cell_size
     forces = []
-    for moved, lag in ((0.0, 0.0), (shift, LAG * shift), (-shift, LAG * shift)):
-        forces.append(_find_contact(segment, k, one, scene, moved, lag, stated))
+    ahead = AHEAD * stock.cell_size
+    for moved, lag, along in (
+        *((0.0, 0.0, 0.0), (shift, LAG * shift, 0.0), (-shift, LAG * shift, 0.0)),
+        *((0.0, 0.0, ahead), (0.0, 0.0, -ahead)),
+    ):
+        forces.append(_find_contact(segment, k, one, scene, (moved, lag, along), stated))
     loads = []
     for arcs in (stated, *forces):
         edge, slope = compute_contact_load(coefficients, cutter, one.spindle, arcs)
@@ -156,12 +162,11 @@ def _find_contact(
     k: int,
     one: ProcessOperation,
     scene: _Scene,
-    moved: float,
-    lag: float,
+    variant: tuple[float, float, float],
     stated: StockEngagement,
 ) -> StockEngagement:
-    """Return the arcs of one point, of an outline that is moved outwards."""
-    rows = _sample_arcs(segment, k, scene, moved, lag, stated)
+    """Return the arcs of one point, of an outline that is moved outwards and along travel, without the last path."""
+    rows = _sample_arcs(segment, k, scene, variant, stated)
     table = np.array(rows).reshape(-1, 4)
     start, end = table[:, 2], table[:, 3]
     if one.spindle == "ccw":
@@ -179,10 +184,11 @@ def _find_contact(
 
 
 def _sample_arcs(
-    segment: ToolSegment, k: int, scene: _Scene, moved: float, lag: float, stated: StockEngagement
+    segment: ToolSegment, k: int, scene: _Scene, variant: tuple[float, float, float], stated: StockEngagement
 ) -> list[tuple[float, float, float, float]]:
     """Return low, high, start and end of the contact, one row for each sample; the spindle turns clockwise."""
     poses, triangles, frame = scene
+    moved, lag, along = variant
     cutter = segment.cell.tool.cutter
     assert cutter is not None
     before = poses.begins[segment.first + k]
@@ -195,12 +201,14 @@ def _sample_arcs(
         step = step - (step @ axis) * axis
         if np.linalg.norm(step) <= 1e-9:
             return []
-        cut = TurningCut(cutter, tip, axis, step / np.linalg.norm(step), poses, counted, triangles)
+        travel = step / np.linalg.norm(step)
+        cut = TurningCut(cutter, tip + along * travel, axis, travel, poses, counted, triangles)
         return find_turning_arcs(cut, moved, np.r_[stated.low, stated.high])
     tip, step = tip @ frame.T, step @ frame.T
     rows: list[tuple[float, float, float, float]] = []
     if np.hypot(*step[:2]) > 1e-9:
         travel = step[:2] / np.hypot(*step[:2])
+        tip = tip + along * np.array([*travel, 0.0])
         for low, high, radius, is_corner in _divide_cutter(cutter):
             rows += _find_arcs(tip, travel, radius + moved, (low, high), poses, counted, triangles, is_corner)
     return rows

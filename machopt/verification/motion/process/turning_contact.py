@@ -18,8 +18,8 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.numerics.array_types import Array
 
 STEP = 0.25e-3  # m, between poses, at the tip and at the upper end of the cutter
-ANGLES, CORNER_SLICES = 120, 16
-PASSES = (40, 40, 100)  # slices of the cylindrical part
+ANGLES, CORNER_SLICES = 90, 40
+PASSES = (32, 80)  # slices of the cylindrical part
 BATCH = 64  # poses at a time
 TOUCHED = 1e-9  # m
 _RAY = np.array([0.31622, 0.50341, 0.80409])  # no direction of a plane that a part is likely to have
