@@ -12,13 +12,10 @@ from scipy.spatial import cKDTree
 
 from machopt.data_types.stock import StockBody, StockComparison
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.distance_field import DistanceField, build_field_on_grid
-from machopt.process.stock.field_contact import measure_field
-from machopt.process.stock.field_removal import compute_share
-from machopt.process.stock.field_types import AIR, BLOCK, CELLS, LIMIT, FieldArrays, Frame
+from machopt.process.stock.field_differences import compare_volumes, measure_depths
+from machopt.process.stock.field_types import BLOCK
 
-NOTICED_SHARE = 0.05  # of a cell; smaller differences are rounding at edges
 NOTICED = 0.04  # of a cell; smaller depths are rounding
 SPACING = 2.0  # cells between places on the surface
 MOST_PLACES = 200_000
@@ -37,9 +34,9 @@ def compare_field_with_part(stock: DistanceField, part: StockBody) -> StockCompa
         CuttingInputError: the surface of the part has more cells than memory allows.
     """
     wanted = build_field_on_grid(part, stock)
-    gouged, left = _compare_volumes(stock.arrays, wanted.arrays)
+    gouged, left = compare_volumes(stock.arrays, wanted.arrays)
     place, normal = _list_places(part, stock)
-    depth = _measure_depths(stock.arrays, (stock.origin, stock.cell), place, normal)
+    depth = measure_depths(stock.arrays, (stock.origin, stock.cell), place, normal)
     gouge, gouge_at = _find_largest(depth, place, stock.cell)
     rest, rest_at = _find_largest(-depth, place, stock.cell)
     return StockComparison(
@@ -104,49 +101,3 @@ def _list_edge_places(part: StockBody, normal: Array, cell: float) -> Array:
     which = np.repeat(np.arange(len(a)), count)
     share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count - 1, count)
     return np.asarray(a[which] + share[:, None] * (b - a)[which])
-
-
-@jit_compile
-def _compare_volumes(left: FieldArrays, wanted: FieldArrays) -> tuple[float, float]:
-    """Return the volumes, in cells, that are missing in the part and that are left on it."""
-    a, b = left[0].ravel(), wanted[0].ravel()
-    gouged, rest = 0.0, 0.0
-    for n in range(len(a)):
-        if a[n] < 0 and b[n] < 0:
-            if a[n] != b[n]:
-                if a[n] == AIR:
-                    gouged += CELLS
-                else:
-                    rest += CELLS
-            continue
-        for k in range(CELLS):
-            is_left = compute_share(left[1][a[n], k]) if a[n] >= 0 else (0.0 if a[n] == AIR else 1.0)
-            is_wanted = compute_share(wanted[1][b[n], k]) if b[n] >= 0 else (0.0 if b[n] == AIR else 1.0)
-            difference = is_left - is_wanted
-            if difference > NOTICED_SHARE:
-                rest += difference
-            elif difference < -NOTICED_SHARE:
-                gouged -= difference
-    return gouged, rest
-
-
-@jit_compile
-def _measure_depths(arrays: FieldArrays, frame: Frame, place: Array, normal: Array) -> Array:
-    """Return (N,) m, the depth of a gouge at each place, negative for material left."""
-    h = frame[1]
-    most = BLOCK * (arrays[0].shape[0] + arrays[0].shape[1] + arrays[0].shape[2])
-    out = np.zeros(len(place))
-    for n in range(len(place)):
-        before = measure_field(arrays, frame, place[n, 0], place[n, 1], place[n, 2])
-        if abs(before) < 0.8 * LIMIT:
-            out[n] = before * h
-            continue
-        sign = 1.0 if before > 0.0 else -1.0
-        for k in range(1, most):
-            p = place[n] - sign * k * h * normal[n]
-            value = measure_field(arrays, frame, p[0], p[1], p[2])
-            if value * before <= 0.0:
-                out[n] = sign * h * (k - 1 + before / (before - value))
-                break
-            before = value
-    return out

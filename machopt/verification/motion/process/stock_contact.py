@@ -202,7 +202,15 @@ def _sample_arcs(
         if np.linalg.norm(step) <= 1e-9:
             return []
         travel = step / np.linalg.norm(step)
-        cut = TurningCut(cutter, tip + along * travel, axis, travel, poses, counted, triangles)
+        cut = TurningCut(
+            cutter=cutter,
+            tip=tip + along * travel,
+            axis=axis,
+            travel=travel,
+            poses=poses,
+            counted=counted,
+            triangles=triangles,
+        )
         return find_turning_arcs(cut, moved, np.r_[stated.low, stated.high])
     tip, step = tip @ frame.T, step @ frame.T
     rows: list[tuple[float, float, float, float]] = []

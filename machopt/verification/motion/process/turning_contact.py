@@ -83,7 +83,7 @@ def _turn_axis(a: Array, b: Array, turn: float, share: Array) -> Array:
     return np.asarray((np.sin((1.0 - share) * turn) * a + np.sin(share * turn) * b) / math.sin(turn))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TurningCut:
     """Cutter at one point, and what was removed before."""
 
