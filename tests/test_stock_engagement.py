@@ -118,6 +118,7 @@ def write_wall(folder: Path, **sizes: float) -> tuple[Path, Path, TiltedWall]:
     return folder / "cell", folder / "wall.csv", wall
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [{}, {"corner": 2e-3, "below": 4e-3}, {"corner": 8.5e-3, "below": 10e-3}])
 def test_a_cutter_that_turns_with_a_wall_has_the_contact_of_its_allowance(
     tmp_path: Path, sizes: dict[str, float]

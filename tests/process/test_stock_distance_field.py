@@ -111,6 +111,7 @@ def build_ring(shift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     return 0.03 * out + (5e-3 + shift) * normal - 2e-3 * axis, axis
 
 
+@pytest.mark.slow
 def test_a_cutter_that_turns_with_a_conical_wall_removes_the_allowance() -> None:
     stock, part = build_cone(0.8e-3), build_cone(0.0)
     field = build_distance_field(build_body(stock))
@@ -128,6 +129,7 @@ def test_a_cutter_that_turns_with_a_conical_wall_removes_the_allowance() -> None
     assert max(found.gouge_volume, found.left_volume) < VOLUME * volume.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.3e-3, -0.3e-3])
 def test_material_left_and_gouges_have_their_depth(shift: float) -> None:
     part = build_body(build_cone(0.0))
