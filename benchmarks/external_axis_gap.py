@@ -1,6 +1,11 @@
 """How near the default choice of external axes is to the best of several runs with other options.
 
-    python benchmarks/external_axis_gap.py [--job CELL TOOLPATH] … [--save FILE]
+    python benchmarks/external_axis_gap.py [--job CELL TOOLPATH] … [--made-up] [--random N] [--seed S] [--save FILE]
+
+``--made-up`` adds six made-up cells (rail, turntable, tilting turntable, rail with either, tilt alone), ``--random`` N
+random ones: joints, part, path (weaving passes, closed contours with the tool leaning outwards, holes) and force are
+drawn. All of them come from ``tests/external_axis_cells.py``. Without any of these options the shipped cells are
+planned.
 
 Each job is planned by default and with ten variants: lighter and heavier travel of the external joints, one value for
 each operation, and joints locked at places of their ranges. Every J is that of the default's weights, with the index in
@@ -20,6 +25,9 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from external_axis_cells import external_folder
+
 from machopt.cell.cell_reader import load_cell
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,6 +37,112 @@ JOBS = (
 )
 WEIGHTS = (0.0, 0.1, 0.3, 0.6, 2.0)
 LOCKED = (0.1, 0.35, 0.65, 0.9)  # place in the range of the first joint
+KINDS = {  # external joints of the made-up cells, and the path of each
+    "rail": ({"rail": True}, "passes"),
+    "turntable": ({"table": True}, "contour"),
+    "tilting turntable": ({"table": True, "tilt": True}, "contour"),
+    "rail and turntable": ({"rail": True, "table": True}, "contour"),
+    "turntable, holes": ({"table": True}, "holes"),
+    "rail, holes": ({"rail": True}, "holes"),
+}
+HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation"
+CLEAR, DEPTH = 40.0, 1.0  # mm above and below the part's surface
+Row = tuple[float, float, float, float, float, float, str, str, str]
+
+
+def draw_passes(rng: np.random.Generator, half: tuple[float, float], points: int) -> list[Row]:
+    """Return two weaving passes along y over a part of half sizes in mm."""
+    rows: list[Row] = []
+    wave, period = rng.uniform(0.0, 0.3) * half[0], rng.uniform(0.3, 1.0) * half[1]
+    for n, side in enumerate((-0.4, 0.4)):
+        y = np.linspace(-0.9, 0.9, points // 2) * half[1] * (1 if n == 0 else -1)
+        x = side * half[0] + wave * np.sin(y / period)
+        rows += link_cut([(float(a), float(b), 0.0, 0.0, 1.0) for a, b in zip(x, y, strict=True)], f"pass {n + 1}")
+    return rows
+
+
+def draw_contour(rng: np.random.Generator, half: tuple[float, float], points: int) -> list[Row]:
+    """Return a closed contour on top of the part, of one or two turns, the tool leaning outwards by up to 25°."""
+    turn = np.linspace(0.0, 2 * np.pi * int(rng.integers(1, 3)), points)
+    size, lean = rng.uniform(0.4, 0.85, 2) * half, float(np.radians(rng.uniform(0.0, 25.0)))
+    start = float(rng.uniform(0.0, 2 * np.pi))
+    c, s = np.cos(turn + start), np.sin(turn + start)
+    return link_cut(
+        [
+            (float(size[0] * a), float(size[1] * b), float(np.sin(lean) * a), float(np.sin(lean) * b), np.cos(lean))
+            for a, b in zip(c, s, strict=True)
+        ],
+        "contour",
+    )
+
+
+def draw_holes(rng: np.random.Generator, half: tuple[float, float], points: int) -> list[Row]:
+    """Return short strokes along the axis at random places, in a sweep along y."""
+    count = max(points // 4, 6)
+    places = np.column_stack([rng.uniform(-0.8, 0.8, count) * half[0], np.linspace(-0.85, 0.85, count) * half[1]])
+    rows: list[Row] = []
+    for x, y in places.tolist():
+        for z, move, feed in ((CLEAR, "rapid", ""), (2.0, "approach", "1500"), (-8.0, "cut", "300")):
+            rows.append((x, y, z, 0.0, 0.0, 1.0, move, feed, "holes"))
+        rows.append((x, y, CLEAR, 0.0, 0.0, 1.0, "retract", "3000", "holes"))
+    return rows
+
+
+def link_cut(places: list[tuple[float, float, float, float, float]], name: str) -> list[Row]:
+    """Return a cut through places (x, y, axis) with approach and retract along the axis."""
+
+    def row(place: tuple[float, float, float, float, float], out: float, move: str, feed: str) -> Row:
+        x, y, i, j, k = place
+        return (x + out * i, y + out * j, out * k, i, j, k, move, feed, name)
+
+    cuts = [row(place, -DEPTH, "cut", "2500") for place in places]
+    return [
+        row(places[0], CLEAR, "rapid", ""),
+        row(places[0], 3.0, "approach", "1500"),
+        *cuts,
+        row(places[-1], CLEAR, "retract", "3000"),
+    ]
+
+
+DRAWN = {"passes": draw_passes, "contour": draw_contour, "holes": draw_holes}
+
+
+def make_job(folder: Path, kind: str, seed: int, points: int) -> tuple[Path, Path]:
+    """Write a cell and a toolpath; return both.
+
+    Args:
+        folder: where to, empty.
+        kind: of KINDS; the path's sizes follow from the seed.
+        seed: of the path and, above 0, of force and place of the part.
+        points: of the cut.
+    """
+    axes, path = KINDS[kind]
+    folder.mkdir()
+    external_folder(folder, **axes)
+    rng = np.random.default_rng(seed)
+    text = (folder / "cell.yaml").read_text(encoding="utf-8")
+    if seed:
+        force = f"{{axial: {rng.uniform(50, 400):.0f}, normal: {rng.uniform(0, 300):.0f}}}"
+        text = text.replace("{axial: 200, normal: 100}", force)
+        if "table" in axes:  # the part is elsewhere on the plate
+            text = text.replace("xyz_mm: [50, 0, 110]", f"xyz_mm: [{rng.uniform(-120, 120):.0f}, 0, 110]")
+        (folder / "cell.yaml").write_text(text, encoding="utf-8")
+    half = (200.0, 250.0) if "table" in axes else (200.0, 1200.0)
+    rows = DRAWN[path](rng, half, points)
+    lines = [",".join(f"{v:.5f}" if isinstance(v, float) else v for v in row) for row in rows]
+    toolpath = folder.parent / f"{folder.name}.csv"
+    toolpath.write_text("\n".join([HEADER, *lines]) + "\n", encoding="utf-8")
+    return folder, toolpath
+
+
+def list_made_up(folder: Path, random: int, seed: int, made_up: bool, points: int) -> list[tuple[Path, Path]]:
+    """Return the made-up jobs, then the random ones."""
+    kinds = list(KINDS)
+    jobs = [make_job(folder / kind.replace(",", "").replace(" ", "_"), kind, 0, points) for kind in kinds if made_up]
+    for n in range(seed, seed + random):
+        kind = kinds[int(np.random.default_rng(1000 + n).integers(len(kinds)))]
+        jobs.append(make_job(folder / f"random_{n}_{kind.replace(',', '').replace(' ', '_')}", kind, 1 + n, points))
+    return jobs
 
 
 def list_variants(cell_folder: Path) -> dict[str, list[str]]:
@@ -66,14 +180,25 @@ def compute_value(result: dict[str, object], unit: float) -> float:
 
 
 def main() -> None:
-    """Plan every job with all variants and print the table."""
+    """Read the arguments and run the jobs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--job", nargs=2, type=Path, action="append", default=[])
+    parser.add_argument("--made-up", action="store_true", help="six made-up cells")
+    parser.add_argument("--random", type=int, default=0, help="random cells")
+    parser.add_argument("--seed", type=int, default=0, help="of the first random cell")
+    parser.add_argument("--points", type=int, default=80, help="of each cut of these cells")
     parser.add_argument("--save", type=Path)
     args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        made = list_made_up(Path(name), args.random, args.seed, args.made_up, args.points)
+        compare([*((a, b) for a, b in args.job), *made] or list(JOBS), args.save)
+
+
+def compare(jobs: list[tuple[Path, Path]], save: Path | None) -> None:
+    """Plan the jobs with all variants and print the table."""
     rows = []
     print("| job | J | best variant | its J | below the default (%) | CPU (s) |\n|---|---|---|---|---|---|")
-    for cell, toolpath in args.job or JOBS:
+    for cell, toolpath in jobs:
         with tempfile.TemporaryDirectory() as name:
             own, cpu = plan(cell, toolpath, [], Path(name))
             if own is None:
@@ -90,8 +215,8 @@ def main() -> None:
         gap = 100.0 * (1.0 - values[best] / mine)
         rows.append({"job": cell.name, "J": mine, "variants": values, "gap_percent": gap, "cpu_s": cpu})
         print(f"| {cell.name} | {mine:.4f} | {best} | {values[best]:.4f} | {gap:.2f} | {cpu:.1f} |", flush=True)
-    if args.save:
-        args.save.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    if save:
+        save.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -133,7 +133,7 @@ class FileFormatError(InputError):
         return self._read_number("column")
 
     def _read_number(self, word: str) -> int | None:
-        found = re.search(rf"\b{word} (\d+)", self.where or "")
+        found = re.search(rf"\b{word} ([0-9]+)", self.where or "")
         return int(found[1]) if found else None
 
 

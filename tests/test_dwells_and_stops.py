@@ -113,7 +113,7 @@ def verified(point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: Tool
     tcp = np.tile(np.eye(4), (len(x), 1, 1))
     tcp[:, 0, 3] = x
     t = toolpath(*events)
-    said = SimpleNamespace(q=q, external=np.empty((len(x), 0)), point=point, sample_time=H)
+    said = SimpleNamespace(q=q, external=np.empty((len(x), 0)), joints=q, point=point, sample_time=H)
     cell = SimpleNamespace(limits=SimpleNamespace(jerk=np.full(6, 10.0)))
     ride = SimpleNamespace(tcp=tcp, path_limit=2e-5)
     points = SimpleNamespace(point=np.arange(4), ok=np.ones(4, bool))

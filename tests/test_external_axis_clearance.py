@@ -51,7 +51,7 @@ def test_a_hanging_arm_that_touches_itself_is_led_along_beside_the_tool(
 
     monkeypatch.setattr(coarse_to_fine_search, "compute_moving_axis_path", noted)
     found = coarse_to_fine_search.find_best_external_axis_plan(cell, path, options)
-    assert looked == [False, False, True]  # with the full and the light weight of travel, then free poses
+    assert looked == [False, False, False, True]  # with three weights of travel, then free poses
     assert not len(found.missing)
     assert not found.breaks
     cut = path.move[np.minimum(np.ceil(found.path.index).astype(int), len(path) - 1)] == MoveKind.CUT

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
-from output_damage.damage_case import JOBS, Damage, Job, copy_job, update_manifest_hashes
+from output_damage.damage_case import JOBS, Damage, Job, copy_job, edit_json, update_manifest_hashes
 
 from machopt.commands import verify as service
 from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
@@ -19,6 +20,7 @@ from machopt.output.file_hashes import compute_digest, compute_sha256
 from machopt.verification import Verification, VerificationCheck
 from machopt.verification.folder import folder_checks as contents
 from machopt.verification.folder.options_in_force import VerifyRequest
+from machopt.verification.folder.version_mismatch import KEYS_ADDED_SINCE
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 PARTS = sorted(
@@ -94,6 +96,52 @@ def test_the_intact_plan_passes(name: str, planned: Callable[[str], Job], tmp_pa
     assert found_in(job).failed == ()
     update_manifest_hashes(job.out)
     assert found_in(job).failed == ()
+
+
+def _write_as_first_version(job: Job) -> None:
+    """Give a folder the form of version 0.1.0, which stated fewer keys in result.json."""
+    with edit_json(job.out / "result.json") as result:
+        for key in KEYS_ADDED_SINCE["0.1.0"]:
+            del result[key]
+        for key in ("deflection_ci90_mm", "deflection_along_mm"):
+            result["worst_point"].pop(key, None)
+        result["version"] = "0.1.0"
+    with edit_json(job.out / "manifest.json") as manifest:
+        manifest["versions"]["machopt"] = "0.1.0"
+        manifest["not_recomputed"], manifest["checked"] = ["front"], []
+    update_manifest_hashes(job.out)
+
+
+def test_a_folder_of_an_earlier_version_passes(planned: Callable[[str], Job], tmp_path: Path) -> None:
+    """Its tables and programs are recomputed; result.json states what it stated then."""
+    job = copy_job(planned("pass"), tmp_path)
+    _write_as_first_version(job)
+    found = found_in(job)
+    assert found.failed == ()
+    assert "result.json older version" in {c.name for c in found.checks}
+
+
+@pytest.mark.parametrize(
+    ("change", "caught_by"),
+    [
+        (lambda r: r.update(verdict="infeasible"), "result.json"),
+        (lambda r: r.update(exit_code=3), "result.json"),
+        (lambda r: r["inputs"].update({"cell.yaml": "0" * 64}), "result.json"),
+        (lambda r: r.update(inputs=None), "result.json"),
+        (lambda r: r.update(process=None), "result.json"),  # not of that version: all of it is compared
+        (lambda r: r.update(version="0.2.0"), "result.json"),
+    ],
+)
+def test_a_damaged_folder_of_an_earlier_version_fails(
+    change: Callable[[dict[str, Any]], None], caught_by: str, planned: Callable[[str], Job], tmp_path: Path
+) -> None:
+    job = copy_job(planned("pass"), tmp_path)
+    _write_as_first_version(job)
+    with edit_json(job.out / "result.json") as result:
+        change(result)
+    update_manifest_hashes(job.out)
+    failed = [c.name for c in found_in(job).failed]
+    assert any(name.startswith(caught_by) for name in failed), failed
 
 
 def _says(damage: Damage) -> bool:

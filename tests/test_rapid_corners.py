@@ -16,7 +16,8 @@ from machopt.numerics.array_types import Array
 from machopt.planning.cost.rapid_time import compute_rest_time
 from machopt.planning.motion.corner_timing import measure_fastest_time, time_legs
 from machopt.planning.motion.motion_segment import MotionSegment
-from machopt.planning.motion.rapid_corners import CornerSpace, list_rounded_corners, round_rapid_corners
+from machopt.planning.motion.rapid_chain import CornerSpace
+from machopt.planning.motion.rapid_corners import list_rounded_corners, round_rapid_corners
 from machopt.planning.motion.rapid_moves import RapidTiming, retime_straight_segments
 from machopt.planning.motion.rapid_shortcuts import shorten_detour
 from machopt.programs.writing.rapid_zones import compute_rapid_zone_limits
@@ -131,7 +132,7 @@ class Wall:
         return SimpleNamespace(hit=self.is_hit(q))
 
 
-def space(collision: object = None, deviation: float = 1.0, barred: Any = None) -> CornerSpace:
+def space(collision: object = None, deviation: float = 0.07, barred: Any = None) -> CornerSpace:
     """The tool is where the first three joints are, in metres."""
 
     def compute_tcp(x: Array) -> Array:
@@ -277,3 +278,54 @@ def test_no_place_outside_of_the_triangle_is_in_the_zone(seed: int) -> None:
 def test_with_a_moving_external_axis_no_distance_bounds_the_corner() -> None:
     corner, start, end = np.zeros((1, 7)), np.ones((1, 7)), -np.ones((1, 7))
     assert compute_rapid_zone_limits(corner, (start, end), np.full((1, 2), 0.5), lambda x: x[:, :3])[0] == 0.0
+
+
+def cut_leg(at: Array, index: float, move: MoveKind) -> MotionSegment:
+    """A short feed move that ends or begins at a place."""
+    leg = build_legs(np.array([at - 0.01, at]))[0]
+    return replace(leg, name="run", index=np.full(len(leg.q), index), move=np.full(len(leg.q), move, np.int8))
+
+
+def test_points_near_the_straight_way_are_passed_without_a_corner() -> None:
+    """All samples are on the straight move, in its time; the targets are on it, too, within the distance."""
+    nodes = np.array([np.zeros(6), [0.3, 0.03, 0, 0.1, 0, 0], [0.6, 0.02, 0, 0.3, 0, 0], [0.9, 0, 0, 0.4, 0, 0]])
+    legs = round_rapid_corners(build_legs(nodes), no_events(), space(deviation=0.05))
+    x = np.concatenate([legs[0].q, *(leg.q[1:] for leg in legs[1:])])
+    np.testing.assert_allclose(
+        x, retime_straight_segments(nodes[[0, -1]], TIMING.limits, TIMING.scale, SAMPLE), atol=1e-12
+    )
+    corners = list_rounded_corners(legs)
+    assert corners is not None
+    assert len(corners) == 2
+    for triangle, node in zip(list_corner_triangles(corners, x), nodes[1:3], strict=True):
+        assert triangle.is_straight
+        assert np.linalg.norm(triangle.corner[:3] - node[:3]) <= 0.05
+    assert all((leg.waypoints[-1] == q).all() for leg, q in zip(legs, corners.q, strict=False))
+
+
+def test_a_passed_point_beside_a_corner_keeps_half_of_the_way_to_it() -> None:
+    nodes = np.array([np.zeros(6), [0.1, 0.002, 0, 0, 0, 0], [0.5, 0, 0, 0, 0, 0], [0.5, 0.6, 0, 0, 0, 0]])
+    corners = list_rounded_corners(round_rapid_corners(build_legs(nodes), no_events(), space(deviation=0.02)))
+    assert corners is not None
+    assert len(corners) == 2
+    assert (corners.share <= 0.5).all()
+    np.testing.assert_array_equal(corners.q[1], nodes[2])
+
+
+@pytest.mark.parametrize("case", ["cut", "below another cut", "in contact", "barred"])
+def test_no_point_is_passed_where_material_may_be_beside(case: str) -> None:
+    nodes = np.array([np.zeros(6), [0.3, 0.03, 0, 0.1, 0, 0], [0.9, 0, 0, 0.4, 0, 0]])
+    legs = build_legs(nodes)
+    keep = space(deviation=0.05)
+    if case == "cut":
+        legs = [cut_leg(nodes[0], 0.0, MoveKind.CUT), *legs]
+    elif case == "below another cut":
+        legs = [cut_leg(nodes[0], 0.0, MoveKind.RETRACT), *legs]
+        keep = replace(keep, is_above_cuts=lambda _: False)
+    elif case == "in contact":
+        keep = replace(keep, collision=cast(Any, Wall(np.array([0.3, -0.05]), -0.04)))
+    else:
+        keep = replace(keep, barred=lambda x: bool((x[:, 1] == 0.0).all()))
+    out = round_rapid_corners(legs, no_events(), keep)
+    targets = [leg.waypoints[-1] for leg in out if leg.name == "rapid"]
+    np.testing.assert_array_equal(targets, nodes[1:])

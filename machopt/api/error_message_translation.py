@@ -36,7 +36,7 @@ RENAMED = {
 """Options whose argument is not the option's own name with underscores."""
 
 _SETTING = re.compile(r"--set (?=\w+=)")  # of a planning option, which is an argument of its own
-_OPTION = re.compile(r"(?<![\w-])(--[a-z][\w-]*)(?:[ =](?=-?\d))?")
+_OPTION = re.compile(r"(?<![\w-])(--[a-z][\w-]*)(?:[ =](?=-?[0-9]))?")
 
 
 def use_argument_names(**own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

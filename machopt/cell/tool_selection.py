@@ -13,7 +13,7 @@ from machopt.data_types.tool_segments import ToolSegment, cut_toolpath
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
 from machopt.errors import CellError, suggest_nearest_word
 
-_NUMBER = re.compile(r"T?0*(\d+)(?:\.0*)?", re.IGNORECASE)  # T03, 3 and 3.0 are one tool
+_NUMBER = re.compile(r"T?0*([0-9]+)(?:\.0*)?", re.IGNORECASE)  # T03, 3 and 3.0 are one tool
 
 
 def match_tool(operation: ToolpathOperation, tools: Mapping[str, Tool]) -> str | None:

@@ -11,7 +11,7 @@ from machopt.errors import suggest_nearest_word
 from machopt.spelling_suggestions import find_typo
 
 N = TypeVar("N")
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
 _SEPARATOR = re.compile(r"\s*([][,:{}]|\s)\s*")
 
 

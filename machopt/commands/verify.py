@@ -25,7 +25,7 @@ from machopt.verification import Verification
 from machopt.verification.folder.folder_checks import verify_folder
 from machopt.verification.folder.options_in_force import VerifyRequest, resolve_options_in_force
 from machopt.verification.folder.verification_scope import NOT_RECOMPUTED, list_checks_not_run, list_unchecked
-from machopt.verification.folder.version_mismatch import describe_version_mismatch
+from machopt.verification.folder.version_mismatch import describe_older_result, describe_version_mismatch
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,8 @@ def _verify_folder(request: VerifyRequest) -> VerifyResult:
     if not found.samples:
         words = "intact, but without a motion: there was no feasible answer"
         return VerifyResult(found, 3, add_scope_to_verdict(words, missing), used.notes)
-    return VerifyResult(found, 0, add_scope_to_verdict("verification passed", missing), used.notes)
+    notes = (*used.notes, *describe_older_result(request.out, manifest))
+    return VerifyResult(found, 0, add_scope_to_verdict("verification passed", missing), notes)
 
 
 def _require_process_file(out: Path, manifest: FolderManifest | None) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 V = TypeVar("V")
-_NOTATION = re.compile(r"_\w*|[Ee][-+]?\d+(?![\d.])")  # E0.5 is a word of its own
+_NOTATION = re.compile(r"_\w*|[Ee][-+]?[0-9]+(?![0-9.])")  # E0.5 is a word of its own
 Operator = Callable[[Any, Any], Any]
 
 

@@ -22,7 +22,7 @@ TOOL_AXES = {"-z": (2, -1.0), "+z": (2, 1.0), "-x": (0, -1.0), "+x": (0, 1.0), "
 
 
 Offset = tuple[float, float, float]
-_OFFSET = re.compile(r"\s*(G\d+(?:\.\d)?(?:\s*[PH]\s*\d+)?|PRESET\s*\d+)\s*=(.*)", re.IGNORECASE)
+_OFFSET = re.compile(r"\s*(G[0-9]+(?:\.[0-9])?(?:\s*[PH]\s*[0-9]+)?|PRESET\s*[0-9]+)\s*=(.*)", re.IGNORECASE)
 MAX_EXTENT = 50.0  # m: longer than any machining cell; a path beyond it is a slip of units or decimals
 MOST_DECIMALS = 6
 

@@ -26,6 +26,7 @@ _C = f"{_F3},{_F1},f8,{_I1},{_I1},{_I1}"  # triangles by the cells of a grid
 _MESHES = f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1}"
 # stations × values × rotations × branches
 _LATTICE = f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"
+_FIELD = "Tuple((i4[:,:,::1],i2[:,::1],i4[::1],i8[::1]))"  # stock as signed distances
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
     ("kinematics.product_of_exponentials", "compute_poses", f"{_F2},{_F2},{_F2},{_F2},{_F3}"),
     ("collision.bounding_box_tree", "_fill_tree", f"{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F1}"),
@@ -53,7 +54,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     (
         "planning.sequence_search.search_kernels",
         "find_cheapest_sequence",
-        f"{_F3},f8[:,:,:,::1],{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},{_I1},i4[:,::1],b1[::1],b1[:,:,::1],b1[:,::1],b1,{_I1},{_F1},i2[::1],{_F2},{_F2},{_F1}",
+        f"{_F3},f8[:,:,:,::1],i8,{_F2},b1[:,:,:,::1],{_S1},b1,{_S1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,{_I1},{_S1},{_S1},{_I1},i4[:,::1],b1[::1],b1[:,:,::1],b1[:,::1],b1,{_I1},{_F1},i2[::1],{_F2},{_F2},{_F1}",
     ),
     (
         "collision.mesh_distance",
@@ -81,6 +82,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("planning.retiming.joint_derivatives", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
     ("planning.retiming.joint_derivatives", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2},{_F1}"),
     ("planning.motion.clearance_over_cuts", "_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
+    ("planning.motion.clearance_over_cuts", "_find_higher", f"{_F3},{_F2},{_F2},f8"),
     ("planning.retiming.time_law_kernels", "find_next_corners", f"{_F1},{_F1},{_F1}"),
     (
         "planning.retiming.time_law_kernels",
@@ -111,6 +113,14 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
         "_remove_path",
         f"UniTuple(f4[:,::1],4),UniTuple(f8,2),UniTuple(f8,2),{_F2},b1[::1],UniTuple(f8,3),f8,{_F2}",
     ),
+    ("process.stock.field_mesh", "fill_blocks", f"{_F3},{_FIELD}"),
+    (
+        "process.stock.field_path",
+        "_remove_path",
+        f"{_FIELD},Tuple(({_F1},f8)),{_F2},{_F2},b1[::1],UniTuple(f8,4),{_F2}",
+    ),
+    ("process.stock.field_differences", "compare_volumes", f"{_FIELD},{_FIELD}"),
+    ("process.stock.field_differences", "measure_depths", f"{_FIELD},Tuple(({_F1},f8)),{_F2},{_F2}"),
     ("kinematics.inverse.three_parallel_axes", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
     ("kinematics.inverse.newton_iteration", "solve_from_rough_starts", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
     ("kinematics.inverse.newton_iteration", "remove_duplicate_solutions", f"{_F2},{_I1},{_F1},i8,i8,f8"),

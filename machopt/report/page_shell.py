@@ -82,7 +82,7 @@ def _read_asset(name: str) -> str:
 def _read_chart_library() -> str:
     """The chart library with its licence; its banner names a place, and a page must not look as if it went there."""
     code = _read_asset(f"{UPLOT_FOLDER}/uPlot.iife.min.js")
-    banner = re.match(r"/\*!\s*\S+ \(v([\d.]+)\)\s*\*/\s*", code)
+    banner = re.match(r"/\*!\s*\S+ \(v([0-9.]+)\)\s*\*/\s*", code)
     assert banner is not None
     return f"/* uPlot {banner[1]}\n{_read_asset(f'{UPLOT_FOLDER}/LICENSE')}*/\n{code[banner.end() :]}\n"
 

@@ -18,13 +18,14 @@ from machopt.file_formats.file_reading import MESH, read_file
 READABLE = (".stl", ".obj", ".ply", ".off")
 _MOST_TRIANGLES = 2_000_000  # distances to more take gigabytes and minutes; a collision mesh has some thousand
 _STL_HEAD, _STL_FACET = 84, 50  # bytes
-_N = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_N = rb"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _STL_LINE = re.compile(  # lower case; the normals are not used, and exporters write nan there
     rb"\s*(?:facet\s+normal\s+\S+\s+\S+\s+\S+|vertex\s+%b\s+%b\s+%b|outer\s+loop|endloop|endfacet|"
     rb"(?:end)?solid\b.*)?\s*" % (_N, _N, _N)
 )
 _OBJ_LINE = re.compile(
-    rb"\s*(?:v\s+%b\s+%b\s+%b(?:\s+%b)*|f(?:\s+-?\d+(?:/-?\d*){0,2}){3,}|v[tnp]\s.*|[^vf\s].*)?\s*" % (_N, _N, _N, _N)
+    rb"\s*(?:v\s+%b\s+%b\s+%b(?:\s+%b)*|f(?:\s+-?[0-9]+(?:/-?[0-9]*){0,2}){3,}|v[tnp]\s.*|[^vf\s].*)?\s*"
+    % (_N, _N, _N, _N)
 )
 
 _LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)

@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.cell.mesh.mesh_errors import ErrorFactory
 
-_NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = rb"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _NUMBERS = re.compile(rb"\s*%b(?:\s+%b)*\s*" % (_NUMBER, _NUMBER))
 _SIZES = {
     b"char": 1,
@@ -67,7 +67,7 @@ def check_ply(name: str, data: bytes, fail: ErrorFactory) -> MeshCounts:
             continue
         if words[0] == b"format" and len(words) == 3:
             form = words[1]
-        elif words[0] == b"element" and len(words) == 3 and re.fullmatch(rb"\d{1,12}", words[2]):
+        elif words[0] == b"element" and len(words) == 3 and re.fullmatch(rb"[0-9]{1,12}", words[2]):
             elements.append((words[1], int(words[2]), []))
         elif words[0] == b"property" and elements and _is_property(words[1:]):
             elements[-1][2].append(words[1:])
@@ -112,7 +112,7 @@ def check_off(name: str, data: bytes, fail: ErrorFactory) -> MeshCounts:
     """
     rows = [row for row in (line.split(b"#")[0].strip() for line in data.split(b"\n")) if row]
     counts = rows[1].split() if len(rows) > 1 else []
-    if not rows or rows[0] != b"OFF" or len(counts) != 3 or not all(re.fullmatch(rb"\d{1,12}", c) for c in counts):
+    if not rows or rows[0] != b"OFF" or len(counts) != 3 or not all(re.fullmatch(rb"[0-9]{1,12}", c) for c in counts):
         raise fail(
             f"mesh {name} cannot be read: it does not begin with OFF and, in a line, the counts of vertices, "
             "faces and edges"
@@ -141,12 +141,12 @@ def _check_rows(name: str, rows: list[bytes], vertices: int, faces: int, fail: E
             raise fail(f"mesh {name} is damaged: found the vertex {row[:60]!r}; a fresh export would work")
     for row in rows[vertices : vertices + faces]:
         words = row.split()
-        corners = int(words[0]) if re.fullmatch(rb"\d{1,3}", words[0]) else 0
+        corners = int(words[0]) if re.fullmatch(rb"[0-9]{1,3}", words[0]) else 0
         index = words[1 : corners + 1]
         if not (
             _FEWEST <= corners <= _MOST
             and len(index) == corners
-            and all(re.fullmatch(rb"\d{1,9}", i) and int(i) < vertices for i in index)
+            and all(re.fullmatch(rb"[0-9]{1,9}", i) and int(i) < vertices for i in index)
             and all(_NUMBERS.fullmatch(w) for w in words[corners + 1 :])
         ):
             raise fail(

@@ -21,8 +21,8 @@ from machopt.cell.urdf.urdf_model import (
 from machopt.cell.urdf.xml_tree import XmlElement, parse_markup, read_markup
 from machopt.errors import InputError, RobotModelError
 
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+", re.ASCII)
 _HEAVIEST = 1e5  # kg of one link; the heaviest robots weigh 10 t altogether
 _TURNS = 4 * math.pi  # rad of roll, pitch or yaw; degrees soon exceed it, radians never need it
 _FARTHEST = 1e3  # m from one frame to the next; a rail in a hall is a tenth of that

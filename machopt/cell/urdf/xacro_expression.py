@@ -25,7 +25,7 @@ MAX_ITEMS = 20_000  # numbers, texts and containers inside one value; joint limi
 MAX_EXPRESSION = 4_000  # characters of an expression; a long one of a public robot has 300
 MAX_DEPTH = 60  # nodes in nodes
 MAX_BITS = 512  # of an integer: far beyond any length or angle
-_FIELD = re.compile(r"%[-+ #0]*\d{0,2}(?:\.\d{0,2})?[diouxXeEfFgGsrc%]")
+_FIELD = re.compile(r"%[-+ #0]*[0-9]{0,2}(?:\.[0-9]{0,2})?[diouxXeEfFgGsrc%]")
 
 
 class XacroExpressionError(ValueError):

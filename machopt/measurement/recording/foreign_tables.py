@@ -37,7 +37,7 @@ UNITS = {
 }
 """Factors to the unit of our columns, by the end of the column's name. The longest end that fits counts."""
 QUATERNION = ("qw", "qx", "qy", "qz")
-_BRACKET = re.compile(r"[\[(](?!:,\d)\s*([^\])]+?)\s*[\])]\s*$")
+_BRACKET = re.compile(r"[\[(](?!:,[0-9])\s*([^\])]+?)\s*[\])]\s*$")
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from machopt.numerics.array_types import Array, Ints
 _ROWS_AT_ONCE = 4096
 _MOST = {"_Nm": 1e7, "_N": 1e7, "_mm": 1e7, "_mrad": 1e5, "_deg": 1e8, "_deg_s": 1e8, "_A": 1e5, "_C": 1e4}
 """Largest plausible absolute value by unit suffix of a column: at least a hundred times any real measurement."""
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+", re.ASCII)
 _NOT_READ = ("", "nan")
 COORDINATES = ("dx_mm", "dy_mm", "dz_mm", "x_mm", "y_mm", "z_mm")  # of a position or displacement
 THREE = (

@@ -15,7 +15,7 @@ from machopt.numerics.array_types import Ints
 
 KEY = "targets_mm"
 FARTHEST = 1e4  # mm, largest distance of a reflector from the flange
-_WHOLE = re.compile(r"[-+]?\d+(?:\.0*)?", re.ASCII)
+_WHOLE = re.compile(r"[-+]?[0-9]+(?:\.0*)?", re.ASCII)
 
 
 def parse_targets(document: YamlDocument, given: object, kind: RecordingKind) -> dict[str, TrackerTarget]:

@@ -45,11 +45,12 @@ class ExclusionTracker:
         S, R, B, T = self.candidates.feasible.shape
         self.shape = (S, R, B, T)
         self.looked = np.zeros((S, R, B), bool)
-        self.pairs = np.full((S, R, B), -1, np.int32)
+        model = self.checker.model
+        small = model is None or len(model.pairs) <= np.iinfo(np.int16).max
+        self.pairs = np.full((S, R, B), -1, np.int16 if small else np.int32)
         self.ahead_of = AHEAD
         self.phi = self.candidates.phi_at()
         self.swept: dict[tuple[int, int, int], dict[float, bool]] = {}  # station, branch, pair: rotations, any touched
-        model = self.checker.model
         self.ahead = (
             None
             if model is None

@@ -44,8 +44,14 @@ from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.position_constraints import check_known_axes_and_places
-from machopt.planning.external_axis_optimization.external_axis_bound import BoundSearch
-from machopt.planning.external_axis_optimization.value_grid import VALUES
+from machopt.planning.external_axis_optimization.sequence_leaps import (
+    SHORT,
+    count_lost_points,
+    count_unreached_points,
+    has_stalled,
+    leap_to_better_sequences,
+    refine_other_starts,
+)
 from machopt.planning.motion.trajectory_builder import has_motion
 from machopt.planning.pipeline.path_planner import PathVariant, plan_path
 from machopt.planning.pipeline.plan import Plan
@@ -56,17 +62,18 @@ from machopt.planning.stations.planning_path import PlanningPath, build_planning
 PLANNED = 3  # values planned in full where all can be driven
 TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: threshold for planning home in full, and for a second refinement
+FIXED_NEAR = 1.05  # times the best J: threshold for improving the best fixed plan by sequences
 MOVES_TRIED = 3  # the same where the joints may move along the path
 TRUSTS = (
     TRUST,
     np.radians(25.0),
 )  # trust regions of the refinement: each leads to another local optimum, the best is selected
 FAR = (np.radians(40.0),)  # the same for long paths, which are refined once to save time
-SHORT = 600  # planning points: a longer path counts as long
 ONCE = 1  # passes of a long path before improvement by a sequence, which replaces the other passes
-LEAPS = 4, 1  # maximum number, for short paths and for long ones
-WORTH_IT = 1e-3  # share of J: a sequence that saves less is not used as a start
-LIGHT = 0.3  # of the travel's weight: a start that follows the tool farther than the search with the full weight finds
+WEIGHTS = (
+    0.3,
+    2.0,
+)  # of the travel's weight: starts that follow the tool farther, or less far, than the full weight finds
 FOLLOWING = 2  # motions that follow the tool and are examined further
 AS_NEAR = 1.5  # times the least estimate: threshold for planning a curve of moving joints
 
@@ -136,7 +143,7 @@ def find_best_external_axis_plan(
     ranking = AxisPlanRanking.of(coarse.setup, axes)
     job = RefinementJob(toolpath=toolpath, groups=(), worth=ranking, clock=clock, before=before)
     found = plan_on_other_grid(coarse, options.rotation_step, job)
-    if not _lost(found):
+    if not count_lost_points(found):
         return found if found.over_external is not None else _led_on(found, request)
     # Where few rotations are feasible, a finer grid may find some that the coarse one misses.
     other = _refined(request)
@@ -147,7 +154,7 @@ def _refined(request: _Asked) -> Plan:
     """The best plan on one grid of rotations."""
     toolpath, clock, before = request.toolpath, request.clock, request.before
     starts = _coarse_to_fine(request)
-    found = starts[0]
+    found = starts.best
     groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
     if _locked(groups):
         return found
@@ -155,7 +162,7 @@ def _refined(request: _Asked) -> Plan:
     # The best fixed plan is a local optimum of its own, so that the moving plan is never worse.
     job = RefinementJob(toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before)
     still = replace(job, groups=[replace(g, moving=np.zeros_like(g.moving)) for g in groups])
-    best, rivals, every = found, starts[1:], list[Plan]()
+    best, rivals, every = found, list(starts.fixed), list[Plan]()
     fixed_plan: Plan | None = None
     long = len(found.path.index) > SHORT
     passes = ONCE if long and not (found.options.fixed or found.options.steer) else PASSES
@@ -170,44 +177,20 @@ def _refined(request: _Asked) -> Plan:
                 fixed_plan = every[-1] if fixed_plan is None else min(fixed_plan, every[-1], key=key)
             best = min(best, every[-1], key=key)
         rivals = near
-    led = _leapt(best, job)
+    led = leap_to_better_sequences(best, job)
     if passes < PASSES and len(led) == 1:  # no sequence improved the plan, so the remaining passes are still to be done
         further = refine_plan(best, job, trust=FAR[0])
-        led += [] if further is best else _leapt(further, job)
+        led += [] if further is best else leap_to_better_sequences(further, job)
     every += led
-    if fixed_plan is not None and worth.plan(fixed_plan) <= AS_GOOD * worth.plan(every[-1]):
-        every += [replace(p, over_external=None) for p in _leapt(fixed_plan, still)]
+    if not long and has_stalled(led[-1]):
+        other_starts = [start for start in (*starts.fixed, *starts.others) if start is not found]
+        every += refine_other_starts(sorted(other_starts, key=worth.plan), job, TRUSTS[0])
+    if fixed_plan is not None and worth.plan(fixed_plan) <= FIXED_NEAR * worth.plan(min(every, key=key)):
+        every += [replace(p, over_external=None) for p in leap_to_better_sequences(fixed_plan, still)]
     for one in sorted(every, key=lambda one: (key(one), one.over_external is None)):
         if one.chosen is found.chosen or (key(one) < key(found) and is_drivable(one, toolpath, clock)):
             return one
     return found
-
-
-def _leapt(best: Plan, job: RefinementJob) -> list[Plan]:
-    """Return a local optimum and its improvements by better sequences over grids around it, until one leads no further.
-
-    The lower bound over such sequences (:mod:`machopt.planning.external_axis_optimization.external_axis_bound`) is
-    stored
-    with each plan.
-    """
-    if _lost(best) or best.found is None:
-        return [best]
-    most, out = LEAPS[len(best.path.index) > SHORT], [best]
-    for leap in range(most + 1):
-        with job.clock.stage("external"):
-            around = BoundSearch.of(out[-1], job.groups, VALUES)
-            if isinstance(around, str):
-                break
-            found = around.best()
-            out[-1] = replace(out[-1], over_external=around.bound(found))
-            if found is None or leap == most or found.total > (1.0 - WORTH_IT) * around.own:
-                break
-            start = around.start(found.vertex, out[-1])
-        further = refine_plan(out[-1], job, start=start)
-        if further is out[-1]:
-            break
-        out.append(further)
-    return out
 
 
 def _led_on(found: Plan, request: _Asked) -> Plan:
@@ -216,7 +199,7 @@ def _led_on(found: Plan, request: _Asked) -> Plan:
     groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
     ranking = AxisPlanRanking.of(found.setup, request.axes)
     job = RefinementJob(toolpath=toolpath, groups=groups, worth=ranking, clock=clock, before=request.before)
-    led = _leapt(found, job)
+    led = leap_to_better_sequences(found, job)
     for one in sorted(led[1:], key=_key_of(found.setup, request.axes)):
         if is_drivable(one, toolpath, clock):
             return one
@@ -235,14 +218,20 @@ def _locked(groups: Sequence[OperationGroup]) -> bool:
 
 def _key_of(setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> Callable[[Plan], Key]:
     worth = AxisPlanRanking.of(setup, axes)
-    return lambda one: (_lost(one), worth.plan(one))
+    return lambda one: (count_lost_points(one), worth.plan(one))
 
 
-def _coarse_to_fine(request: _Asked) -> list[Plan]:
-    """Return the best plan over grids of values, and along a curve between them where the joints may move.
+@dataclass(frozen=True)
+class _Starts:
+    """Plans that the refinement begins with."""
 
-    Where they may move, the best plan with fixed joints follows, which may be the same.
-    """
+    best: Plan
+    fixed: tuple[Plan, ...] = ()  # the best one with fixed joints, where others may move; may be the same
+    others: tuple[Plan, ...] = ()  # further ones with moving joints, best first
+
+
+def _coarse_to_fine(request: _Asked) -> _Starts:
+    """Return the best plan over grids of values, and along a curve between them where the joints may move."""
     request = replace(request, options=resolve_steering(request.options, request.toolpath))
     options, before = request.options, request.before
     with request.clock.stage("prepare"):
@@ -251,13 +240,13 @@ def _coarse_to_fine(request: _Asked) -> list[Plan]:
         groups = build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer)
     if _locked(groups):
         at = _spread(path, groups, [g.low for g in groups])
-        return [request.planned(request.scale, setup, at)]
+        return _Starts(request.planned(request.scale, setup, at))
     with request.clock.stage("external"):
         search = FixedValueSearch(setup, options, path, groups, request.axes, request.scale)
         search.judge()
     tries = _Tries(asked=request, setup=setup, path=path, groups=groups, search=search)
     moves = any(g.moves.any() for g in groups)
-    return tries.moving() if moves else [tries.fixed(TRIED)[1]]
+    return tries.moving() if moves else _Starts(tries.fixed(TRIED)[1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,7 +262,7 @@ class _Tries:
     def _planned(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
         request = self.asked if options is None else replace(self.asked, options=options)
         found = request.planned(self.search.scale, self.setup, external)
-        return (_lost(found), self.search.worth.plan(found)), found
+        return (count_lost_points(found), self.search.worth.plan(found)), found
 
     def fixed(self, tried: int) -> tuple[Key, Plan]:
         """Return the best plan with one value per group, among the best few by the estimate and home.
@@ -305,11 +294,10 @@ class _Tries:
                 every.append(self._planned(_spread(self.path, groups, home)))
         return min(every, key=lambda one: one[0])
 
-    def moving(self) -> list[Plan]:
+    def moving(self) -> _Starts:
         """Return the best plan with the joints moving where they may; with fixed values where these are better.
 
         Where no fixed value reaches all stations, fixed values are planned only if moving joints fail too.
-        The best plan with fixed values follows, where there is a complete one.
         """
         search = self.search
         best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
@@ -319,25 +307,26 @@ class _Tries:
         else:
             fixed_values = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
         ways = list_moving_subsets(self.groups, fixed_values, self.asked.cell.external_home)
-        key, found = self._along(ways, fixed_values)
+        (key, found), *others = self._along(ways, fixed_values)
         if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
-            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], fixed_values, turns=True)
+            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], fixed_values, turns=True)[0]
             key, found = min((key, found), wound, key=lambda one: one[0])
-        contacts = _unreached(found) or any(b.pair for b in found.breaks)
+        contacts = count_unreached_points(found) or any(b.pair for b in found.breaks)
         if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
             key, found = min((key, found), self._clear_of_contacts(fixed_values), key=lambda one: one[0])
         if any(g.must.any() for g in self.groups) or (best is None and not key[0]):
-            return [found]  # no position satisfies the requests, or reaches all of the path
+            return _Starts(found)  # no position satisfies the requests, or reaches all of the path
         best = best or self.fixed(MOVES_TRIED)
-        fixed = [best[1]] if best[0][0] == 0 else []
+        fixed = (best[1],) if best[0][0] == 0 else ()
+        complete = tuple(plan for k, plan in others if k[0] == 0)
         if not key < best[0]:
-            return [best[1], *fixed]
+            return _Starts(best[1], fixed, (found, *complete) if key[0] == 0 else complete)
         if fixed:  # there is an alternative if this one cannot be driven
             with self.asked.clock.stage("external"):
                 drives = has_motion(found, self.asked.toolpath)
             if not drives:
-                return [best[1], *fixed]
-        return [found, *fixed]
+                return _Starts(best[1], fixed, complete)
+        return _Starts(found, fixed, complete)
 
     def _clear_of_contacts(self, stands: list[Array]) -> tuple[Key, Plan]:
         """Return the plan along a curve of contact-free poses: for cells where arm or part collide at every fixed
@@ -353,9 +342,11 @@ class _Tries:
             way = compute_moving_axis_path(curves, self.path, self.groups, self.asked.axes, stands)
         return self._planned(way)
 
-    def _along(self, tries: list[list[OperationGroup]], stands: list[Array], turns: bool = False) -> tuple[Key, Plan]:
-        """Return the best plan with the joints moving where they may, all or some
-        (:func:`machopt.planning.external_axes.moving_axes.list_moving_subsets`).
+    def _along(
+        self, tries: list[list[OperationGroup]], stands: list[Array], turns: bool = False
+    ) -> list[tuple[Key, Plan]]:
+        """Return plans with the joints moving where they may, all or some
+        (:func:`machopt.planning.external_axes.moving_axes.list_moving_subsets`), the best first.
 
         Where all of these have breaks, whole turns of the arm's joints are counted, and the other joints may keep a
         different
@@ -364,11 +355,11 @@ class _Tries:
         """
         search = self.search
         with self.asked.clock.stage("external"):
-            light = [replace(axis, weight=LIGHT * axis.weight) for axis in self.asked.axes]
+            scaled = [[replace(axis, weight=w * axis.weight) for axis in self.asked.axes] for w in WEIGHTS]
             curves = AxisCurveSearch(self.setup, self.asked.options, search.scale, turns=turns)
             ways = [
                 compute_moving_axis_path(curves, self.path, some, axes, stands)
-                for some, axes in [*((some, self.asked.axes) for some in tries), (tries[0], light)]
+                for some, axes in [*((some, self.asked.axes) for some in tries), *((tries[0], axes) for axes in scaled)]
             ]
             following = list_following_paths(self.setup, self.path, self.groups, stands)
             following += list_following_paths(self.setup, self.path, self.groups, search.at_home())
@@ -380,11 +371,11 @@ class _Tries:
         looks = replace(self.asked.options, rotation_step=max(self.asked.options.rotation_step, STEP))
         if len(ways) > 1:
             assessed = [self._planned(at, looks) for at in ways]
-            k = min(range(len(ways)), key=lambda k: assessed[k][0])
+            order = sorted(range(len(ways)), key=lambda k: assessed[k][0])
             if looks.rotation_step == self.asked.options.rotation_step:
-                return assessed[k]
-            ways = [ways[k]]
-        return self._planned(ways[0])
+                return [assessed[k] for k in order]
+            ways = [ways[order[0]]]
+        return [self._planned(ways[0])]
 
 
 def _lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
@@ -395,16 +386,6 @@ def _lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
         if np.isfinite(b.after):
             runs.add(int(path.run[np.searchsorted(path.index, b.after - 1e-9)]))
     return [n for n, group in enumerate(groups) if runs & set(group.runs)]
-
-
-def _lost(found: Plan) -> float:
-    """Return the number of points without a configuration plus the number of breaks."""
-    return float(_unreached(found) + len(found.breaks))
-
-
-def _unreached(found: Plan) -> int:
-    """Return the number of points without a configuration where contacts count."""
-    return int(found.path.may_touch[found.missing].sum())
 
 
 def _spread(path: PlanningPath, groups: Sequence[OperationGroup], values: Sequence[Array]) -> Array:

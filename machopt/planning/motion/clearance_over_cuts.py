@@ -54,6 +54,28 @@ class CutSurface:
         cutter = cell.tool.cutter
         return cls(toolpath, max(cutter.diameter / 2.0 if cutter is not None else THINNEST, THINNEST))
 
+    @classmethod
+    def list_near(cls, cell: Cell, toolpath: Toolpath, distance: float) -> CutSurface | None:
+        """Return the cuts of a toolpath, each within a cutter's radius and a distance; None where there are none.
+
+        Args:
+            cell: robot cell with its tool.
+            toolpath: toolpath in the workpiece frame.
+            distance: m, beyond the radius.
+        """
+        if not toolpath.cutting[1:].any():
+            return None
+        cutter = cell.tool.cutter
+        return cls(toolpath, max(cutter.diameter / 2.0 if cutter is not None else THINNEST, THINNEST) + distance)
+
+    def is_below(self, tcp: Array) -> bool:
+        """Return whether no cut near some poses, seen along its axis, is above them.
+
+        Args:
+            tcp: (S, 4, 4) TCP poses in the workpiece frame.
+        """
+        return not _find_higher(np.array(tcp, float, order="C"), self.place, self.axis, self.radius)
+
     def under(self, tcp: Array) -> float:
         """Return the greatest depth in m of some free poses below a cut; 0: all are above.
 
@@ -82,3 +104,18 @@ def _deepest(tcp: Array, place: Array, axis: Array, radius: float, side: float) 
         if seen and -over > deepest:
             deepest = -over
     return deepest
+
+
+@jit_compile
+def _find_higher(tcp: Array, place: Array, axis: Array, radius: float) -> bool:
+    for n in range(len(tcp)):
+        for m in range(len(place)):
+            facing, height, square = 0.0, 0.0, 0.0
+            for c in range(3):
+                up = tcp[n, c, 3] - place[m, c]
+                facing -= axis[m, c] * tcp[n, c, 2]
+                height += axis[m, c] * up
+                square += up * up
+            if facing > 0.0 and height < -BELOW and square - height * height <= radius * radius:
+                return True
+    return False

@@ -105,16 +105,18 @@ def time_legs(steps: Array, limits: Array, most: Array) -> CornerTiming | None:
     return _build_timing(rate, steps, limits) if time < stopping else None
 
 
-def measure_fastest_time(steps: Array, limits: Array, rounded: bool) -> float:
+def measure_fastest_time(steps: Array, limits: Array, rounded: bool, most: Array | None = None) -> float:
     """Return the time in s of consecutive legs, with every corner rounded as far as it may, or with stops.
 
     Args:
         steps: (K, n) rad or m, each with a joint that moves.
         limits: (3, n) speed, acceleration and jerk.
-        rounded: whether corners may be rounded over half of their legs.
+        rounded: whether corners may be rounded.
+        most: (K − 1,) largest share of a leg over which each corner may be rounded; None: half of it.
     """
     steps, limits = np.ascontiguousarray(steps), np.ascontiguousarray(limits)
-    _, time, stopping = _find_rates(steps, limits, np.full(len(steps) - 1, 0.5))
+    shares = np.full(len(steps) - 1, 0.5) if most is None else np.ascontiguousarray(most)
+    _, time, stopping = _find_rates(steps, limits, shares)
     return float(min(time, stopping) if rounded and len(steps) > 1 else stopping)
 
 

@@ -4,12 +4,14 @@ Data flow, after all legs of a motion are planned and free:
 
 1. Consecutive rapid legs make chains of straight steps. A corner of a chain may be rounded unless the machine rests or
    acts there (dwell, stop, spindle, coolant, tool).
-2. :mod:`machopt.planning.motion.corner_timing` times each chain with corners rounded over at most half of either leg.
-3. Each corner is checked: the tool passes the point within ``rapid_blend_mm``; the curve and a fan of chords over the
-   whole triangle of corner, begin and end of the rounding are free, with the clearance of rapid moves; no place of them
-   is under a cut. So any other curve in that triangle, such as that of a controller, is as free as a straight leg.
-4. A corner that fails is rounded over less, in the end not at all, and its chain is timed again.
-5. The legs get new samples, the shares of their ends that are rounded, and the rows nearest to their ends.
+2. Points that a straight move passes near enough are no corners (:mod:`machopt.planning.motion.rapid_chain`).
+3. :mod:`machopt.planning.motion.corner_timing` times each chain with corners rounded over at most half of either leg.
+4. Each corner is checked: the tool passes a point of the file within ``rapid_blend_mm``; the curve and a fan of chords
+   over the triangle of corner, begin and end of the rounding are free, with the clearance of rapid moves; no place of
+   them is under a cut. So any other curve in that triangle, such as that of a controller, is as free as a
+   straight leg.
+5. A corner that fails is rounded over less, in the end not at all, and its chain is timed again.
+6. The legs get new samples, the shares of their ends that are rounded, and the rows nearest to their ends.
 
 The retracts, approaches and cuts before and after a chain are not touched: it begins and ends at rest.
 """
@@ -17,64 +19,38 @@ The retracts, approaches and cuts before and after a chain are not touched: it b
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
 from machopt.planning.motion.corner_timing import CornerTiming, time_legs
 from machopt.planning.motion.motion_segment import MotionSegment
-from machopt.planning.motion.rapid_moves import STILL, RapidTiming, retime_straight_segments
+from machopt.planning.motion.rapid_chain import (
+    CornerSpace,
+    RapidChain,
+    count_standing_rows,
+    find_chains,
+    place_chain_nodes,
+)
+from machopt.planning.motion.rapid_moves import retime_straight_segments
+from machopt.planning.motion.rapid_node_placement import HALF
 
-HALF = 0.5  # of a leg, at most, is rounded at either end: no controller begins before
 LEAST_SHARE = 0.02  # of a leg; a corner rounded over less is a stop
 SMALLER = 0.6  # of the share, where the corner collides
 ROUNDS = 8  # of checking and timing
 CURVE_PLACES, CURVE_STEP = 17, 2  # of the curve of a corner; every second one is checked, and between them straight
 FAN_M, FAN_RAD = 5e-3, float(np.radians(2.5))  # distance of the chords over the triangle, at the tool and in the joints
-SILENT = "comment"  # events of this kind act on nothing
-
-
-@dataclass(frozen=True, kw_only=True)
-class CornerSpace:
-    """What a rounded corner has to keep."""
-
-    timing: RapidTiming  # limits by encoder, and the control sample
-    collision: CollisionModel | None  # None leaves collisions unchecked
-    step: float  # rad, greatest joint step between collision checks
-    deviation: float  # m by which the tool may pass the point
-    compute_tcp: Callable[[Array], Array]  # (S, 6 + E) true angles → (S, 4, 4) in the workpiece
-    compute_true: Callable[[Array], Array]  # (S, 6 + E) encoder angles → true angles
-    barred: Callable[[Array], bool] | None  # whether true angles (S, 6 + E) are under a cut
-
-
-@dataclass
-class _Chain:
-    """Straight steps without a stop that has to be: K of them, K + 1 nodes."""
-
-    nodes: Array  # (K + 1, n) rad or m by encoder
-    of: list[tuple[int, int]]  # leg and way point that each step leads to
-    most: Array  # (K − 1,) largest share at each corner; 0: a stop
-    timings: dict[tuple[int, int], CornerTiming | None] = field(default_factory=dict)  # of its groups
-    nearest: dict[int, float] = field(
-        default_factory=dict
-    )  # s of its group's time, where the tool is nearest to a node
-
-    def list_groups(self) -> list[tuple[int, int]]:
-        """Return first and last node of the steps between two stops."""
-        stops = [0, *(n + 1 for n in np.flatnonzero(self.most <= 0.0).tolist()), len(self.nodes) - 1]
-        return list(itertools.pairwise(stops))
 
 
 @dataclass(frozen=True)
 class _Corner:
     """One rounded corner of a chain."""
 
-    chain: _Chain
+    chain: RapidChain
     node: int
     fan: Array  # (F, n) rad or m, true angles: the curve and chords over the triangle
     off: float  # m by which the tool passes the point where it is nearest
@@ -88,7 +64,8 @@ def round_rapid_corners(legs: Sequence[MotionSegment], toolpath: Toolpath, space
         toolpath: with its events.
         space: what the corners have to keep.
     """
-    chains = _find_chains(legs, toolpath)
+    chains = find_chains(legs, toolpath, space)
+    place_chain_nodes(chains, space)
     for chain in chains:
         _time_chain(chain, space)
     pending = chains
@@ -106,74 +83,21 @@ def round_rapid_corners(legs: Sequence[MotionSegment], toolpath: Toolpath, space
             _time_chain(chain, space)
     out = list(legs)
     for chain in chains:
-        if any(timing is not None for timing in chain.timings.values()):
+        if chain.placement.passed.any() or any(timing is not None for timing in chain.timings.values()):
             _resample(out, chain, space)
     return out
 
 
-def _find_chains(legs: Sequence[MotionSegment], toolpath: Toolpath) -> list[_Chain]:
-    """Return the chains of at least two steps."""
-    acting = {event.index - 1 for event in toolpath.events if event.kind != SILENT}
-    chains: list[_Chain] = []
-    nodes: list[Array] = []
-    of: list[tuple[int, int]] = []
-    most: list[float] = []
-
-    def close() -> None:
-        if len(of) > 1 and any(most[1:]):
-            chains.append(_Chain(np.array(nodes), list(of), np.array(most[1:])))
-        nodes.clear()
-        of.clear()
-        most.clear()
-
-    for k, leg in enumerate(legs):
-        x = np.hstack([leg.q, leg.external])
-        targets = np.hstack([leg.waypoints, leg.waypoint_external])
-        steps = np.diff(np.vstack([x[:1], targets]), axis=0)
-        if leg.name != "rapid" or (np.abs(steps).max(axis=1) < STILL).any():
-            close()
-            continue
-        if not of:
-            nodes.append(x[0])
-        stands = count_standing_rows(leg)
-        place = legs[k - 1].index[-1] if k else np.nan
-        joined = bool(of) and not stands[0] and np.isfinite(place) and round(float(place)) not in acting
-        for n, target in enumerate(targets):
-            most.append(HALF if n or joined else 0.0)
-            nodes.append(target)
-            of.append((k, n))
-        if stands[1]:
-            close()
-    close()
-    return chains
-
-
-def count_standing_rows(leg: MotionSegment) -> tuple[int, int]:
-    """Return how many additional rows a leg stands at its begin and at its end.
-
-    Args:
-        leg: leg that moves.
-    """
-    x = np.hstack([leg.q, leg.external])
-    moved_first, moved_last = (np.flatnonzero((x != x[end]).any(axis=1)) for end in (0, -1))
-    if not len(moved_first):
-        return 0, 0
-    return int(moved_first[0]) - 1, len(x) - 2 - int(moved_last[-1])
-
-
-def _time_chain(chain: _Chain, space: CornerSpace) -> None:
+def _time_chain(chain: RapidChain, space: CornerSpace) -> None:
     """Time the groups of a chain; where rounding saves nothing, its corners become stops."""
-    timing, axes = space.timing, chain.nodes.shape[1]
-    bounds = (timing.limits.velocity, timing.limits.acceleration, timing.limits.jerk)
-    limits = timing.scale * np.array([np.asarray(bound)[:axes] for bound in bounds])
-    steps = np.diff(chain.nodes, axis=0)
+    limits, steps = space.build_limits(chain.nodes.shape[1]), np.diff(chain.corners, axis=0)
     chain.timings, chain.nearest = {}, {}
     for first, last in chain.list_groups():
         chain.timings[first, last] = None
         if last - first < 2:
             continue
         found = time_legs(steps[first:last], limits, chain.most[first : last - 1])
-        if found is not None and _has_rows(found, timing.sample):
+        if found is not None and _has_rows(found, space.timing.sample):
             chain.timings[first, last] = found
 
 
@@ -198,7 +122,7 @@ def _find_rows(timing: CornerTiming, sample: float, nearest: Sequence[float]) ->
     return rows
 
 
-def _list_corners(chain: _Chain, space: CornerSpace) -> list[_Corner]:
+def _list_corners(chain: RapidChain, space: CornerSpace) -> list[_Corner]:
     out = []
     for (first, _), timing in chain.timings.items():
         for n in range(1, len(timing.weight)) if timing is not None else ():
@@ -206,24 +130,26 @@ def _list_corners(chain: _Chain, space: CornerSpace) -> list[_Corner]:
     return out
 
 
-def _build_corner(chain: _Chain, node: int, timing: CornerTiming, n: int, space: CornerSpace) -> _Corner:
-    w, before, after = chain.nodes[node], chain.nodes[node - 1], chain.nodes[node + 1]
+def _build_corner(chain: RapidChain, node: int, timing: CornerTiming, n: int, space: CornerSpace) -> _Corner:
+    before, w, after = chain.corners[node - 1 : node + 2]
     shares = timing.get_rounded_shares(n)
     m = timing.get_curve(n)
     times = timing.start[m] + np.linspace(0.0, timing.length[m], CURVE_PLACES)
     driven = timing.compute_shares(times)[:, n - 1 : n + 1]
     curve = w - (1.0 - driven[:, :1]) * (w - before) + driven[:, 1:] * (after - w)
     ends = np.array([w - shares[0] * (w - before), w + shares[1] * (after - w)])
-    place = space.compute_tcp(space.compute_true(np.vstack([w, ends, curve])))[:, :3, 3]
-    off = np.linalg.norm(place - place[0], axis=1)
-    chain.nearest[node] = float(times[int(np.argmin(off[3:]))])
-    height = measure_height(place[:3], 1.0 / FAN_M), measure_height(np.vstack([w, ends])[:, :6], 1.0 / FAN_RAD)
+    own = chain.kept[node]
+    place = space.compute_place(np.vstack([chain.nodes[own], w, ends, curve]))
+    off = np.linalg.norm(place[4:] - place[0], axis=1)
+    chain.nearest[node] = float(times[int(np.argmin(off))])
+    height = measure_height(place[1:4], 1.0 / FAN_M), measure_height(np.vstack([w, ends])[:, :6], 1.0 / FAN_RAD)
     count = max(int(np.ceil(max(height))), 1)
     rows = [curve[::CURVE_STEP]]
     for k in [2] if count == 2 else range(count, 0, -1):  # of two chords the curve is about the inner one
         chord = w + k / count * (ends - w)
         rows.append(chord[::-1] if (count - k) % 2 == 0 else chord)
-    return _Corner(chain, node, space.compute_true(np.vstack(rows)), float(off[3:].min()))
+    passing = float(off.min()) if chain.limited[own] else 0.0  # no file asks for the way points of a detour
+    return _Corner(chain, node, space.compute_true(np.vstack(rows)), passing)
 
 
 def measure_height(triangle: Array, scale: float) -> float:
@@ -235,9 +161,9 @@ def measure_height(triangle: Array, scale: float) -> float:
     return scale * float(np.linalg.norm(corner - begin - share * way))
 
 
-def _shrink_failed_corners(corners: list[_Corner], space: CornerSpace) -> list[_Chain]:
+def _shrink_failed_corners(corners: list[_Corner], space: CornerSpace) -> list[RapidChain]:
     """Lower the shares of the corners that fail; return their chains."""
-    failed: list[_Chain] = []
+    failed: list[RapidChain] = []
     wide = [corner.off > space.deviation for corner in corners]
     for corner, too_wide in zip(corners, wide, strict=True):
         if too_wide:
@@ -270,29 +196,46 @@ def _find_hits(corners: list[_Corner], space: CornerSpace) -> list[bool]:
     return [bool(hit[a:b].any()) for a, b in itertools.pairwise(ends.tolist())]
 
 
-def _resample(legs: list[MotionSegment], chain: _Chain, space: CornerSpace) -> None:
+def _resample(legs: list[MotionSegment], chain: RapidChain, space: CornerSpace) -> None:
     """Give the legs of a chain their samples, the rows of their way points, and the shares that are rounded."""
-    timing, pieces = space.timing, dict[int, Array]()
+    timing, pieces, corners = space.timing, list[Array](), chain.corners
     shares = np.zeros((len(chain.nodes), 2))
+    shares[chain.placement.passed] = HALF
     for (first, last), found in chain.timings.items():
-        nodes = chain.nodes[first : last + 1]
+        nodes = corners[first : last + 1]
         if found is None:
-            for n, pair in enumerate(itertools.pairwise(nodes)):
-                pieces[first + n] = retime_straight_segments(np.array(pair), timing.limits, timing.scale, timing.sample)
+            for pair in itertools.pairwise(nodes):
+                pieces.append(retime_straight_segments(np.array(pair), timing.limits, timing.scale, timing.sample))
             continue
         rows = _find_rows(found, timing.sample, [chain.nearest[n] for n in range(first + 1, last)])
         x = nodes[0] + found.compute_shares(np.linspace(0.0, found.duration, rows[-1] + 1)) @ np.diff(nodes, axis=0)
         x[0], x[-1] = nodes[0], nodes[-1]
-        for n, (a, b) in enumerate(itertools.pairwise(rows)):
-            pieces[first + n] = x[a : b + 1]
+        pieces += [x[a : b + 1] for a, b in itertools.pairwise(rows)]
         for n in range(1, last - first):
-            shares[first + n] = found.get_rounded_shares(n)
+            shares[chain.kept[first + n]] = chain.compute_shares(first + n, found.get_rounded_shares(n))
+    steps = [
+        part
+        for piece, (a, b) in zip(pieces, itertools.pairwise(chain.kept), strict=True)
+        for part in _split_at_passed(piece, chain.placement.nodes[[a, b]], chain.placement.share[a + 1 : b])
+    ]
     for k in sorted({leg for leg, _ in chain.of}):
-        steps = [n for n, (leg, _) in enumerate(chain.of) if leg == k]
-        legs[k] = _replace_samples(legs[k], [pieces[n] for n in steps], shares[[n + 1 for n in steps]])
+        own = [n for n, (leg, _) in enumerate(chain.of) if leg == k]
+        ends = [n + 1 for n in own]
+        legs[k] = _replace_samples(legs[k], [steps[n] for n in own], chain.placement.nodes[ends], shares[ends])
 
 
-def _replace_samples(leg: MotionSegment, pieces: list[Array], shares: Array) -> MotionSegment:
+def _split_at_passed(x: Array, ends: Array, share: Array) -> list[Array]:
+    """Return the samples (S, n) of a straight move in parts: to each passed node, at its share of the move, and on."""
+    way = ends[1] - ends[0]
+    along = (x - ends[0]) @ way / float(way @ way)
+    rows = [0]
+    for n, f in enumerate(share):
+        rows.append(int(np.clip(np.argmin(np.abs(along - f)), rows[-1] + 1, len(x) - 1 - (len(share) - n))))
+    rows.append(len(x) - 1)
+    return [x[a : b + 1] for a, b in itertools.pairwise(rows)]
+
+
+def _replace_samples(leg: MotionSegment, pieces: list[Array], targets: Array, shares: Array) -> MotionSegment:
     x = np.vstack([pieces[0], *(piece[1:] for piece in pieces[1:])])
     ends = np.cumsum([len(piece) - 1 for piece in pieces])
     stands, n = count_standing_rows(leg), len(x)
@@ -304,6 +247,8 @@ def _replace_samples(leg: MotionSegment, pieces: list[Array], shares: Array) -> 
         move=np.full(n, leg.move[-1], np.int8),
         operation=np.full(n, leg.operation[-1], np.int32),
         gamma=np.full(n, np.nan),
+        waypoints=targets[:, :6],
+        waypoint_external=targets[:, 6:],
         waypoint_row=ends,
         rounded=shares,
     )

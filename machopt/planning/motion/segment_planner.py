@@ -21,7 +21,7 @@ from machopt.planning.motion.motion_segment import (
     label_cut_samples,
     select_program_points,
 )
-from machopt.planning.motion.rapid_corners import CornerSpace
+from machopt.planning.motion.rapid_chain import CornerSpace
 from machopt.planning.motion.rapid_moves import (
     UNDER,
     BlockedRapid,
@@ -73,6 +73,7 @@ class SegmentPlanner:
         self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
         self.level = CutSurface.of(plan.setup.cell, toolpath)
         self.graze = BELOW + self._shifted()
+        self.cuts = CutSurface.list_near(plan.setup.cell, toolpath, plan.options.rapid_blend)
 
     def rapid(self, a: RestPose, b: RestPose, extensions: int) -> MotionSegment | SequenceBreak:
         """Return the rapid move between two rest poses, or the break where none is found.
@@ -153,13 +154,31 @@ class SegmentPlanner:
             timing=RapidTiming(limits, options.rapid_scale, options.sample),
             collision=setup.collision,
             step=options.collision_step,
-            deviation=options.rapid_blend,
+            deviation=max(options.rapid_blend - self._measure_rapid_shift(), 0.0),
             compute_tcp=lambda x: setup.arm.machine.compute_fk(x, setup.arm.T_flange_tcp),
             compute_true=lambda x: (
                 x if correction is None else np.hstack([correction.compute_true_angles(x[:, :6]), x[:, 6:]])
             ),
             barred=None if self.level is None else self._under,
+            is_above_cuts=self._is_above_cuts,
         )
+
+    def _measure_rapid_shift(self) -> float:
+        """Return the largest distance in m of the tool at rapid points from those of the file: a shift or a tilt."""
+        rows = np.flatnonzero(self.path.is_point & (self.path.move == MoveKind.RAPID))
+        arm = self.plan.setup.arm
+        x = self.path.whole(self.q[rows], rows.astype(np.int32))
+        known = np.isfinite(x).all(axis=1)
+        if not known.any():
+            return 0.0
+        place = arm.machine.compute_fk(x[known], arm.T_flange_tcp)[:, :3, 3]
+        stated = self.toolpath.position[np.round(self.path.index[rows[known]]).astype(int)]
+        return float(np.linalg.norm(place - stated, axis=1).max())
+
+    def _is_above_cuts(self, x: Array) -> bool:
+        """Return whether true angles (S, 6 + E) are above all cuts that a moved corner may come near to."""
+        arm = self.plan.setup.arm
+        return self.cuts is None or self.cuts.is_below(arm.machine.compute_fk(x, arm.T_flange_tcp))
 
     def _shifted(self) -> float:
         """Return the distance in m of the commanded cuts from those of the file: a free move begins where a shifted

@@ -261,17 +261,20 @@ class _Builder:
 
     def _in_part(self, q: Array, external: Array) -> tuple[Array, Array]:
         """Return (S, 3) m, the TCP where the feed is measured: in the workpiece frame where an external joint moves
-        it; and (S, 3, 3) its rotation there.
+        it; and (S, 3, 3) its rotation there, (0, 3, 3) where no tool axis is tilted.
         """
         setup, T_flange_tcp = self.plan.setup, self.plan.setup.cell.tool.T_flange_tcp
-        out, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+        is_tilted = self.path.untilted is not None
+        out, rotation = np.empty((len(q), 3)), np.empty((len(q) if is_tilted else 0, 3, 3))
         for start in range(0, len(q), BLOCK):  # the frames of all joints need much more memory than the result
             some = slice(start, start + BLOCK)
             if not setup.arm.machine.external_count:
                 T = setup.robot.compute_fk(q[some], T_flange_tcp)
             else:
                 T = setup.arm.machine.compute_fk(np.hstack([q[some], external[some]]), T_flange_tcp)
-            out[some], rotation[some] = T[:, :3, 3], T[:, :3, :3]
+            out[some] = T[:, :3, 3]
+            if is_tilted:
+                rotation[some] = T[:, :3, :3]
         return out, rotation
 
     def _joined(self) -> Trajectory:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +26,7 @@ from machopt.data_types.slow_moves import ARM, TURN_BACK
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.rigid_transforms import compute_tool_rotation, normalise_vectors
+from machopt.planning.retiming.smooth_stretches import fill_smooth_stretches
 from machopt.planning.retiming.taylor_series import compute_curve_derivatives, compute_frame_derivatives
 
 MERGE = 2e-6  # m of path: points nearer than this to the last kept one are merged
@@ -34,6 +35,7 @@ TURN_BACK_COS = np.cos(TURN_BACK)  # corners with a stop
 FLIP = np.cos(np.radians(170.0))  # linear interpolation of axis vectors is no rotation beyond this angle
 TIME = 0.1  # s of travel at the programmed feed: the widest rounding
 SPIN_TOLERANCE = np.radians(0.2)  # of reference and spin, where only smoothness matters
+CHECKED = 8  # places of each segment that are compared with its line
 GRADE = 1.0  # neighbouring half-widths differ by at most this share of their distance
 NODES = 5  # nodes per half-width
 COARSE = 2.5e-3  # m, largest distance of nodes
@@ -56,8 +58,8 @@ class PathCurve:
     u: Array  # (m,) m, parameter of the vertices, as :func:`compute_path_parameter` counts it
     X: Array  # (m, 10) vertices: position, axis, reference, spin about the axis
     width: Array  # (m, 2) m, half-width of the rounding of (position, axis) and of (reference, spin)
-    first: NDArray[np.int64]  # (m,) point of the run where the vertex begins
-    last: NDArray[np.int64]  # (m,) point where it ends: points in between are passed at rest
+    first: Array  # (m,) point of the run where the vertex begins; fractional between points
+    last: Array  # (m,) point where it ends: points in between are passed at rest
     turns: Array  # (m,) rad, spin − phi: part of the spin from the change of reference
     phi_curve: Callable[[Array], Array] | None
 
@@ -180,7 +182,13 @@ def build_curves(points: RunPoints, tolerances: CornerTolerances) -> list[PathCu
     rest = points.phi[at] - smooth  # a curve that misses the points is corrected
     X = np.column_stack([points.position[at], n, base, turn + rest])
     polyline = PathCurve(
-        u=u, X=X, width=np.zeros((len(u), 2)), first=first, last=last, turns=turn, phi_curve=points.phi_curve
+        u=u,
+        X=X,
+        width=np.zeros((len(u), 2)),
+        first=first.astype(float),
+        last=last.astype(float),
+        turns=turn,
+        phi_curve=points.phi_curve,
     )
     wide = np.minimum(points.feed[last[:-1] + 1], np.r_[np.inf, points.feed[last[:-2] + 1]]) * TIME
     return [_round_part(polyline, a, b, wide, tolerances) for a, b in pairwise(_find_stops(polyline, points.rests))]
@@ -196,23 +204,64 @@ def _find_stops(polyline: PathCurve, rests: tuple[int, ...]) -> NDArray[np.int64
 
 
 def _round_part(polyline: PathCurve, a: int, b: int, wide: Array, tolerances: CornerTolerances) -> PathCurve:
-    """Return the part between the stops a and b with its half-widths; ``wide`` (m − 1,) m: largest at the vertices."""
+    """Return the part between the stops a and b, rounded; ``wide`` (m − 1,) m: largest half-width at the vertices.
+
+    Smooth stretches are filled up first (:mod:`machopt.planning.retiming.smooth_stretches`). Where the result leaves
+    the polyline by more than the tolerance, they are not.
+    """
     part = slice(a, b + 1)
-    u, X = polyline.u[part], polyline.X[part]
-    width = np.zeros((b - a + 1, 2))
-    cap = wide[a + 1 : b]
-    scale = np.r_[np.full(3, 1 / tolerances.position), np.full(3, 1 / tolerances.axis)]
-    width[:, 0] = _half_widths(u, X[:, POSE] * scale, (0, 3, 6), cap)
-    width[:, 1] = _half_widths(u, X[:, TURN] / tolerances.spin, (0, 4), 2.0 * cap)
-    return PathCurve(
-        u=u,
-        X=X,
-        width=width,
+    lines = PathCurve(
+        u=polyline.u[part],
+        X=polyline.X[part],
+        width=np.zeros((b - a + 1, 2)),
         first=polyline.first[part],
         last=polyline.last[part],
         turns=polyline.turns[part],
         phi_curve=polyline.phi_curve,
     )
+    cap = np.append(wide, np.inf)[a : b + 1]
+    scale = np.r_[np.full(3, 1 / tolerances.position), np.full(3, 1 / tolerances.axis)]
+    filled = fill_smooth_stretches(lines.u, lines.X[:, POSE], scale, cap)
+    if filled is not None:
+        rows = np.arange(len(lines.u))
+        X = np.column_stack([np.interp(filled.segment, rows, column) for column in lines.X.T])
+        X[:, POSE] = filled.pose
+        share = filled.segment - np.floor(filled.segment)
+        on = np.floor(filled.segment).astype(int)
+        after = np.minimum(on + 1, len(rows) - 1)
+        place = lines.last[on] + share * (lines.first[after] - lines.last[on])
+        smooth = replace(
+            lines,
+            u=filled.u,
+            X=X,
+            width=np.zeros((len(X), 2)),
+            first=np.where(share > 0.0, place, lines.first[on]),
+            last=np.where(share > 0.0, place, lines.last[on]),
+            turns=np.interp(filled.segment, rows, lines.turns),
+        )
+        curve = _round_vertices(
+            smooth, np.minimum(cap[on], cap[np.ceil(filled.segment).astype(int)]), scale, tolerances
+        )
+        if _measure_excess(curve, lines, scale) <= 1.0:
+            return curve
+    return _round_vertices(lines, cap, scale, tolerances)
+
+
+def _round_vertices(lines: PathCurve, cap: Array, scale: Array, tolerances: CornerTolerances) -> PathCurve:
+    """Return a polyline with its half-widths; ``cap`` (m,) m: the largest at each vertex."""
+    width = np.zeros((len(lines.u), 2))
+    width[:, 0] = _half_widths(lines.u, lines.X[:, POSE] * scale, (0, 3, 6), cap[1:-1])
+    width[:, 1] = _half_widths(lines.u, lines.X[:, TURN] / tolerances.spin, (0, 4), 2.0 * cap[1:-1])
+    return replace(lines, width=width)
+
+
+def _measure_excess(curve: PathCurve, lines: PathCurve, scale: Array) -> float:
+    """Return the largest deviation of position or axis from the polyline, in units of the tolerances."""
+    share = np.arange(CHECKED) / CHECKED
+    u = np.r_[(lines.u[:-1, None] + share * np.diff(lines.u)[:, None]).ravel(), lines.u[-1]]
+    straight = np.column_stack([np.interp(u, lines.u, column) for column in lines.X[:, POSE].T])
+    off = (replace(curve, phi_curve=None).coordinates(u)[:, 0, POSE] - straight) * scale
+    return float(np.sqrt(np.maximum((off[:, :3] ** 2).sum(axis=1), (off[:, 3:] ** 2).sum(axis=1)).max()))
 
 
 def _vertices(position: Array, R: Array, u: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -444,7 +444,9 @@ def _feed_cap(run: RunInput, curve: PathCurve, u: Array, slope: Array) -> Array:
     Each move has its own feed from end to end. A higher one applies immediately behind its first point. A lower one is
     reached a sample earlier, because the step between two samples is assessed by the move it ends on.
     """
-    feed = run.feed[curve.first[1:]]  # of the piece between two vertices: the move to the point it leads to
+    feed = run.feed[
+        np.ceil(curve.first[1:] - 1e-9).astype(int)
+    ]  # of the piece between two vertices: the move to the point it leads to
     i = np.clip(np.searchsorted(curve.u, u, side="right") - 1, 0, len(feed) - 1)
     cap = feed[i]
     vertex = np.minimum(np.r_[feed[0], feed], np.r_[feed, feed[-1]])

@@ -56,8 +56,11 @@ class CandidateGrid:
         return np.asarray(self.phi[rotation] + (0.0 if self.nudge is None else self.nudge[stations]))
 
     def without_joints(self) -> CandidateGrid:
-        """Return the grid without its joints, (S, R, B, 0): by far its largest table, which only the search needs."""
-        return replace(self, q=np.empty((*self.q.shape[:3], 0)))
+        """Return the grid without its joints, (S, R, B, 0), its largest table, and with one turn for all of them.
+
+        Only the search needs either.
+        """
+        return replace(self, q=np.empty((*self.q.shape[:3], 0)), feasible=self.usable[..., None])
 
     def reason_of_rotation(self) -> NDArray[np.uint8]:
         """Return (S, R) OK where any branch is feasible, else the reason of the branch that came furthest."""

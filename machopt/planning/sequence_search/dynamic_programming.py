@@ -259,6 +259,17 @@ class SequenceGrid:
         )
 
 
+def _find_whole_rows(q: Array) -> tuple[Array, int]:
+    """Return contiguous joints and the stride of the rotations in them: a thinned grid is a view of the fine one."""
+    whole, rotations = q.base, q.shape[1]
+    if q.flags.c_contiguous or whole is None or whole.ndim != q.ndim or not whole.flags.c_contiguous:
+        return np.ascontiguousarray(q), 1
+    every = whole.shape[1] // rotations
+    thinned = whole[:, ::every]
+    same = thinned.shape == q.shape and thinned.strides == q.strides and whole.ctypes.data == q.ctypes.data
+    return (whole, every) if same else (np.ascontiguousarray(q), 1)
+
+
 @dataclass
 class _Part:
     """A stretch of the stations while it is chosen."""
@@ -295,11 +306,13 @@ class _Part:
         g, rows = self.grid, self.rows
         edges = self.edges if edges is None else edges
         flight = FlightPrices.of(g.rapid, len(g.window))
+        q, every = _find_whole_rows(g.candidates.q)
         stations = np.arange(rows.start, rows.stop + 1)
         before, closed = (np.searchsorted(s, stations).astype(np.int64) for s in (edges.station, edges.closed[:, 0]))
         answer: tuple[Ints, float, int, NDArray[np.bool_], NDArray[np.bool_]] = find_cheapest_sequence(
             g.node[rows],
-            np.ascontiguousarray(g.candidates.q[rows]),
+            q[rows],
+            every,
             np.zeros((1, 6)) if loose else g.candidates.turns,
             mask,
             self.window,

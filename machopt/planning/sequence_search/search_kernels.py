@@ -60,14 +60,14 @@ def _sort(value: Array, order: NDArray[np.int64]) -> None:
 
 
 @jit_compile
-def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
+def _groups(before: Array, q: Array, every: int, turns: Array) -> Any:  # numba infers
     """Return the reachable vertices in groups of neighbours, which bound a rapid move.
 
     Returns (K,) the vertices, (G, 2) where each group begins and ends in them, (G, 2, 6) rad its corners in joint space
     and (G,) its least cost to come; the groups with the least cost first.
     """
     R, B, _ = q.shape
-    T = len(turns)
+    R, T = R // every, len(turns)
     members = np.empty(len(before), np.int64)
     most = ((R + GROUP - 1) // GROUP) * B * T
     group, corner = np.zeros((most, 2), np.int64), np.empty((most, 2, 6))
@@ -81,7 +81,7 @@ def _groups(before: Array, q: Array, turns: Array) -> Any:  # numba infers
                     u = (r * B + b) * T + t
                     if before[u] < np.inf:
                         for i in range(6):
-                            x = q[r, b, i] + turns[t, i]
+                            x = q[r * every, b, i] + turns[t, i]
                             corner[G, 0, i] = min(corner[G, 0, i], x) if n > start else x
                             corner[G, 1, i] = max(corner[G, 1, i], x) if n > start else x
                         cheapest[G] = min(cheapest[G], before[u]) if n > start else before[u]
@@ -195,6 +195,7 @@ def _list_source_turns(turns: Array) -> Ints:
 @jit_compile
 def _find_flight_source(
     q: Any,
+    every: int,
     turns: Any,
     here: tuple[int, int, int, int],
     last: int,
@@ -214,8 +215,8 @@ def _find_flight_source(
 ) -> Any:  # numba infers
     """Return the least price below ``most`` up to a vertex behind a rapid move, without its own, and its source or −1.
 
-    The other arguments are as in :func:`find_cheapest_sequence` and :func:`_groups`; ``here`` is the station, rotation,
-    branch and turn of the vertex, ``rotation`` that of the same posture at the station ``last``.
+    The other arguments are as in :func:`find_cheapest_sequence` and :func:`_groups`; ``here`` is the station, row of
+    ``q``, branch and turn of the vertex, ``rotation`` that of the same posture at the station ``last``.
     """
     s, r, b, t = here
     B, T = q.shape[2], len(turns)
@@ -223,7 +224,7 @@ def _find_flight_source(
     for tu in range(T):  # the same posture first: near, so that few others are examined
         u = (rotation * B + b) * T + tu
         if before[u] < value:
-            start = (last, rotation, b, tu)
+            start = (last, rotation * every, b, tu)
             room = value - before[u]
             way = price_flight(q, turns, here, start, loose, travel, room, need, external_need, flight)
             if before[u] + way < value:
@@ -244,7 +245,7 @@ def _find_flight_source(
             bj = u // T % B
             if before[u] >= value or shut[bj, b]:
                 continue
-            start = (last, u // (B * T), bj, u % T)
+            start = (last, u // (B * T) * every, bj, u % T)
             room = value - before[u]
             way = price_flight(q, turns, here, start, loose, travel, room, need, external_need, flight)
             if before[u] + way < value:
@@ -275,6 +276,7 @@ def _trace_sequence(back: Ints, exists_at: Any, v: int, last: int, size: tuple[i
 def find_cheapest_sequence(
     node: Any,
     q: Any,
+    every: int,
     turns: Any,
     feasible: Any,
     window: Any,
@@ -310,7 +312,8 @@ def find_cheapest_sequence(
 
     Args:
         node: (S, R, B) price of each vertex.
-        q: (S, R, B, 6) rad, NaN where the branch does not exist.
+        q: (S, R·every, B, 6) rad, NaN where the branch does not exist.
+        every: each how many rotations of q belong to the grid; a copy of them would take 100 MiB on long jobs.
         turns: (T, 6) rad, whole turns.
         feasible: (S, R, B, T) vertices that may be used.
         window: (S,) grid steps that the rotation may change, FREE or LIFT.
@@ -364,7 +367,7 @@ def find_cheapest_sequence(
     usable, to_go = _bound_vertices(node, feasible)
     source_turn = _list_source_turns(turns)
     values, sources = np.empty(T), np.empty(T, np.int64)
-    members, group, corner, cheapest = _groups(before, q[0], turns)
+    members, group, corner, cheapest = _groups(before, q[0], every, turns)
     s = -1
     lift = False  # the station is repeated as after a rapid move
     while s < S - 1 or lift:
@@ -375,7 +378,7 @@ def find_cheapest_sequence(
         free = window[s] < 0 or lift
         lift = False
         if free and not fresh:
-            members, group, corner, cheapest = _groups(before, q[last], turns)
+            members, group, corner, cheapest = _groups(before, q[last], every, turns)
         for r in range(R):
             for b in range(B):
                 if not usable[s, r, b]:
@@ -391,8 +394,8 @@ def find_cheapest_sequence(
                     for t in range(T):
                         if feasible[s, r, b, t]:
                             values[t], sources[t] = _find_flight_source(
-                                q, turns, (s, r, b, t), last, ru, before, members, group, corner, cheapest,
-                                shut, loose, price_q[s], need, external_need, flight, most,
+                                q, every, turns, (s, r * every, b, t), last, ru, before, members, group, corner,
+                                cheapest, shut, loose, price_q[s], need, external_need, flight, most,
                             )  # fmt: skip
                 else:
                     highest = most  # upper bound of the values found so far: higher ones are irrelevant for every turn
@@ -416,7 +419,7 @@ def find_cheapest_sequence(
                                 at = ((r * B + b) * (2 * window[s] + 1) + k) * (1 if stable else B)
                                 at += start[s] + (0 if stable else bu)
                             if at < 0 or turned[at] == 0:
-                                code, step, slow = _step(q[s, r, b], q[last, ru, bu], slowness, largest)
+                                code, step, slow = _step(q[s, r * every, b], q[last, ru * every, bu], slowness, largest)
                                 late = late_compiled(slow, seconds[s])
                                 edge = edge_price_compiled(step, turn, late, price_q[s], price_r[s], price_t[s])
                                 if at >= 0:

@@ -6,7 +6,7 @@ from machopt.programs.maker_contract import ProgramLanguage
 
 # PROC of Sinumerik: heads of an archive, or types that RAPID does not have
 _SINUMERIK = (
-    r"^\s*(?:%_N_\w+_[MS]PF|(?:N\d+\s*)?PROC\s+\w+\s*\(\s*(?:VAR\s+)?(?:REAL|INT|BOOL|CHAR|STRING|AXIS|FRAME)\b)"
+    r"^\s*(?:%_N_\w+_[MS]PF|(?:N[0-9]+\s*)?PROC\s+\w+\s*\(\s*(?:VAR\s+)?(?:REAL|INT|BOOL|CHAR|STRING|AXIS|FRAME)\b)"
 )
 
 LANGUAGES = (

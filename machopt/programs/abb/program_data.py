@@ -26,9 +26,9 @@ from machopt.programs.reading.rotation_conventions import build_pose_matrix, con
 
 ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
 DEEPEST = 20
-_ZONE = re.compile(r"Z(\d{1,3})")
+_ZONE = re.compile(r"Z([0-9]{1,3})")
 Quaternion = tuple[float, float, float, float]  # w first
-_SPEED = re.compile(r"V(\d{1,5})")
+_SPEED = re.compile(r"V([0-9]{1,5})")
 
 
 class RapidData:

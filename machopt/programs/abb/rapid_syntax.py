@@ -12,7 +12,8 @@ from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.program_builder import parse_number
 
 _TOKEN = re.compile(
-    r'[ \t\f]+|(!.*)|("(?:[^"]|"")*"?)|((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)|([A-Za-z_]\w*)|(:=|<>|<=|>=|.)'
+    r'[ \t\f]+|(!.*)|("(?:[^"]|"")*"?)|((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)'
+    r"|([A-Za-z_]\w*)|(:=|<>|<=|>=|.)"
 )
 _DECLARE = ("CONST", "PERS", "VAR", "TASK", "LOCAL")
 BLOCKS = {"IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "TEST": "ENDTEST"}
@@ -34,9 +35,9 @@ _LINE_WORDS = frozenset(
         "DEFAULT",
     )
 )
-_NUMBERS = re.compile(r"\[[-+.,\d\seE\[\]]{0,2000}\](?=\s*[,;\\])")
+_NUMBERS = re.compile(r"\[[-+.,0-9\seE\[\]]{0,2000}\](?=\s*[,;\\])")
 _PLAIN_MOVE = re.compile(
-    r"\s*(Move(?:L|J|AbsJ))\s+(\[[-+.,\d\seE\[\]]{0,2000}\])\s*,\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*,"
+    r"\s*(Move(?:L|J|AbsJ))\s+(\[[-+.,0-9\seE\[\]]{0,2000}\])\s*,\s*([A-Za-z_]\w*)\s*,\s*([A-Za-z_]\w*)\s*,"
     r"\s*([A-Za-z_]\w*)\s*(?:\\(WObj)\s*:=\s*([A-Za-z_]\w*)\s*)?;\s*",
     re.IGNORECASE,
 )

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.program_builder import parse_number
 
-_LINE = re.compile(r"\s*(\d*)\s*:\s*(.*)")
-_P = re.compile(r"P\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)
-_GROUP = re.compile(r"GP(\d)\s*:?")
-_ITEM = re.compile(r"\b([XYZWPRJE]\d?)\s*=\s*([-+.\d]+(?:[eE][-+]?\d+)?|\*+)\s*(mm|deg|in)?")
-_FRAME = re.compile(r"\b(UF|UT)\s*:\s*(\d+|F)")
+_LINE = re.compile(r"\s*([0-9]*)\s*:\s*(.*)")
+_P = re.compile(r"P\s*\[\s*([0-9]+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)
+_GROUP = re.compile(r"GP([0-9])\s*:?")
+_ITEM = re.compile(r"\b([XYZWPRJE][0-9]?)\s*=\s*([-+.0-9]+(?:[eE][-+]?[0-9]+)?|\*+)\s*(mm|deg|in)?")
+_FRAME = re.compile(r"\b(UF|UT)\s*:\s*([0-9]+|F)")
 _CONFIG = re.compile(r"CONFIG\s*:?\s*'([^']*)'")
+_TURN_COUNTS = re.compile(r"[-+]?[0-9]+")
+_BETWEEN = re.compile(r"[\s,:]*")  # what may stand between the values of a position
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +100,8 @@ def _parse_positions(part: FanucFile, start: int) -> None:
             bits["config"] = "".join(words[0].split())
             turns = [parse_number(w) for w in words[1:]]
             bits["turns"] = tuple(int(t) for t in turns if t is not None)
+            strange = next((w for w in words[1:] if w and not _TURN_COUNTS.fullmatch(w)), None)
+            fault = fault or ("" if strange is None else f"the turn {strange!r} is no whole number")
         others = [values[k] for k in sorted(values) if k.startswith("E")]
         for group in sorted(sections):
             if group != "1":
@@ -118,10 +122,20 @@ def _parse_positions(part: FanucFile, start: int) -> None:
 
 
 def _parse_values(text: str) -> tuple[dict[str, float], str]:
+    """The values of one motion group, and what is wrong with them.
+
+    Text that belongs to no value is a fault: it is the rest of a damaged number or a value that has no place here.
+    """
     out: dict[str, float] = {}
     for name, value, unit in _ITEM.findall(text):
         known = parse_number(value)
         if known is None:
             return out, f"{name} is not taught ({value[:12]})"
+        if name in out:
+            return out, f"{name} stands twice"
         out[name] = known * (25.4 if unit == "in" else 1.0)
-    return out, ""
+    rest = text
+    for part in (_CONFIG, _FRAME, _ITEM):
+        rest = part.sub("\n", rest)
+    strange = next((line for line in map(str.strip, rest.splitlines()) if not _BETWEEN.fullmatch(line)), None)
+    return out, "" if strange is None else f"cannot read {strange[:24]!r}"

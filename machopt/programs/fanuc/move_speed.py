@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import re
 
-SPEED = re.compile(r"(\d*\.?\d+)\s*(%|mm/sec|cm/min|inch/min|in/min|deg/sec|msec|sec)", re.IGNORECASE)
+SPEED = re.compile(r"([0-9]*\.?[0-9]+)\s*(%|mm/sec|cm/min|inch/min|in/min|deg/sec|msec|sec)", re.IGNORECASE)
 SWITCHES = re.compile(  # an output, a call or a statement at a time or distance before or after the target
-    r"\b(?:T[AB]|D[AB]|(?:TIME|DISTANCE)\s+(?:BEFORE|AFTER))\s*-?\d*\.?\d+\s*(?:sec|mm)\s*,?\s*"
+    r"\b(?:T[AB]|D[AB]|(?:TIME|DISTANCE)\s+(?:BEFORE|AFTER))\s*-?[0-9]*\.?[0-9]+\s*(?:sec|mm)\s*,?\s*"
     r"(?:[A-Z]+\[[^\]]*\]\s*=\s*[\w.()]+|CALL\s+\w+\s*(?:\([^)]*\))?|P-SPS|POINT_LOGIC|[A-Z_]\w*(?:\[[^\]]*\])?)?",
     re.IGNORECASE,
 )

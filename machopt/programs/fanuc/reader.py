@@ -35,16 +35,16 @@ from machopt.programs.reading.rotation_conventions import (
     compute_halfway_pose,
 )
 
-_MOTION = re.compile(r"([JLCA])\s+(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
-_POSITION = re.compile(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)")
-_END = re.compile(r"\b(FINE|CNT\s*\d+|CD\s*\d+|CR\s*\d+|CNT\s*R\[\d+\])", re.IGNORECASE)
-_FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*(\d+)")
+_MOTION = re.compile(r"([JLCA])\s+(PR?)\s*\[\s*([0-9]+)\s*(?::[^\]]*)?\]\s*(.*)")
+_POSITION = re.compile(r"(PR?)\s*\[\s*([0-9]+)\s*(?::[^\]]*)?\]\s*(.*)")
+_END = re.compile(r"\b(FINE|CNT\s*[0-9]+|CD\s*[0-9]+|CR\s*[0-9]+|CNT\s*R\[[0-9]+\])", re.IGNORECASE)
+_FRAME_NUMBER = re.compile(r"(UFRAME|UTOOL)_NUM\s*=\s*([0-9]+)")
 _MODIFIER = re.compile(
-    r"(?:ACC\s*\d+|COORD|PTH|BREAK|MROT|EV\s*\d+%?|IND|AP_LD[\d.]*|RT_LD[\d.]*|PSPD\s*\d+|CR\s*\d+)$"
+    r"(?:ACC\s*[0-9]+|COORD|PTH|BREAK|MROT|EV\s*[0-9]+%?|IND|AP_LD[0-9.]*|RT_LD[0-9.]*|PSPD\s*[0-9]+|CR\s*[0-9]+)$"
 )
 _QUIET = compile_beginning_pattern(FANUC)
 _EVENT = re.compile(r"(?:DO|RO|SO|M)\[|ARC |Arc |SPOT|Spot|WAIT|PULSE")
-_STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_\d+)\s*\[")
+_STRANGE_MOTION = re.compile(r"[A-Z]\s+(?:P|PR|PAL_[0-9]+)\s*\[")
 _BRANCH = re.compile(r"LBL\s*\[|(?:IF|ENDIF|ELSE|END)\b")
 _JUMP = re.compile(r"(?:JMP\b|FOR\b|ENDFOR\b|SELECT\b|SKIP\b|.*\bJMP\s+LBL)")
 _FRAME_SET = re.compile(r"(?:UFRAME|UTOOL)(?:_NUM\b|\s*\[)")
@@ -125,7 +125,7 @@ class _FanucReader:
                 continue
             self.end_of_arcs(part)
             if motion.group(1) == "C":
-                second = re.search(r"(PR?)\s*\[\s*(\d+)\s*(?::[^\]]*)?\]\s*(.*)", motion.group(4))
+                second = re.search(r"(PR?)\s*\[\s*([0-9]+)\s*(?::[^\]]*)?\]\s*(.*)", motion.group(4))
                 first = (line, motion.group(1), motion.group(2), motion.group(3), line)
                 if second is not None:
                     self.circle(part, first, second, line)
@@ -170,7 +170,7 @@ class _FanucReader:
         if incremental:
             self.step(found, kind, feed, blend, line, part)
             return
-        percent = re.search(r"\bCNT\s*(\d+)", motion.group(4), re.IGNORECASE)
+        percent = re.search(r"\bCNT\s*([0-9]+)", motion.group(4), re.IGNORECASE)
         words = {**found.configuration, "cnt": int(percent.group(1)) if percent is not None else 0}
         given = MoveAttributes(
             feed=feed if kind == LINEAR else math.nan,
@@ -332,7 +332,7 @@ class _FanucReader:
                 part.source,
             )
         elif text.startswith("OVERRIDE"):
-            percent = re.search(r"=\s*(\d+)\s*%?\s*$", text)
+            percent = re.search(r"=\s*([0-9]+)\s*%?\s*$", text)
             self.out.override(float(percent.group(1)) if percent else None, line)
         elif text.startswith("CALL"):
             self.call(text[4:].strip(), line, part, depth)
@@ -345,7 +345,7 @@ class _FanucReader:
             self.out.event(text, "stop")
         elif text == "END":
             self.out.may_end(line)
-        elif found := re.match(r"WAIT\s+([\d.]+)\s*\(?sec\)?", text):
+        elif found := re.match(r"WAIT\s+([0-9.]+)\s*\(?sec\)?", text):
             seconds = parse_number(found.group(1))
             self.out.event(text, "dwell", math.nan if seconds is None else seconds)
         elif _EVENT.match(text):

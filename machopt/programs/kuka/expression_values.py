@@ -11,7 +11,7 @@ Aggregate = dict[str, object]
 Value = object  # float, str (enumeration, text), Aggregate, or None: declared, value not known
 MOST_DEPTH = 8
 
-_PAIR = re.compile(r"\s*([A-Za-z_]\w*)(?:\[\d*\])?\s+(.+?)\s*$")
+_PAIR = re.compile(r"\s*([A-Za-z_]\w*)(?:\[[0-9]*\])?\s+(.+?)\s*$")
 _NAME = re.compile(r"\s*(\$?[A-Za-z_][\w$]*)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*((?:\.\s*[A-Za-z_]\w*)*)\s*$")
 
 

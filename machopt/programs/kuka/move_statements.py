@@ -14,7 +14,7 @@ from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuil
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 
 _HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # the present robot position
-_HOME = re.compile(r"(?:X?HOME\d*|\$H_POS)\s*", re.IGNORECASE)
+_HOME = re.compile(r"(?:X?HOME[0-9]*|\$H_POS)\s*", re.IGNORECASE)
 
 
 class KrlMoves:
@@ -62,7 +62,7 @@ class KrlMoves:
         feed = self.out.feed if kind == LINEAR else math.nan
         if re.search(r"\$(?:BASE|TOOL|IPO_MODE)\s*=", rest, re.IGNORECASE):
             raise KrlValueError("WITH $BASE, $TOOL or $IPO_MODE changes frames for one move: not followed")
-        with_speed = re.search(r"\$VEL\.CP\s*=\s*([-+.\dEe]+)", rest, re.IGNORECASE)
+        with_speed = re.search(r"\$VEL\.CP\s*=\s*([-+.0-9Ee]+)", rest, re.IGNORECASE)
         if with_speed:
             value = try_evaluate(with_speed.group(1), self.memory)
             feed = value if isinstance(value, float) and kind == LINEAR else feed
@@ -83,7 +83,7 @@ class KrlMoves:
         T = build_pose(full)
         given = MoveAttributes(feed=feed, blend=blend, external=list_external_values(target), configuration=bits)
         if via is not None:
-            angle = re.search(r"\bCA\s+([-+.\d]+)", rest, re.IGNORECASE)
+            angle = re.search(r"\bCA\s+([-+.0-9]+)", rest, re.IGNORECASE)
             sweep_deg = float(angle.group(1)) if angle else None
             self.out.circle(build_pose(via), T, line, given, sweep_deg=sweep_deg)
             return

@@ -64,7 +64,7 @@ class KrlTargets:
         if not rest:
             return out, []
         flags = re.findall(r"\bC_\w+", rest, re.IGNORECASE)
-        other = re.sub(r"\bC_\w+|\bCA\s+[-+.\d]+|,|#\w+", " ", rest, flags=re.IGNORECASE).strip()
+        other = re.sub(r"\bC_\w+|\bCA\s+[-+.0-9]+|,|#\w+", " ", rest, flags=re.IGNORECASE).strip()
         if other.startswith(":"):
             raise KrlValueError(
                 f"{other[:30]!r}: frames chained by a colon are not evaluated; expand the program first"

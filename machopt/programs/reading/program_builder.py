@@ -32,9 +32,9 @@ MOST_DEGREES = 1e5  # of an axis
 NO_TIME = math.nan
 _MOVES = {m.word: m for m in MoveKind}
 _CAM_KINDS = (
-    (re.compile(r"\s*(?:SPINDL|S\d|M0?[345]\b)", re.IGNORECASE), "spindle"),
+    (re.compile(r"\s*(?:SPINDL|S[0-9]|M0?[345]\b)", re.IGNORECASE), "spindle"),
     (re.compile(r"\s*(?:COOLNT|M0?[789]\b)", re.IGNORECASE), "coolant"),
-    (re.compile(r"\s*(?:LOADTL|TURRET|TOOLNO|T\d)", re.IGNORECASE), "tool"),
+    (re.compile(r"\s*(?:LOADTL|TURRET|TOOLNO|T[0-9])", re.IGNORECASE), "tool"),
     (re.compile(r"\s*(?:DELAY|DWELL|G0?4\b)", re.IGNORECASE), "dwell"),
     (re.compile(r"\s*(?:STOP|OPSTOP|M0?[01]\b)", re.IGNORECASE), "stop"),
 )

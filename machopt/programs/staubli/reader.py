@@ -19,7 +19,7 @@ from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuil
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, compute_moving_xyz_rotation
 from machopt.programs.staubli.harmless_words import VAL3, VAL3_TYPES
 
-_ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?\s*")
+_ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*([0-9]+)\s*\])?\s*")
 _CALL = re.compile(r"(?:\w+\s*=\s*)?(?:call\s+)?([A-Za-z_]\w*)\s*\((.*)\)")
 _ASSIGNED = re.compile(
     r"(?:\s*(?:num|bool|string)\s+)?([A-Za-z_]\w*)\s*(?:\[[^\]]*\])?((?:\.\w+)*)\s*[-+*/&|]?=(?!=).*"

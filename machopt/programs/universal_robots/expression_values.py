@@ -16,7 +16,7 @@ from machopt.programs.reading.program_builder import parse_number
 from machopt.programs.reading.rotation_conventions import Rows, build_pose_matrix, convert_rotation_vector
 
 MOST_DEPTH = 30  # brackets inside each other
-_SIGNED = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*")
+_SIGNED = re.compile(r"\s*[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?\s*")
 FARTHEST_TURN = 1e4  # rad of a rotation vector
 
 
@@ -127,7 +127,9 @@ def _compute_quotient(left: float, right: float) -> float:
 class _ScriptParser(RecursiveDescentParser[object]):
     """Evaluates while it reads; operators join numbers only."""
 
-    token = re.compile(r'\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|[A-Za-z_]\w*|"[^"]*"?|\S)')
+    token = re.compile(
+        r'\s*([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?|\.[0-9]+(?:[eE][-+]?[0-9]+)?|[A-Za-z_]\w*|"[^"]*"?|\S)'
+    )
     levels = ({"+": add, "-": sub}, {"*": mul, "/": _compute_quotient})
     problem = ScriptValueError
     most_depth = MOST_DEPTH + 1

@@ -59,7 +59,7 @@ class ProgramNameKeys(StrictSchema):
 class NumberFormatKeys(StrictSchema):
     after: str = Field(description="the line after which line numbers begin")
     before: str = Field(description="the line before which they end")
-    format: str = Field(pattern=r"^%\d*d[^%]*$", description="like %4d:")
+    format: str = Field(pattern=r"^%[0-9]*d[^%]*$", description="like %4d:")
     most: int | None = Field(default=None, gt=0, description="highest line number of the controller")
 
 

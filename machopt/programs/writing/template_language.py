@@ -28,7 +28,7 @@ TemplateColumn = Sequence[object] | NDArray[Any]
 
 _TOKEN = re.compile(r"@\{([^}\n]*)\}|@\[(!?)([a-z0-9_]+)\||@\]")
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-_SPEC = re.compile(r"[ 0-]?\d{0,3}(?:\.(\d{1,2}))?[dfgs]")
+_SPEC = re.compile(r"[ 0-]?[0-9]{0,3}(?:\.([0-9]{1,2}))?[dfgs]")
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,10 @@ _EXTERNAL = [
 ]
 COORDINATES = frozenset((*_POSES, *_AXES, *_EXTERNAL, *_WORDS))
 CONFIGURATION = frozenset(("flip", "elbow", "front", "shoulder", "wrist"))
-_HOLE = re.compile(rf"98765(?:\.4321\d*|\.432|\.43|\.4)?|{WORD}")
+_HOLE = re.compile(rf"98765(?:\.4321[0-9]*|\.432|\.43|\.4)?|{WORD}")
 _FILL = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?|[A-Za-z]+")  # \d takes digits of other scripts, a control does not
 _BLANK = " \t"  # at the end of a line; str.strip() takes a no-break space as well
-_LABEL = re.compile(r"\W*(?:\d+:)?\W*(?:operation|move): ")
+_LABEL = re.compile(r"\W*(?:[0-9]+:)?\W*(?:operation|move): ")
 
 
 def mark_coordinates(

@@ -15,13 +15,13 @@ from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuil
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 from machopt.programs.yaskawa.harmless_words import JBI
 
-_POSITION = re.compile(r"((?:E|B)?(?:C|P|EX|BP)\d+)\s*=\s*(.*)")
-_REFERENCE = re.compile(r"\b((?:C|P)\d+)\b")
-_BASE, _STATION = re.compile(r"\b(BC\d+|BP\d+)\b"), re.compile(r"\b(EC\d+|EX\d+)\b")
-_LED = re.compile(r"\+MOV[JLC]\s+((?:EC|EX)\d+)(?:\s+V[JRE]?\s*=\s*[\d.]+)?")  # what the station does meanwhile
-_OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*(\d+\.?\d*|\.\d+)?")
+_POSITION = re.compile(r"((?:E|B)?(?:C|P|EX|BP)[0-9]+)\s*=\s*(.*)")
+_REFERENCE = re.compile(r"\b((?:C|P)[0-9]+)\b")
+_BASE, _STATION = re.compile(r"\b(BC[0-9]+|BP[0-9]+)\b"), re.compile(r"\b(EC[0-9]+|EX[0-9]+)\b")
+_LED = re.compile(r"\+MOV[JLC]\s+((?:EC|EX)[0-9]+)(?:\s+V[JRE]?\s*=\s*[0-9.]+)?")  # what the station does meanwhile
+_OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*([0-9]+\.?[0-9]*|\.[0-9]+)?")
 _QUIET = compile_beginning_pattern(JBI)
-_CHANGES = re.compile(r"(?:SETE|SET|ADD|SUB|MUL|DIV|GETS|CNVRT|INC|DEC|CLEAR)\s+P(?:X|\[)?(\d+)\b")
+_CHANGES = re.compile(r"(?:SETE|SET|ADD|SUB|MUL|DIV|GETS|CNVRT|INC|DEC|CLEAR)\s+P(?:X|\[)?([0-9]+)\b")
 _EVENT = re.compile(r"(?:DOUT|AOUT|PULSE|WAIT|ARCON|ARCOF|TOOLON|TOOLOF|SPINDLE|AND|OR|NOT)\b")
 _JUMP = re.compile(r"(?:JUMP|IFTHEN|ELSE|ENDIF|WHILE|ENDWHILE|FOR|NEXT|CASE|SWITCH|RET)\b")
 _DEEPEST = 20
@@ -278,6 +278,8 @@ def _parse_position(
     known = tuple(v for v in values if v is not None)
     if len(known) != len(values) or (len(known) < 6 and name[0] in "CP"):
         raise out.error(f"{name} has {len(known)} numbers; expected at least 6", line, job.source)
+    if kind == "RECTAN" and name[0] in "CP" and len(known) > 6:
+        raise out.error(f"{name} has {len(known)} numbers; expected X, Y, Z, Rx, Ry, Rz", line, job.source)
     if kind not in ("PULSE", "ANGLE", "RECTAN"):
         raise out.error(f"positions as {kind} are not read; PULSE, ANGLE or RECTAN would work", line, job.source)
     job.positions[name] = YaskawaPosition(

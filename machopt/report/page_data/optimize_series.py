@@ -92,6 +92,9 @@ def build_motion_series(
     v = np.diff(t.q, axis=0, prepend=t.q[:1]) / dt
     a = np.diff(v, axis=0, prepend=v[:1]) / dt
     j = np.diff(a, axis=0, append=a[-1:]) / dt
+    for table, limit in ((v, limits.velocity), (a, limits.acceleration), (j, limits.jerk)):  # in place: each is long
+        np.abs(table, out=table)
+        np.divide(table, limit[:6], out=table)
     known = np.isfinite(t.point)
     ends = np.where(known, np.ceil(np.where(known, t.point, 0) - 1e-9), 0).astype(int)
     programmed = np.where(known & (t.move != MoveKind.RAPID), toolpath.feed[ends], np.nan)
@@ -99,7 +102,7 @@ def build_motion_series(
         time=t.time,
         s=interpolate_path_length(compute_cut_length(toolpath, plan.path.counted[points.rows]), t.point),
         q=t.q,
-        velocity_ratio=np.abs(v) / limits.velocity[:6],
+        velocity_ratio=v,
         joint_names=plan.setup.cell.arm_joints,
         prismatic=(False,) * 6,
         lower=limits.lower[:6],
@@ -107,6 +110,6 @@ def build_motion_series(
         feed_programmed=programmed,
         feed_actual=t.feed,
         cutting=np.asarray(t.move == MoveKind.CUT),
-        acceleration_ratio=np.abs(a) / limits.acceleration[:6],
-        jerk_ratio=np.abs(j) / limits.jerk[:6],
+        acceleration_ratio=a,
+        jerk_ratio=j,
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 
-NCI = re.compile(r"\A\s*\d{1,5}\s*\n.*\n\s*\d{1,5}\s*\n(?:.*\n)*?\s*(?:1002|1001|1000|1011|1012|1013|1014|1050)\s*\n")
-HEIDENHAIN = re.compile(r"^\s*\d*\s*BEGIN\s+PGM\b", re.IGNORECASE | re.MULTILINE)
+NCI = re.compile(
+    r"\A\s*[0-9]{1,5}\s*\n.*\n\s*[0-9]{1,5}\s*\n(?:.*\n)*?\s*(?:1002|1001|1000|1011|1012|1013|1014|1050)\s*\n"
+)
+HEIDENHAIN = re.compile(r"^\s*[0-9]*\s*BEGIN\s+PGM\b", re.IGNORECASE | re.MULTILINE)
 HEIDENHAIN_ISO = re.compile(r"^[ \t]*%(?!_N_)[ \t]*\S+[ \t]+G7([01])\b", re.IGNORECASE | re.MULTILINE)
 PART_PROGRAM = re.compile(
     r"^\s*(?:\w+\s*=\s*(?:point|line|circle|plane|vector|matrix|cylndr|cone|sphere|pattrn|tabcyl)\s*/"
@@ -17,5 +19,6 @@ CL_DATA = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 G_CODE = re.compile(
-    r"^\s*/?\s*(?:N\s*\d+\s*)?(?:\([^)]*\)\s*)?(?:[GXYZMT]\s*[+-]?\s*\d*\.?\d|R\d+\s*=)", re.IGNORECASE | re.MULTILINE
+    r"^\s*/?\s*(?:N\s*[0-9]+\s*)?(?:\([^)]*\)\s*)?(?:[GXYZMT]\s*[+-]?\s*[0-9]*\.?[0-9]|R[0-9]+\s*=)",
+    re.IGNORECASE | re.MULTILINE,
 )

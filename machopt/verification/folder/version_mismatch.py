@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -13,6 +15,44 @@ from machopt.output.json_files import read_json
 from machopt.version import __version__
 
 VERSION_REMEDY = "optimize again, or verify with the machopt that wrote it"
+KEYS_ADDED_SINCE = {  # of result.json, by version: a document that has one of them is not of that version
+    "0.1.0": ("production_blockers", "process", "feed_stops", "tilt", "joint", "reentry"),
+}
+
+
+def find_older_version(document: object, manifest: FolderManifest | None) -> str | None:
+    """Return the earlier version of machopt that wrote a result.json; None where this one did, or none that is known.
+
+    Args:
+        document: Content of result.json.
+        manifest: Manifest of the folder; None where it has none that can be read.
+    """
+    if manifest is None or not isinstance(document, Mapping):
+        return None
+    stated = manifest.versions.get("machopt", "")
+    if stated not in KEYS_ADDED_SINCE or document.get("version") != stated:
+        return None
+    return None if any(key in document for key in KEYS_ADDED_SINCE[stated]) else stated
+
+
+def describe_older_result(folder: Path, manifest: FolderManifest | None) -> tuple[str, ...]:
+    """Return a sentence for a folder of an earlier version, whose tables and programs are verified; empty for others.
+
+    Args:
+        folder: The output folder.
+        manifest: Manifest of the folder; None where it has none that can be read.
+    """
+    try:
+        document: Any = read_json(folder / "result.json")
+    except InputError:
+        return ()
+    version = find_older_version(document, manifest)
+    if version is None:
+        return ()
+    return (
+        f"the folder was written by machopt {version}: tables and programs were recomputed; of result.json only "
+        "verdict, exit code, inputs and outputs were compared, its figures and the report were not",
+    )
 
 
 def describe_version_mismatch(folder: Path, manifest: FolderManifest | None) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array
+from machopt.numerics.heap_release import release_free_memory
 from machopt.verification.checks import (
     CheckName,
     Verification,
@@ -186,6 +187,7 @@ def verify_single_tool(
     of_motion = context.check_motion()
     failed = {row.name for row in of_motion if isinstance(row, VerificationCheck) and row.passed is False}
     checks = [*of_motion, *context.check_points(kept)]
+    release_free_memory()
     if options.collision and touching is not None:
         checks.append(build_count_check(CheckName.TOUCHING, unfounded, "pairs"))
     return [*checks, *context.check_bodies(wanted, fits_corners=failed.isdisjoint(CORNER_CHECKS))]
@@ -238,12 +240,16 @@ class _VerifiedTool:
         """Return the checks of path, labels, feed and stops of the motion."""
         motion, points, on = self.tables.motion, self.tables.points, self.locations
         corners, beyond = self.tables.corners, np.full(len(self.toolpath), np.inf)
+        of_corners: list[VerificationCheck] = []
         if corners is not None:
             passed = measure_passing_distance(motion, corners, on.tool, self.toolpath)
             beyond = np.maximum(passed - self.options.rapid_blend, 0.0)
+            angles = compute_true_angles(self.cell.kinematics, corners.q)
+            place = self.arm.compute_tcp_in_workpiece(angles, corners.external)[:, :3, 3]
+            of_corners = check_rapid_corners(motion, self.toolpath, corners, place, self.options.rapid_blend)
         return [
             *check_path(motion, self.toolpath, points, on, self.options.allow_gaps, beyond),
-            *([] if corners is None else check_rapid_corners(motion, self.toolpath, points, corners)),
+            *of_corners,
             *check_move_labels(motion, self.toolpath, points, on, self.options.allow_gaps),
             *check_reentries(motion, self.toolpath, self.options),
             *check_feed(motion, self.toolpath, on, self.options, self.cell),
@@ -302,7 +308,7 @@ class _VerifiedTool:
             corners = self.tables.corners
             corners = replace(corners, q=compute_true_angles(self.cell.kinematics, corners.q))
             checks.append(check_corner_contacts(arm, pairs, motion, corners))
-        leap = find_leap(np.hstack([motion.q, motion.external]), self.cell.limits.velocity, motion.sample_time)
+        leap = find_leap(motion.joints, self.cell.limits.velocity, motion.sample_time)
         if leap is not None:
             where = f"{motion.describe_row(leap)}: a joint leaps; not searched"
             return [*checks, build_count_check(CheckName.CONTACTS, [where], "leaps")]

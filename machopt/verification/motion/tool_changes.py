@@ -87,7 +87,7 @@ def _check_tool_changes(motion: ExportedMotion, segments: Sequence[ToolSegment])
     found, wanted = [motion.tool[n] for n in starts], [s.tool for s in segments]
     if found != wanted:
         return [f"the rows have the tools {', '.join(found)}; the toolpath wants {', '.join(wanted)}"]
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     wrong = []
     for n, segment in zip(starts[1:], segments[1:], strict=True):
         off = float(np.degrees(np.abs(x[n - 1 : n + 1] - segment.begin).max()))  # a metre of a slide counts as a radian

@@ -77,7 +77,7 @@ def find_worst_index(cell: Cell, toolpath: Toolpath, motion: ExportedMotion, ind
 def _select_samples(toolpath: Toolpath, motion: ExportedMotion) -> NDArray[np.intp]:
     """Samples on cuts, as far apart as :data:`SAMPLE_SPACING_RAD`."""
     known = np.isfinite(motion.point) & (motion.move == MoveKind.CUT)
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     way = np.r_[0.0, np.cumsum(np.abs(np.diff(x, axis=0)).sum(axis=1))]
     rows = np.flatnonzero(known)
     at = motion.point[rows]

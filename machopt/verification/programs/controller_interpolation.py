@@ -24,7 +24,7 @@ MIN_LINE_M = 1e-4  # m: on a shorter line the place does not tell how far the to
 MIN_AXIS_SINE = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis tells nothing
 RAPID_TOLERANCE_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
 SAME_PLACE_M = 2e-6  # m: two prints of one place, to a thousandth of a millimetre
-BLOCK_ROWS = 50_000  # samples
+BLOCK_ROWS = 10_000  # samples
 
 
 def check_moves_between_targets(
@@ -107,7 +107,7 @@ def _check_joint_moves(
 ) -> VerificationCheck:
     """Compare samples with joint moves between targets."""
     rows, move, at = samples
-    driven, stated = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
+    driven, stated = motion.joints, np.hstack([program.q, program.external])
     q = np.full((len(at), driven.shape[1]), np.nan)
     q[known] = interpolate_rows(driven, at[known])
     joint = np.isfinite(stated).all(axis=1)

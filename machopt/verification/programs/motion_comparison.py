@@ -119,8 +119,9 @@ def _check_completeness(program: ProgramInCell, motion: ExportedMotion, at: Arra
             program.file, "whole motion", False, float(len(at)), 0.0, "targets off", "no target is on it"
         )
     last = len(motion.time) - 1
-    driven = np.hstack([motion.q, motion.external])
-    moved = np.abs(driven - driven[-1]).max(axis=1) > MAX_JOINT_DISTANCE_RAD
+    moved = np.zeros(last + 1, bool)
+    for column in motion.joints.T:  # one by one: a million samples of all joints at once are a hundred MiB
+        moved |= np.abs(column - column[-1]) > MAX_JOINT_DISTANCE_RAD
     end = int(np.flatnonzero(moved)[-1]) + 1 if moved.any() else 0  # at rest from here on
     start = np.abs(motion.q[: int(at[known[0]]) + 1] - motion.q[0]).max() if at[known[0]] > 0 else 0.0
     left = [f"it ends at sample {at[known[-1]]:.0f} of {last}"] if at[known[-1]] < end - 1 else []
@@ -165,8 +166,9 @@ def _check_move_kinds(
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
     printed = program.print_resolution + PLACE_TOLERANCE_M
     tells = apart > np.where(linear[k] & linear[k - 1], place, printed)
-    x = np.hstack([motion.q, motion.external])
-    stands = np.r_[False, (np.diff(x, axis=0) == 0.0).all(axis=1)]
+    stands = np.append(False, np.ones(max(len(motion.time) - 1, 0), bool))
+    for column in motion.joints.T:
+        stands[1:] &= np.diff(column) == 0.0
     stands[:-1] |= stands[1:]
     tells &= linear[k] | ~stands[rows]  # joint targets are printed coarser than the place where the tool stands
     n, moves = len(at), motion.move[rows[tells]]

@@ -77,7 +77,7 @@ def match_targets(
     driven, wanted = motion.q, program.q
     if motion.external.shape[1] and np.isfinite(program.external).all():
         # rails and tables tell places apart as joints do; a metre counts as a radian
-        driven, wanted = np.hstack([motion.q, motion.external]), np.hstack([program.q, program.external])
+        driven, wanted = motion.joints, np.hstack([program.q, program.external])
     line = build_motion_polyline(motion, tcp, driven, path)
     p, R = line.position, line.rotation
     right = max(PATH_MM * 1e-3, allowed.corner, allowed.position) + program.place_step

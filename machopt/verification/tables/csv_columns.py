@@ -17,7 +17,7 @@ from machopt.verification.tables.table_cache import read_cached
 TEXT_COLUMNS = frozenset(
     {"operation", "move", "status", "reason", "nearest_pair", "stiffness_from", "tool", "outcome", "cause", "chatter"}
 )  # columns of words
-BLOCK_ROWS = 20_000  # turned into numbers at once: a million rows as words would be gigabytes
+BLOCK_ROWS = 5_000  # turned into numbers at once: a million rows as words would be gigabytes
 MAX_NUMBER = 1e18  # in size: no column holds more, and its powers are still finite
 NUMBER_CHARACTERS = frozenset("0123456789+-.eE")  # float() takes digits of other scripts and underscores too
 _NUMBER_REMOVAL = dict.fromkeys(map(ord, NUMBER_CHARACTERS))  # what they are translated into

@@ -92,6 +92,11 @@ class ExportedMotion:
         """Sample period, s."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
+    @property
+    def joints(self) -> Array:
+        """(S, 6 + E) rad or m, arm and external joints; the arm's own array where there are no others."""
+        return np.hstack([self.q, self.external]) if self.external.shape[1] else self.q
+
     def describe_row(self, n: int | np.int64) -> str:
         """Return sample, time and toolpath point of a row as text.
 
@@ -392,7 +397,11 @@ def read_joints(table: ColumnTable, *, empty: bool) -> Array:
     Raises:
         InputError: a field is no number.
     """
-    return np.deg2rad(np.column_stack([table.read_numbers(name, empty=empty) for name in JOINT_COLUMNS]))
+    first = table.read_numbers(JOINT_COLUMNS[0], empty=empty)
+    out = np.empty((len(first), len(JOINT_COLUMNS)))
+    for n, name in enumerate(JOINT_COLUMNS):  # column by column: a million rows of all of them are held once
+        np.deg2rad(table.read_numbers(name, empty=empty), out=out[:, n])
+    return out
 
 
 def list_external_names(cell: Cell) -> list[str]:

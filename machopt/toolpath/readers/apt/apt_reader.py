@@ -172,7 +172,10 @@ class _AptReader(OperationStatementReader):
         if timed:
             raise ValueError(f"{timed} is no speed of the tool tip; expected one per minute or revolution, e.g. MMPM")
         unit = next((p for p in parts if p in FEED_UNITS), None)
-        value = next((v for p in parts if (v := parse_number(p)) is not None), None)
+        values = [v for p in parts if (v := parse_number(p)) is not None]
+        if len(values) > 1:
+            raise ValueError(f"{len(values)} numbers; expected one, e.g. FEDRAT/600,MMPM")
+        value = values[0] if values else None
         strange = [p for p in parts if p and p not in FEED_UNITS and parse_number(p) is None]
         for p in strange:
             self.out.ignore(f"FEDRAT/{p}", line, understood=p in harmless_words.APT_FEDRAT)
@@ -295,7 +298,7 @@ class _AptReader(OperationStatementReader):
     def other(self, word: str, rest: str, line: int) -> None:
         if word in REFUSED:
             raise self.source.build_error(f"{word}/ is not supported: {REFUSED[word]}", line)
-        if re.fullmatch(r"CYCLE\d+", word):
+        if re.fullmatch(r"CYCLE[0-9]+", word):
             raise self.source.build_error(
                 f"{word} is a control's drilling cycle without a meaning in CL data; expected CYCLE/DRILL,…", line
             )

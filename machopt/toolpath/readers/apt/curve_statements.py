@@ -22,6 +22,8 @@ _ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW") 
 ANGLE_WARN = 0.02  # rad
 _PLACE_WORDS = ("CENTER", "AXIS", "RADIUS")  # of MOVARC, before the numbers they name
 _SWEEP_AT, _WITH_SWEEP = 7, 11  # place of the sweep, and how many numbers such a record has
+_CIRCLE_COUNTS = (6, 7, _WITH_SWEEP)  # centre and axis; the radius; tolerances and cutter of NX, or a sweep
+_MOVARC_COUNTS = (6, 7)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +36,7 @@ class PendingArc:
     line: int
     angle: float | None = None  # rad, MOVARC
     sweep: float | None = None  # rad, what the record states: it decides about the direction
+    radius: float | None = None  # mm, what the record states
 
 
 @dataclass(kw_only=True)
@@ -75,6 +78,8 @@ class CurveState:
             raise ArcError(f"{len(values)} numbers; expected centre and axis (6) at least")
         if len(values) >= 7 and not values[6] > 0.0:
             raise ArcError(f"the radius is {values[6]:g}")
+        if len(values) not in (_MOVARC_COUNTS if word == "MOVARC" else _CIRCLE_COUNTS):
+            raise ArcError(f"{len(values)} numbers; expected centre and axis (6), the radius (7) or all of NX (11)")
         strange = [p for p in after if p and p not in _ARC_WORDS and parse_number(p) is None]
         if strange:
             raise ArcError(f"found {strange[0]!r}; expected TIMES or ANGLE and a number behind the numbers")
@@ -97,7 +102,15 @@ class CurveState:
                 raise ArcError(f"the sweep is {values[_SWEEP_AT]:g}°; expected more than 0")
             normal = -normal  # axis of clockwise travel; the sweep has priority
         centre = np.array(values[:3]) * scale
-        self.pending = PendingArc(centre=centre, normal=normal, turns=turns, line=line, angle=angle, sweep=sweep)
+        self.pending = PendingArc(
+            centre=centre,
+            normal=normal,
+            turns=turns,
+            line=line,
+            angle=angle,
+            sweep=sweep,
+            radius=values[6] * scale if len(values) > 6 else None,
+        )
 
     def arc_to(self, start: Array, end: Array, out: PathBuilder) -> Array:
         """Compute the chord end points of the pending arc.
@@ -123,7 +136,7 @@ class CurveState:
             if wait.angle is not None:
                 turns = max(round((wait.angle - found.sweep) / math.tau) + 1, 1)
             found = compute_arc_chords(start, end, wait.centre, wait.normal, self.tolerance, turns=turns)
-        check_radius(found, wait.line, out)
+        check_radius(found, wait.line, out, wait.radius)
         if on_the_way is not None:
             nearest = np.linalg.norm(found.points[:, None, :] - on_the_way[None], axis=2).min(axis=0)
             chord = found.radius * found.sweep / max(len(found.points), 1)
@@ -162,7 +175,7 @@ class CurveState:
         for normal in (wait.normal, -wait.normal):
             found = compute_arc_chords(start, end, wait.centre, normal, self.tolerance, turns=whole + 1)
             if abs(found.sweep - sweep) <= ANGLE_WARN:
-                check_radius(found, wait.line, out)
+                check_radius(found, wait.line, out, wait.radius)
                 return found.points
         other = math.degrees(compute_arc_chords(start, end, wait.centre, wait.normal, self.tolerance).sweep)
         raise ArcError(

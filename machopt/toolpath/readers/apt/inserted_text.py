@@ -8,9 +8,9 @@ from machopt.toolpath.readers import harmless_words
 
 AUXILIARY = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 13, 14, 30))  # M words that every control knows: stops, spindle …
 _COMMENT = re.compile(r"\([^)]*\)?|;.*")
-_WORD = re.compile(r"(?:[A-Z]\s?[-+]?(?:\d+\.?\d*|\.\d+))")
+_WORD = re.compile(r"(?:[A-Z]\s?[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _FRAME = re.compile(
-    r"\bG\s?\d|\b(?:A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|SUPA|PLANE|TRAORI|TRAFOOF|TOROT|TOFRAME)\b|\bCYCL(?:E\d|\sDEF)|"
+    r"\bG\s?[0-9]|\b(?:A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|SUPA|PLANE|TRAORI|TRAFOOF|TOROT|TOFRAME)\b|\bCYCL(?:E[0-9]|\sDEF)|"
     r"\b(?:M128|FUNCTION\s+TCPM|CALL\s+(?:LBL|PGM))\b"
 )
 _HARMLESS = "NMSTFHDEP"

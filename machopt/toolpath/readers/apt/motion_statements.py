@@ -248,14 +248,17 @@ class AptMotionReader:
         self.move_to((values[0] * s, values[1] * s, values[2] * s), axis, line, rapid=True)
 
     def go_home(self, word: str, rest: str, line: int) -> None:
-        """Carry out GOHOME: a move to a position that the file does not give.
+        """Carry out GOHOME: a move to the position given, or to one that the file does not give.
 
         Args:
             word: Major word of the statement.
             rest: Text behind the slash of the statement.
             line: Line number in the file (1-based).
+
+        Raises:
+            ValueError: the arguments are neither a position nor words.
         """
-        if len(parse_leading_numbers(split_fields(rest))[0]) >= 3:
+        if any(not field.isalpha() for field in split_fields(rest) if field):
             self.go_from(word, rest, line)
         else:
             self.out.ignore("GOHOME without coordinates", line, understood=True)

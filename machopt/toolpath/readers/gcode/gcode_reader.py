@@ -42,7 +42,7 @@ from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 from machopt.toolpath.readers.siemens import siemens_flow
 from machopt.toolpath.readers.siemens.siemens_flow import SiemensFlow
 
-_HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.\d]|^[-+.\d]")
+_HALF_WORD = re.compile(r"(?:^|\s)[XYZABCGIJKRFUVW]\s*[-+.0-9]|^[-+.0-9]")
 
 
 def read_gcode(source: SourceFile, options: ReadOptions) -> Toolpath:
@@ -313,7 +313,7 @@ class GcodeReader(GWordReader):
         for name in b.named:
             if name in REFUSED_CALLS:
                 raise self.source.build_error(f"{name}=: {REFUSED_CALLS[name]}", b.line)
-            if name not in ADDRESSES and not re.fullmatch(r"R\d+", name):
+            if name not in ADDRESSES and not re.fullmatch(r"R[0-9]+", name):
                 self.out.ignore(f"{name}=", b.line, understood=name in harmless_words.SINUMERIK_NAMES)
         machine_frame = self.g_words(g_words, words, b)
         if not self.unit_used_at:
@@ -345,7 +345,7 @@ class GcodeReader(GWordReader):
         Raises:
             InputError: the text is a formula or a call, or may belong to a word.
         """
-        if re.match(r"[A-Z]\s*=|[A-Z]\d*\s*=|.*[=(*]", b.junk):
+        if re.match(r"[A-Z]\s*=|[A-Z][0-9]*\s*=|.*[=(*]", b.junk):
             raise self.source.build_error(f"{b.junk[:30]!r}: this formula or call is not understood", b.line)
         if b.words or _HALF_WORD.search(b.junk):
             raise self.source.build_error(f"found {b.junk[:30]!r}; expected words such as X10.5 or G1", b.line)
@@ -376,6 +376,11 @@ class GcodeReader(GWordReader):
                 raise self.source.build_error(
                     f"O{value:g} begins another program, and the one before has no end (M30, M2 or M99): expected one "
                     "program in the file, or an end before the next one",
+                    b.line,
+                )
+            elif letter == "O" and any(other not in "NO" for other, _ in b.words[: b.words.index((letter, value))]):
+                raise self.source.build_error(
+                    f"O{value:g} stands behind other words; expected a program number alone, or a zero instead of O",
                     b.line,
                 )
             elif letter not in "NO":

@@ -23,25 +23,25 @@ from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpress
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
 
 NEEDS_FLOW = re.compile(
-    r"[#\[]|M\s*9[78](?!\d)|G\s*6[56](?![\d.])|M\s*73(?!\d)|M\s*99\s*P|P\s*\d+\s*M\s*99(?!\d)|\bGOTO\b|\bWHILE\b|\bDO\s*\d|[XYZABCFIJKPQR]\s*[-+]*\s*[A-Z]{2,5}\s*\["
-    r"|^[ \t]*(?:N\d+[ \t]*)?O[ \t]*(?:[<\[#]|\d+[ \t]*[A-Z])",
+    r"[#\[]|M\s*9[78](?![0-9])|G\s*6[56](?![0-9.])|M\s*73(?![0-9])|M\s*99\s*P|P\s*[0-9]+\s*M\s*99(?![0-9])|\bGOTO\b|\bWHILE\b|\bDO\s*[0-9]|[XYZABCFIJKPQR]\s*[-+]*\s*[A-Z]{2,5}\s*\["
+    r"|^[ \t]*(?:N[0-9]+[ \t]*)?O[ \t]*(?:[<\[#]|[0-9]+[ \t]*[A-Z])",
     re.IGNORECASE | re.MULTILINE,
 )
-_HEAD = re.compile(r"(?:N\d+\s*)?[O:]\s*(\d+)\s*")
-_CALL = re.compile(r"M\s*9([78])(?!\d)")
-_MACRO = re.compile(r"G\s*65(?![\d.])")
-_RETURN = re.compile(r"M\s*99(?!\d)")
-_PROGRAM_END = re.compile(r"(?<![A-Z])M\s*0*(?:2|30)(?![\d.])")
-_ANY_WORD = re.compile(r"[A-MO-Z]\s*[-+.\d]")  # in addition to the block number
-_SAVE = re.compile(r"(?<![A-Z])M\s*73(?![\d.])")
-_IF = re.compile(r"(?:N\d+\s*)?IF\s*(\[.*\])\s*(GOTO|THEN)\s*(.*)")
-_WHILE = re.compile(r"(?:N\d+\s*)?(?:WHILE\s*(\[.*\])\s*)?DO\s*(\d)\s*")
-_END = re.compile(r"(?:N\d+\s*)?END\s*(\d)\s*")
-_GOTO = re.compile(r"(?:N\d+\s*)?GOTO\s*(.+)")
-_NUMBER = re.compile(r"N\s*(\d+)")
-_P_L = re.compile(r"([PLQHD])\s*(\d+)(?:\.0*(?!\d))?")
+_HEAD = re.compile(r"(?:N[0-9]+\s*)?[O:]\s*([0-9]+)\s*")
+_CALL = re.compile(r"M\s*9([78])(?![0-9])")
+_MACRO = re.compile(r"G\s*65(?![0-9.])")
+_RETURN = re.compile(r"M\s*99(?![0-9])")
+_PROGRAM_END = re.compile(r"(?<![A-Z])M\s*0*(?:2|30)(?![0-9.])")
+_ANY_WORD = re.compile(r"[A-MO-Z]\s*[-+.0-9]")  # in addition to the block number
+_SAVE = re.compile(r"(?<![A-Z])M\s*73(?![0-9.])")
+_IF = re.compile(r"(?:N[0-9]+\s*)?IF\s*(\[.*\])\s*(GOTO|THEN)\s*(.*)")
+_WHILE = re.compile(r"(?:N[0-9]+\s*)?(?:WHILE\s*(\[.*\])\s*)?DO\s*([0-9])\s*")
+_END = re.compile(r"(?:N[0-9]+\s*)?END\s*([0-9])\s*")
+_GOTO = re.compile(r"(?:N[0-9]+\s*)?GOTO\s*(.+)")
+_NUMBER = re.compile(r"N\s*([0-9]+)")
+_P_L = re.compile(r"([PLQHD])\s*([0-9]+)(?:\.0*(?![0-9]))?")
 _ARGUMENT = dict(zip("ABCDEFHIJKMQRSTUVWXYZ", (1, 2, 3, 7, 8, 9, 11, 4, 5, 6, 13, *range(17, 27)), strict=True))
-_WORD = re.compile(r"([A-Z])\s*([-+]?\s*(?:\d+\.?\d*|\.\d+))")
+_WORD = re.compile(r"([A-Z])\s*([-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 
 
 class MacroFlow(SubroutineFlow):
@@ -184,7 +184,7 @@ class MacroFlow(SubroutineFlow):
     def _return(self, at: int, text: str) -> tuple[str, int]:
         """M99: the other words of its block are carried out, then the program goes back, or to the block P names."""
         line = self.items[at][0]
-        to = re.search(r"P\s*(\d+)(?:\.0*(?!\d))?", text)
+        to = re.search(r"P\s*([0-9]+)(?:\.0*(?![0-9]))?", text)
         rest = _RETURN.sub(" ", text if to is None else text.replace(to.group(), " "))
         if not self.calls:
             goal = len(self.items) if to is None else self._label(to.group(1), at)

@@ -18,16 +18,16 @@ from machopt.toolpath.readers.gcode.block_motion import BlockMotionReader
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourSegment
 from machopt.toolpath.readers.gcode.geometry.coordinate_setup import list_turned_angles
 
-_NUMBER = r"\s*([-+]?(?:\d+\.?\d*|\.\d+))\s*"
+_NUMBER = r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))\s*"
 _POINT = rf"(?:X{_NUMBER})?(?:Y{_NUMBER})?(?:Z{_NUMBER})?"
 _ANGLES = rf"(?:A{_NUMBER})?(?:B{_NUMBER})?(?:C{_NUMBER})?"
-_G = r"\s*(?:N\d+\s*)?(?:G0?([01])(?![\d.])\s*)?"
+_G = r"\s*(?:N[0-9]+\s*)?(?:G0?([01])(?![0-9.])\s*)?"
 _FEED = rf"(?:F{_NUMBER})?"
 # groups: G (0 or 1), X, Y, Z, A, B, C, three of the tool vector, F
 PLAIN = re.compile(_G + _POINT + _ANGLES + rf"(?:I{_NUMBER})?(?:J{_NUMBER})?(?:K{_NUMBER})?" + _FEED, re.ASCII)
 SIEMENS = re.compile(_G + _POINT + _ANGLES + rf"(?:A3\s*={_NUMBER}B3\s*={_NUMBER}C3\s*={_NUMBER})?" + _FEED, re.ASCII)
 HEIDENHAIN = re.compile(
-    rf"\s*(?:\d+\s+)?()LN?\s+{_POINT}{_ANGLES}(?:NX[-+.\d]+\s+NY[-+.\d]+\s+NZ[-+.\d]+\s*)?"
+    rf"\s*(?:[0-9]+\s+)?()LN?\s+{_POINT}{_ANGLES}(?:NX[-+.0-9]+\s+NY[-+.0-9]+\s+NZ[-+.0-9]+\s*)?"
     rf"(?:TX{_NUMBER}TY{_NUMBER}TZ{_NUMBER})?(?:R0\s*)?{_FEED}",
     re.ASCII,
 )

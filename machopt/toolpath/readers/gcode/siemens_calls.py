@@ -23,7 +23,7 @@ from machopt.toolpath.readers.gcode.syntax.word_meanings import ADDRESSES, REFUS
 
 # not Sinumerik's ;$PATH=/_N_WKS_DIR, a folder of the control
 OPERATION = re.compile(r"^[^\w$]*(?:OPER(?:ATION)?(?:[ _]*NAME)?|TOOLPATH|PATH)\s*[:=]\s*(.*?)[\s*]*$", re.IGNORECASE)
-_RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+\d\w*")
+_RUN_TOGETHER = re.compile(r"[XYZABCGIJKRFM]+[0-9]\w*")
 _FRAMES = ("TRANS", "ATRANS", "ROT", "AROT", "SCALE", "ASCALE", "MIRROR", "AMIRROR")
 _KNOWN = ("SUPA", "TRAORI", "TRAFOOF", "TRAOOF", "MCALL", "CYCLE80", "TOROT", "TOFRAME")  # carried out
 _AXIS_WAYS = {"ORIVECT": True, "ORIPLANE": True, "ORIAXES": False, "ORIMACHAX": False}  # in one plane or by axes
@@ -144,11 +144,11 @@ class SiemensCallReader(FrameWordReader):
 
     def _refuse_unsupported(self, name: str, line: int) -> None:
         """Raise InputError for a subprogram, an unsupported cycle, or words without a space between them."""
-        if re.fullmatch(r"L\d+", name):
+        if re.fullmatch(r"L[0-9]+", name):
             raise self.source.build_error(
                 f"{name} calls a subprogram that is not in this file; expand it into one program, or append it", line
             )
-        if re.fullmatch(r"(?:CYCLE\d+|POCKET\d|SLOT\d|HOLES\d)", name) and name not in (
+        if re.fullmatch(r"(?:CYCLE[0-9]+|POCKET[0-9]|SLOT[0-9]|HOLES[0-9])", name) and name not in (
             *harmless_words.SINUMERIK_CALLS,
             *_KNOWN,
         ):

@@ -17,7 +17,7 @@ from machopt.toolpath.readers.heidenhain.cycle_calls import CycleCallReader
 from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_value
 from machopt.toolpath.readers.heidenhain.label_flow import LabelFlow
 
-_TOOL_AXIS = re.compile(r"TOOL CALL\s*(?:\"\"|\d+)?\s*([XYZUVW])\b")
+_TOOL_AXIS = re.compile(r"TOOL CALL\s*(?:\"\"|[0-9]+)?\s*([XYZUVW])\b")
 _QUOTED = re.compile(r"\"[^\"]*\"")
 
 

@@ -20,8 +20,8 @@ from machopt.toolpath.readers.heidenhain.definition_sentences import DefinitionR
 from machopt.toolpath.readers.heidenhain.number_notation import refuse_strange_numbers
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 
-_M_WITH_WORDS = re.compile(r"\s*M(103|118|120)(?!\d)(?:\s*(?:F|LA|[XYZABC])\s*[+-]?[\d.]+)+")
-_NEEDS_FLOW = re.compile(r"\b(?:LBL|FN)\b|\bQ\d+(?!\d*\s*=\s*[-+]?[\d.])", re.IGNORECASE)
+_M_WITH_WORDS = re.compile(r"\s*M(103|118|120)(?![0-9])(?:\s*(?:F|LA|[XYZABC])\s*[+-]?[0-9.]+)+")
+_NEEDS_FLOW = re.compile(r"\b(?:LBL|FN)\b|\bQ[0-9]+(?![0-9]*\s*=\s*[-+]?[0-9.])", re.IGNORECASE)
 _IGNORED = (
     "BLK FORM",
     "TOOL DEF",
@@ -38,7 +38,9 @@ _IGNORED = (
 _OUTPUT = re.compile(r"FN (15|16|38)\b")  # texts for the screen, files or the network
 _NAME = re.compile(r"[A-Z][A-Z-]+(?: [A-Z][A-Z-]+)*")  # words that a sentence begins with
 _CORNER = re.compile(r"(RND|CHF)\s+(?:R\s*)?" + NUMBER + r"(?:\s+F\s*" + NUMBER + ")?$")
-_MOVE = re.compile(r"(?:LN?|CC|CR|CT|C|LP|CP|M\s*\d+)(?=\s|$|\d)|I?[XYZABC]\s*[+-]?\.?\d|R0\b|F ?MAX\b|S ?\d")
+_MOVE = re.compile(
+    r"(?:LN?|CC|CR|CT|C|LP|CP|M\s*[0-9]+)(?=\s|$|[0-9])|I?[XYZABC]\s*[+-]?\.?[0-9]|R0\b|F ?MAX\b|S ?[0-9]"
+)
 _REFUSED = {
     "CTP": "polar tangential arcs",
     "FN": "formulas",
@@ -109,7 +111,7 @@ class _ConversationalReader(DefinitionReader):
         if found is None:
             return None
         refuse_strange_numbers(self.source, found[0], line)
-        text = re.sub(r"^\s*\d+(?:\s+|$)", "", found[0]).rstrip("~ ").strip()
+        text = re.sub(r"^\s*[0-9]+(?:\s+|$)", "", found[0]).rstrip("~ ").strip()
         return re.sub(r"\s+", " ", text), found[1]
 
     def code(self, line: int, text: str) -> None:
@@ -136,13 +138,13 @@ class _ConversationalReader(DefinitionReader):
 
     def call_cycle_at(self, text: str, line: int) -> None:
         words = text[13:]
-        height = re.search(r"(?<![A-Z])I?Z[+-]?[\d.]+", words)
-        plane = re.search(r"(?<![A-Z])I?[XY][+-]?[\d.]", words)
+        height = re.search(r"(?<![A-Z])I?Z[+-]?[0-9.]+", words)
+        plane = re.search(r"(?<![A-Z])I?[XY][+-]?[0-9.]", words)
         if height is None or plane is None:
             self.statement(f"L {words} M99", line)
             return
         over = words.replace(height[0], "", 1)  # never a diagonal: over the place first, and up before that
-        feed = re.search(r"F(?:MAX|[\d.]+)", words)
+        feed = re.search(r"F(?:MAX|[0-9.]+)", words)
         along = f"{height[0]} {feed[0] if feed else ''}"
         value = parse_value(height[0].lstrip("IZ"))
         goes_up = value > 0.0 if height[0].startswith("I") else value * self.scale > self.p[2]
@@ -193,7 +195,7 @@ class _ConversationalReader(DefinitionReader):
         if kind == "CC":
             self.set_pole(words)
             return
-        m_words = [int(f[1:]) for f in flags if re.fullmatch(r"M\d+", f)]
+        m_words = [int(f[1:]) for f in flags if re.fullmatch(r"M[0-9]+", f)]
         vector = [words.pop("T" + c, math.nan) for c in "XYZ"]
         for c in "XYZ":
             words.pop("N" + c, None)

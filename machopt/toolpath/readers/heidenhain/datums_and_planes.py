@@ -11,7 +11,7 @@ from machopt.path_building.coordinate_systems import FrameError, SystemTransform
 from machopt.toolpath.readers.gcode.gcode_reader import GcodeReader
 from machopt.toolpath.readers.gcode.geometry.tilted_planes import compute_rotation_sequence, compute_spatial_plane
 
-NUMBER = r"([+-]?\s*(?:\d+\.?\d*|\.\d+))"
+NUMBER = r"([+-]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))"
 _ANGLE = re.compile(r"(SP[ABC]|EUL(?:PR|NU|ROT)|[BN][XYZ])\s*" + NUMBER)
 _ZERO = (0.0, 0.0, 0.0)
 _ROTARY = {f"{i}{c}" for i in ("", "I") for c in "ABC"}

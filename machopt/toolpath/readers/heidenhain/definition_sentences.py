@@ -12,7 +12,7 @@ from machopt.toolpath.readers.heidenhain.sentence_parser import SentenceReader
 
 MACHINE_CYCLES = frozenset((238, 239, 332, 392))
 BUILDER_CYCLES = range(300, 400)  # numbers that Heidenhain leaves to machine builders
-_Q = re.compile(r"\bQ(\d+)\s*=\s*" + NUMBER)
+_Q = re.compile(r"\bQ([0-9]+)\s*=\s*" + NUMBER)
 
 
 class DefinitionReader(SentenceReader):
@@ -60,7 +60,7 @@ class DefinitionReader(SentenceReader):
             text: Text of the line.
             line: Line number in the file (1-based).
         """
-        found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|\d+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
+        found = re.match(r"TOOL CALL\s*(\"[^\"]*\"|[0-9]+)?(?:.*?\bS\s*" + NUMBER + ")?", text)
         rpm = parse_value(found.group(2)) if found and found.group(2) else None
         self.call_tool((found.group(1) or "").strip('"') if found else "", rpm, text, line)
 
@@ -74,7 +74,7 @@ class DefinitionReader(SentenceReader):
         Raises:
             InputError: the statement has another form than ``PRESET SELECT #n``.
         """
-        preset = re.fullmatch(r"PRESET SELECT\s*#\s*(\d+)(?: KEEP TRANS)?", text)
+        preset = re.fullmatch(r"PRESET SELECT\s*#\s*([0-9]+)(?: KEEP TRANS)?", text)
         if preset is None:
             raise self.source.build_error(f"{text[:40]!r}: read is PRESET SELECT #n", line)
         self.use_preset(float(preset.group(1)))
@@ -141,7 +141,7 @@ class DefinitionReader(SentenceReader):
         Raises:
             InputError: the cycle is not supported or malformed.
         """
-        found = re.match(r"CYCL DEF\s+(\d+)(?:\.(\d+))?\s*(.*)", text)
+        found = re.match(r"CYCL DEF\s+([0-9]+)(?:\.([0-9]+))?\s*(.*)", text)
         if not found:
             raise self.source.build_error(f"{text[:24]!r}: expected CYCL DEF and a number", line)
         number, part, rest = int(found.group(1)), found.group(2), found.group(3)

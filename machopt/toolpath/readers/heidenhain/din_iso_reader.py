@@ -20,7 +20,7 @@ from machopt.toolpath.readers.heidenhain.number_notation import refuse_strange_n
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 
 _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
-_Q = re.compile(r"\s*Q(\d+)\s*=\s*" + NUMBER)
+_Q = re.compile(r"\s*Q([0-9]+)\s*=\s*" + NUMBER)
 _MIRROR = re.compile(r"(?:G9[01]\s*)?G28(?:\s*[XYZABC])*")
 _REFUSED = {
     6: "G6 (tangential arc)",
@@ -88,7 +88,7 @@ class _DinIsoReader(HeidenhainControlReader):
         if found is None:
             return None
         refuse_strange_numbers(self.source, found[0], line)
-        text = re.sub(r"^\s*N\s*\d+\s*", "", found[0])
+        text = re.sub(r"^\s*N\s*[0-9]+\s*", "", found[0])
         if re.match(r"%.*G7[01]", text):
             return "END", found[1]
         if text.startswith("%"):
@@ -101,7 +101,7 @@ class _DinIsoReader(HeidenhainControlReader):
         if text == "END":
             self.ended = True
             return
-        cycle = re.match(r"G(2\d\d)(?![\d.])", text)
+        cycle = re.match(r"G(2[0-9][0-9])(?![0-9.])", text)
         if cycle or _Q.match(text):
             if cycle:
                 self.begin_q_cycle(int(cycle.group(1)), line)

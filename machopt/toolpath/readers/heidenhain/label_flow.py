@@ -10,14 +10,16 @@ from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpress
 from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
 from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
 
-_LABEL = re.compile(r"(?:LBL\s*|G98\s*L\s*)(\d+|\"[^\"]*\")\s*\*?")
-_CALL = re.compile(r"(?:CALL\s+LBL\s*(\d+|\"[^\"]*\")(?:\s*REP\s*(\d+))?(?:/\d+)?|L\s*(\d+)\s*,\s*(\d+))\s*\*?")
-_FN = re.compile(r"(?:FN\s*|D0?)(\d+)\s*:?\s*Q\s*(\d+)\s*=\s*(.+?)\s*\*?")
-_IF = re.compile(r"FN\s*(9|10|11|12)\s*:\s*IF\s*(\S+)\s*(?:EQU|NE|GT|LT)\s*(\S+)\s*GOTO\s*LBL\s*(\d+|\"[^\"]*\")")
-_ASSIGN = re.compile(r"Q\s*(\d+)\s*=\s*(.*?)\s*\*?")  # DIN/ISO blocks end with *
-_USE = re.compile(r"([-+]?)\s*\bQ(\d+)\b(?!\s*=)|(?<=[XYZABCFRS])([-+]?)Q(\d+)\b(?!\s*=)")
+_LABEL = re.compile(r"(?:LBL\s*|G98\s*L\s*)([0-9]+|\"[^\"]*\")\s*\*?")
+_CALL = re.compile(
+    r"(?:CALL\s+LBL\s*([0-9]+|\"[^\"]*\")(?:\s*REP\s*([0-9]+))?(?:/[0-9]+)?|L\s*([0-9]+)\s*,\s*([0-9]+))\s*\*?"
+)
+_FN = re.compile(r"(?:FN\s*|D0?)([0-9]+)\s*:?\s*Q\s*([0-9]+)\s*=\s*(.+?)\s*\*?")
+_IF = re.compile(r"FN\s*(9|10|11|12)\s*:\s*IF\s*(\S+)\s*(?:EQU|NE|GT|LT)\s*(\S+)\s*GOTO\s*LBL\s*([0-9]+|\"[^\"]*\")")
+_ASSIGN = re.compile(r"Q\s*([0-9]+)\s*=\s*(.*?)\s*\*?")  # DIN/ISO blocks end with *
+_USE = re.compile(r"([-+]?)\s*\bQ([0-9]+)\b(?!\s*=)|(?<=[XYZABCFRS])([-+]?)Q([0-9]+)\b(?!\s*=)")
 _COMPUTED = re.compile(r"\b(?:A\s*\+?\s*Q120|B\s*\+?\s*Q121|C\s*\+?\s*Q122)\b")
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 _OPERATORS = {1: "+", 2: "-", 3: "*", 4: "DIV"}
 _COMPARE = {"9": "==", "10": "<>", "11": ">", "12": "<"}
 _CYCLE_Q = range(200, 2000)  # parameters of cycles; formulas use the ones below
@@ -83,7 +85,7 @@ class LabelFlow:
         if found := _CALL.fullmatch(text):
             again = found.group(2) or (found.group(4) if found.group(4) not in (None, "0") else None)
             return "", self._call(at, found.group(1) or found.group(3), again)
-        if re.match(r"D\d+\s+P\d", text):  # DIN/ISO
+        if re.match(r"D[0-9]+\s+P[0-9]", text):  # DIN/ISO
             raise MacroExpressionError(f"{text.split(maxsplit=1)[0]} is not read; expand the program first")
         if "Q" not in text:
             return text, at + 1
@@ -161,7 +163,7 @@ def _normalise_label(text: str) -> str:
 
 def _split_operands(text: str, number: int) -> tuple[str, str, str]:
     """The two sides of FN 1 … 3, whose numbers carry signs of their own."""
-    found = re.match(r"\s*([-+]?\s*(?:Q\s*\d+|\d+\.?\d*|\.\d+))\s*([-+*])\s*(.+)", text)
+    found = re.match(r"\s*([-+]?\s*(?:Q\s*[0-9]+|[0-9]+\.?[0-9]*|\.[0-9]+))\s*([-+*])\s*(.+)", text)
     if not found or found.group(2) != _OPERATORS[number]:
         raise MacroExpressionError(f"found {text.strip()!r}; expected two values and {_OPERATORS[number]!r}")
     return found.group(1), found.group(2), found.group(3)

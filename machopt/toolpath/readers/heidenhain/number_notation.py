@@ -9,7 +9,7 @@ from machopt.file_formats.source_file import SourceFile
 _QUOTED = re.compile(r"\"[^\"]*\"?")
 _NAMED = re.compile(r"PGM\b|%|TOOL\b|LBL\b|FN\s*(?:15|16|38)\b")  # a sentence with a name or a text
 _NO_DECIMAL = re.compile(
-    r"(?<![A-Z0-9_.])(?:I?[A-Z]{1,3}\s*[-+]?\s*|[-+=]\s*)[-+]?(?:\d+\.?\d*|\.\d+)(?:_|E[-+]?\d)\w*"
+    r"(?<![A-Z0-9_.])(?:I?[A-Z]{1,3}\s*[-+]?\s*|[-+=]\s*)[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:_|E[-+]?[0-9])\w*"
     r"|(?<![A-Z0-9_])[A-Z]{0,4}\s*=?\s*[-+]?\s*(?:NAN|INF|INFINITY)\b"
 )
 

@@ -11,7 +11,7 @@ from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_
 
 _WORD = re.compile(r"\s*(I?[XYZABC]|T[XYZ]|N[XYZ]|I?PR|I?PA|F|R|S)\s*" + NUMBER)
 _FLAG = re.compile(
-    r"\s*(F\s*MAX|F\s*AUTO|R[0LR]?(?![\d.])|DR[+-]|M\s*\d+|M(?![A-Z])|MB\s*MAX|MB\s*[+-]?[\d.]+|F(?=\s|$))"
+    r"\s*(F\s*MAX|F\s*AUTO|R[0LR]?(?![0-9.])|DR[+-]|M\s*[0-9]+|M(?![A-Z])|MB\s*MAX|MB\s*[+-]?[0-9.]+|F(?=\s|$))"
 )
 _LEADS: dict[str, Lead] = {"LT": "LT", "LN": "LN", "CT": "CT", "LCT": "LCT"}
 
@@ -91,7 +91,7 @@ class SentenceReader(HeidenhainControlReader):
             self.feed_word(words.pop("F"), line)
         if "FMAX" in flags:
             raise self.source.build_error(f"{where} {kind} with FMAX: give it a feed", line)
-        self.m_words([int(f[1:]) for f in flags if re.fullmatch(r"M\d+", f)], {}, line)
+        self.m_words([int(f[1:]) for f in flags if re.fullmatch(r"M[0-9]+", f)], {}, line)
         needed = {"LT": "LEN", "LN": "LEN", "CT": "CCA"}.get(kind)
         radius = words.pop("R", math.nan) * self.scale
         if (needed and not own.get(needed, 0.0) > 0.0) or (kind in ("CT", "LCT") and not abs(radius) > 0.0):

@@ -12,12 +12,12 @@ from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 FlowItem = tuple[int, str, list[str]]  # line, code in upper case, comments
 MAX_CALLS = 50  # nested
 O_WORD = re.compile(
-    r"(?:N\d+\s*)?O\s*(<[^<>]*>|\d+)\s*(SUB|ENDSUB|CALL|RETURN|IF|ELSEIF|ELSE|ENDIF|DO|WHILE|ENDWHILE|REPEAT|ENDREPEAT"
+    r"(?:N[0-9]+\s*)?O\s*(<[^<>]*>|[0-9]+)\s*(SUB|ENDSUB|CALL|RETURN|IF|ELSEIF|ELSE|ENDIF|DO|WHILE|ENDWHILE|REPEAT|ENDREPEAT"
     r"|BREAK|CONTINUE)\b\s*(.*)"
 )
-_O_INDIRECT = re.compile(r"(N\d+\s*)?O\s*(?=[\[#](?!<[^<>]*>\s*=))")
+_O_INDIRECT = re.compile(r"(N[0-9]+\s*)?O\s*(?=[\[#](?!<[^<>]*>\s*=))")
 O_WITHIN = re.compile(
-    r"O\s*(?:<[^<>]*>|\d+)\s*(?:SUB|ENDSUB|CALL|RETURN|IF|ELSEIF|ELSE|ENDIF|DO|WHILE|ENDWHILE|REPEAT|ENDREPEAT|BREAK|CONTINUE)\b"
+    r"O\s*(?:<[^<>]*>|[0-9]+)\s*(?:SUB|ENDSUB|CALL|RETURN|IF|ELSEIF|ELSE|ENDIF|DO|WHILE|ENDWHILE|REPEAT|ENDREPEAT|BREAK|CONTINUE)\b"
 )
 _ALONE = ("SUB", "ELSE", "ENDIF", "DO", "ENDWHILE", "ENDREPEAT", "BREAK", "CONTINUE")  # nothing behind them
 

@@ -272,7 +272,7 @@ def _compute_remainder(left: float, right: float) -> float:
 class _MacroParser(RecursiveDescentParser[float]):
     """Evaluates while it reads."""
 
-    token = re.compile(r"\s*(\d+\.?\d*|\.\d+|\*\*|[-+*/\[\]#=]|<[^<>]*>|[A-Z]+)")
+    token = re.compile(r"\s*([0-9]+\.?[0-9]*|\.[0-9]+|\*\*|[-+*/\[\]#=]|<[^<>]*>|[A-Z]+)")
     levels = (
         {name: _build_logic_operator(what) for name, what in _LOGIC.items()},
         {name: _build_comparison_operator(what) for name, what in _COMPARE.items()},

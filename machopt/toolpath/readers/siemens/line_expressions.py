@@ -12,13 +12,13 @@ from machopt.toolpath.readers.siemens.subprograms import find_closing_bracket, s
 _ASSIGN = re.compile(rf"\s*({VARIABLE})\s*=(?!=)\s*")
 _MODE = re.compile(r"(AC|IC|DC|ACP|ACN)\s*\(")
 _ADDRESS = re.compile(
-    r"[A-Z]|CR|AR|RP|AP|TURN|[ABC][2-5]|[IJK]1|FA|SPOS|[XYZABC]\d|FR\w*|OMA\d|D[LT]?|RPL|RNDM?|CHF|CHR|ANG|FB|OVR|[MSHGT]\d?"
+    r"[A-Z]|CR|AR|RP|AP|TURN|[ABC][2-5]|[IJK]1|FA|SPOS|[XYZABC][0-9]|FR\w*|OMA[0-9]|D[LT]?|RPL|RNDM?|CHF|CHR|ANG|FB|OVR|[MSHGT][0-9]?"
 )
-_MOVES_TOO = re.compile(r"\bG\d|\b[XYZ]\s*(?:=|[-+.\d])")
+_MOVES_TOO = re.compile(r"\bG[0-9]|\b[XYZ]\s*(?:=|[-+.0-9])")
 _NOT_EVALUATED = re.compile(r"(?:MSG|SPOS|DISABLE|WRITE|EXTERN)\b")
-_ONLY_PARAMETERS = re.compile(r"(?:R\d+=[-\d.]+\s*|N\d+\s*)*")
-_PARAMETER = re.compile(r"R\d+")
-_PLAIN_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
+_ONLY_PARAMETERS = re.compile(r"(?:R[0-9]+=[-0-9.]+\s*|N[0-9]+\s*)*")
+_PARAMETER = re.compile(r"R[0-9]+")
+_PLAIN_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 _CALL = re.compile(r"[A-Z_]\w*\s*\(")
 _STEP = re.compile(r"\"[^\"]*\"?|[A-Z_]\w*|.", re.DOTALL)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-REPEAT = re.compile(r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+(?!P\s*=|P\s*\d)([A-Z_]\w*))?(?:\s+P\s*(?:=\s*(.+?)|(\d+)))?\s*")
+REPEAT = re.compile(
+    r"REPEAT(B?)\s+([A-Z_]\w*)(?:\s+(?!P\s*=|P\s*[0-9])([A-Z_]\w*))?(?:\s+P\s*(?:=\s*(.+?)|([0-9]+)))?\s*"
+)
 MAX_REPEATS = 9999
 
 

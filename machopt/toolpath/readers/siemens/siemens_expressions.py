@@ -160,7 +160,9 @@ class SiemensVariables:
 class _SiemensParser(RecursiveDescentParser[Expression]):
     """Into functions of the variables."""
 
-    token = re.compile(r"\s*(\d+\.?\d*(?:EX[-+]?\d+)?|\.\d+|==|<>|>=|<=|<<|[-+*/^()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)")
+    token = re.compile(
+        r"\s*([0-9]+\.?[0-9]*(?:EX[-+]?[0-9]+)?|\.[0-9]+|==|<>|>=|<=|<<|[-+*/^()\[\],<>=]|\$?[A-Z_][A-Z0-9_]*)"
+    )
     levels = _LEVELS
     problem = MacroExpressionError
 

@@ -34,19 +34,19 @@ from machopt.toolpath.readers.siemens.subprograms import (
 from machopt.toolpath.readers.siemens.variable_types import convert_to_type, parse_definitions
 
 NEEDS_FLOW = re.compile(
-    r"\bR(?:\d+|\[[^]]*\])\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
+    r"\bR(?:[0-9]+|\[[^]]*\])\s*=|=\s*[-+]?\s*\(?\s*[A-Z]|\b(?:GOTO[BFCS]?|CASE|WHILE|ENDWHILE|REPEATB?|UNTIL|LOOP|DEF|IF|FOR|CALL|PCALL|EXTERN)\b|\bPROC\s|%_N_\w+_SPF",
     re.IGNORECASE,
 )
 SAVE_MODES, RESTORE_MODES = "%SAVE", "%RESTORE"  # around a call of PROC … SAVE, for the reader
 NEXT_PASS = "%NEXT_PASS"  # of PROC … SAVE: the modes are restored and saved again
-_PREFIX = re.compile(r"(?:N\d+\s*)?(?:([A-Z_][A-Z0-9_]+)\s*:(?!=)\s*)?")
+_PREFIX = re.compile(r"(?:N[0-9]+\s*)?(?:([A-Z_][A-Z0-9_]+)\s*:(?!=)\s*)?")
 _DEF = re.compile(r"DEF\s+(REAL|INT|BOOL|CHAR)\b\s*(.*)")
 _IF_GOTO = re.compile(r"IF\s*(.*?)\s*(GOTO[BFC]?)\s+(\w+)\s*")
 _GOTO = re.compile(r"(GOTO[BFC]?)\s+(\w+)\s*|(GOTOS)\s*")
 _CASE = re.compile(r"CASE\s*(.+?)\s*\bOF\b\s*(.*)")
-_CASE_BRANCH = re.compile(r"\s*([-+]?\d+\.?\d*|DEFAULT)\s+(GOTO[BFC]?)\s+(\w+)")
+_CASE_BRANCH = re.compile(r"\s*([-+]?[0-9]+\.?[0-9]*|DEFAULT)\s+(GOTO[BFC]?)\s+(\w+)")
 _END = re.compile(r"(?<![\w\"])(?:M0*2|M30)(?![\w\"(=])")  # of a program; in a subprogram a return
-_AXIS_WORD = re.compile(r"(?<![A-Z_])[XYZABC]\s*(?:=|[-+.\d])")
+_AXIS_WORD = re.compile(r"(?<![A-Z_])[XYZABC]\s*(?:=|[-+.0-9])")
 _QUOTED = re.compile(r'"[^"]*"?')  # text, which moves nothing
 _FOR = re.compile(rf"FOR\s+({VARIABLE})\s*=\s*(.*)\bTO\b(.*)")
 _BLOCKS = {  # word → (closing word, words between)
@@ -270,7 +270,7 @@ class SiemensFlow:
     def _places(self, label: str, at: int) -> list[int]:
         """Places of a label or block number in the program of a line."""
         if label.startswith("N") and label[1:].isdigit():
-            number = re.compile(rf"N0*{int(label[1:])}(?!\d)")
+            number = re.compile(rf"N0*{int(label[1:])}(?![0-9])")
             places = [k for k, (_, text, _) in enumerate(self.raw) if number.match(text)]
         else:
             places = self.labels.get(label, [])

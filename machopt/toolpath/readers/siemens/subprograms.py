@@ -11,12 +11,12 @@ from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 from machopt.toolpath.readers.siemens.siemens_expressions import VARIABLE, SiemensVariables
 from machopt.toolpath.readers.siemens.variable_types import NUMBER_TYPES, convert_to_type
 
-HEAD = re.compile(r"%_N_(\w+?)_(?:SPF|MPF)\b.*|(?:N\d+\s*)?PROC\s+(\w+)\b\s*(.*)")
+HEAD = re.compile(r"%_N_(\w+?)_(?:SPF|MPF)\b.*|(?:N[0-9]+\s*)?PROC\s+(\w+)\b\s*(.*)")
 _SIGNATURE = re.compile(r"\(([^()]*)\)")
 _PARAMETER = re.compile(
     r"(VAR\s+)?(REAL|INT|BOOL|CHAR|STRING|AXIS|FRAME)\b(?:\s*\[[^\]]*\])?\s*([A-Z_]\w*)?\s*(?:=(.*))?"
 )
-_REPEATS = re.compile(r"P\s*(?:=\s*(.+)|(\d+))")
+_REPEATS = re.compile(r"P\s*(?:=\s*(.+)|([0-9]+))")
 _NAME = re.compile(VARIABLE)
 MAX_REPEATS = 9999  # of the address P of a call
 

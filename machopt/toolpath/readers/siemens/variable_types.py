@@ -16,7 +16,7 @@ from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpress
 NUMBER_TYPES = ("REAL", "INT", "BOOL", "CHAR")
 MAX_ELEMENTS = 10_000
 _RANGES = {"INT": (-2147483646.0, 2147483647.0), "CHAR": (0.0, 255.0)}
-_NAME = re.compile(r"\s*([A-Z_]\w*)\s*(?:\[\s*(\d+)\s*\])?\s*")
+_NAME = re.compile(r"\s*([A-Z_]\w*)\s*(?:\[\s*([0-9]+)\s*\])?\s*")
 _SET = re.compile(r"\s*(SET|REP)\s*\((.*)\)\s*")
 
 

@@ -32,11 +32,11 @@ REVIEWED: dict[str, str] = {  # columns with a unit that move nothing, without t
         _RESULT,
     ),
 }
-_JOINT = re.compile(r"[qe]\d+")  # joint values of a result
+_JOINT = re.compile(r"[qe][0-9]+")  # joint values of a result
 _UNIT_WORD = re.compile(r"(.+)_(?:mm|inch|in|cm|m|deg|rad)")
 _FRAME = re.compile(
     r"(?:^|_)(?:u?frame|wcs|csys|base|origin|shift|offset|mirror|scale|rotation|rotate|transform|matrix|wobj|plane|datum|"
-    r"tilt|incremental)(?:_|\d|$)"
+    r"tilt|incremental)(?:_|[0-9]|$)"
 )
 
 

@@ -89,7 +89,7 @@ def _place_targets(
     """Return the (M, 4, 4) pose of each target in the workpiece; those of joint targets by forward kinematics."""
     T = parsed.T_base_tcp.copy()
     joint = ~parsed.has_pose & np.isfinite(q).all(axis=1)
-    driven, wanted = np.hstack([q, external]), np.hstack([motion.q, motion.external])
+    driven, wanted = np.hstack([q, external]), motion.joints
     if len(q) == len(motion.q):  # streamed: the motion's own samples have been placed already
         same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
         T[same], joint = tcp[same], joint & ~same

@@ -33,7 +33,7 @@ class RapidZoneTable:
             corners: Rounded corners (rapid_corners.csv).
             arm: Kinematics as the controller reckons.
         """
-        triangles = list_corner_triangles(corners, np.hstack([motion.q, motion.external]))
+        triangles = list_corner_triangles(corners, motion.joints)
         if not triangles:
             return cls(np.zeros(0), np.zeros(0), np.zeros(0))
         distance = compute_rapid_zone_limits(

@@ -8,9 +8,10 @@ are.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -65,9 +66,11 @@ from machopt.verification.folder.verification_scope import (
     list_production_blockers,
     list_unchecked,
 )
+from machopt.verification.folder.version_mismatch import find_older_version
 
 CHOSEN_MEAN_TOLERANCE = 0.05  # of the mean index: what rescoring a choice as it is driven may move it by
 RESULT_FILE = "result.json"
+_WRITTEN_LAST = {RESULT_FILE, MANIFEST, *BATCH_ROLES}  # their hashes are not in result.json
 VERDICT_BY_EXIT_CODE = {3: "infeasible", 4: "verification failed"}
 
 
@@ -96,6 +99,8 @@ def check_result_document(
         value = read_json(file)
     except InputError as problem:
         return [_build_check("", [str(problem)])]
+    if find_older_version(value, manifest) is not None and manifest is not None:
+        return [_build_check("older version", list(_compare_older_document(value, folder, manifest, contents)))]
     try:
         result = OptimizeDocument.model_validate(value)
     except ValidationError as problem:  # an edited file may have any form
@@ -111,6 +116,22 @@ def check_result_document(
         contents=contents,
     )
     return [_run_part_check(name, part, stated) for name, part in _PARTS.items()]
+
+
+def _compare_older_document(
+    value: Mapping[str, Any], folder: Path, manifest: FolderManifest, contents: Verification | None
+) -> Iterable[str]:
+    """Compare what every version states: its figures have other definitions, and are not recomputed."""
+    expected = 3 if contents is None else (0 if contents.ok else 4)
+    yield from check_equal("exit_code", value.get("exit_code"), expected)
+    for key, stated in (("exit_code", manifest.exit_code), ("verdict", manifest.verdict)):
+        yield from check_equal(f"{key} (of the manifest)", stated, value.get(key))
+    inputs, outputs = (
+        items if isinstance(items := value.get(key), Mapping) else {key: items} for key in ("inputs", "outputs")
+    )
+    yield from check_same_items("inputs", inputs, {f.name: f.sha256 for f in manifest.inputs})
+    there = {name: compute_sha256(folder / name) for name in list_folder_files(folder) - _WRITTEN_LAST}
+    yield from check_same_items("outputs", outputs, there)
 
 
 def _run_part_check(
@@ -179,8 +200,7 @@ def _check_inputs(t: ResultComparison) -> Iterable[str]:
 
 
 def _check_outputs(t: ResultComparison) -> Iterable[str]:
-    later = {RESULT_FILE, MANIFEST, *BATCH_ROLES}
-    there = {name: compute_sha256(t.folder / name) for name in list_folder_files(t.folder) - later}
+    there = {name: compute_sha256(t.folder / name) for name in list_folder_files(t.folder) - _WRITTEN_LAST}
     yield from check_same_items("outputs", t.result.outputs, there)
     for name in ("points.csv", "report.html", *(("trajectory.csv",) if t.contents is not None else ())):
         if name not in there:

@@ -44,7 +44,7 @@ def check_dwells_and_stops(
     if not asked:
         return []
     given_up = set(points.point[~points.ok].tolist())
-    step = np.abs(np.diff(np.hstack([motion.q, motion.external]), axis=0))
+    step = np.abs(np.diff(motion.joints, axis=0))
     still = np.append(False, (step <= STILL_TOLERANCE).all(axis=1))  # (S,) the step that ends here
     reach = REST_STEP_FACTOR * cell.limits.jerk[: step.shape[1]] * motion.sample_time**3 / 6.0 + PRINTED_TOLERANCE
     slow = (step <= reach).all(axis=1)

@@ -21,7 +21,7 @@ from machopt.verification.motion.path_geometry.reference_direction import INDEX_
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
-BLOCK_ROWS = 50_000  # samples compared at a time
+BLOCK_ROWS = 10_000  # samples compared at a time
 ROTATION_TOLERANCE_DEG = (
     0.1  # the axis may be 0.05° off while the tool rounds a corner, which turns what is measured about it
 )

@@ -359,7 +359,7 @@ class PointsTableCheck:
         after = np.searchsorted(s[on], at, side="left")
         before = np.searchsorted(s[on], at, side="right") - 1
         a, b = on[np.clip(before, 0, len(on) - 1)], on[np.clip(after, 0, len(on) - 1)]
-        driven = np.hstack([motion.q, motion.external])
+        driven = motion.joints
         low, high = np.minimum(driven[a], driven[b]), np.maximum(driven[a], driven[b])
         q = np.hstack([self.points.q, self.points.external])[rows]
         off = np.degrees(np.maximum(low - q, q - high).max(axis=1))  # a metre of a slide counts as a radian

@@ -9,7 +9,10 @@ with the shares α and β of the table: on one of the two straight moves, or in 
 are found by least squares. A controller that rounds the corner within these shares stays in the same triangle. So the
 whole triangle is searched for contacts, along chords parallel to its base. The shares are those that were driven: the
 last sample on the move to the corner lies before α, and the first one on the move from it behind β, but for the time in
-which the departure from the move is smaller than what the table prints.
+which the departure from the move is smaller than what the table prints. Where both moves are one straight line, the
+corner is a point that the tool passes, and nothing is rounded.
+
+A corner at a point of the toolpath lies within ``rapid_blend_mm`` of it.
 """
 
 from __future__ import annotations
@@ -26,11 +29,12 @@ from machopt.verification.checks import VerificationCheck, build_count_check, bu
 from machopt.verification.motion.collision.bodies import CoalBody
 from machopt.verification.motion.collision.contact_search import find_polyline_contacts
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
-from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
+from machopt.verification.tables.exported_tables import ExportedMotion
 from machopt.verification.tables.rapid_corner_table import PRINTED_SHARE
 
 OFF_TOLERANCE_DEG = 1e-3  # of a sample from the moves and the triangle; a metre of a slide counts as a radian
-JOINT_TOLERANCE_DEG = 1e-5  # corner and points.csv: nine and six decimals
+AWAY_TOLERANCE_MM = 0.02  # of a corner beyond the distance by which the tool may pass its point, as of rapid points
+STRAIGHT = 1e-8  # rad or m, of a corner from the straight way between its neighbours: no corner but a passed point
 WHOLE = 1e-6  # of an index
 CHORD_M, CHORD_RAD = 5e-3, float(np.radians(2.0))  # distance of the chords, at the tool and in the joints
 LEAST_CHORDS = 2
@@ -65,6 +69,11 @@ class CornerTriangle:
             ]
         )
 
+    @property
+    def is_straight(self) -> bool:
+        """Whether both moves are one straight line."""
+        return bool(_measure_segment(self.corner[None], self.start, self.end)[0] <= STRAIGHT)
+
     def resolve(self, x: Array) -> tuple[Array, Array, Array]:
         """Return the shares u and v of samples and how far these leave them.
 
@@ -85,6 +94,8 @@ class CornerTriangle:
             x: (S, n) rad or m.
         """
         sides = [_measure_segment(x, self.corner, end) for end in (self.start, self.end)]
+        if self.is_straight:
+            return np.minimum(*sides)
         u, v, off = self.resolve(x)
         inside = (u >= -PRINTED_SHARE) & (v >= -PRINTED_SHARE)
         inside &= u / self.share[0] + v / self.share[1] <= 1.0 + PRINTED_SHARE / self.share.min()
@@ -99,6 +110,8 @@ class CornerTriangle:
             before: samples in which a departure may be unseen.
         """
         excess = 0.0
+        if self.is_straight:
+            return excess
         for n, x in enumerate((arriving, leaving)):
             parts = self.resolve(x)[:2]
             own, other = parts[n], parts[1 - n]
@@ -126,21 +139,22 @@ def list_corner_triangles(corners: RapidCorners, x: Array) -> list[CornerTriangl
 
 
 def check_rapid_corners(
-    motion: ExportedMotion, toolpath: Toolpath, points: ExportedPoints, corners: RapidCorners
+    motion: ExportedMotion, toolpath: Toolpath, corners: RapidCorners, place: Array, passing: float
 ) -> list[VerificationCheck]:
-    """Check the table against motion, points.csv and CAM file.
+    """Check the table against motion and CAM file.
 
     Args:
         motion: The exported motion (trajectory.csv), SI.
         toolpath: The toolpath, points in the workpiece frame, SI.
-        points: The exported points (points.csv), SI.
         corners: Rounded corners (rapid_corners.csv).
+        place: (C, 3) m, the tool at the corners, in the workpiece frame.
+        passing: m by which the tool may pass a point.
     """
     wrong = _list_misplaced_corners(motion, toolpath, corners)
     out = [build_count_check(BETWEEN, wrong, "corners")]
     if wrong:
         return out
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     triangles = list_corner_triangles(corners, x)
     off = np.zeros(len(x))
     touched = np.zeros(len(x), bool)
@@ -156,13 +170,11 @@ def check_rapid_corners(
     off[touched] = np.degrees(deviation[touched])
     point = motion.point[corners.sample]
     whole = np.flatnonzero([_is_whole(motion, row) for row in corners.sample.tolist()])
-    row_of = {int(k): n for n, k in enumerate(points.point.tolist())}
-    stood = np.hstack([points.q, points.external])
     apart = np.full(len(whole), np.inf)
     for n, c in enumerate(whole.tolist()):
-        row = row_of.get(round(float(point[c])))
-        if row is not None:
-            apart[n] = np.degrees(np.abs(stood[row] - corners.x[c]).max())
+        k = round(float(point[c]))
+        if 0 <= k < len(toolpath):
+            apart[n] = 1e3 * max(float(np.linalg.norm(place[c] - toolpath.position[k])) - passing, 0.0)
     return [
         *out,
         build_worst_value_check(DRIVEN, "deg", off, OFF_TOLERANCE_DEG, motion.describe_row),
@@ -175,9 +187,9 @@ def check_rapid_corners(
         ),
         build_worst_value_check(
             AT_POINTS,
-            "deg",
+            "mm",
             np.append(apart, 0.0),
-            JOINT_TOLERANCE_DEG,
+            AWAY_TOLERANCE_MM,
             lambda n: f"point {point[whole[n]]:.0f}" if n < len(whole) else "there are none at points",
         ),
     ]
@@ -241,7 +253,7 @@ def check_corner_contacts(
         motion: The exported motion with true angles.
         corners: Rounded corners with true angles.
     """
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     fans = [build_chords(triangle, arm) for triangle in list_corner_triangles(corners, x)]
     hits = find_polyline_contacts(arm, wanted, fans)
     named = [f"{pair} beside {motion.describe_row(int(corners.sample[n]))}" for pair, n in hits]
@@ -271,11 +283,14 @@ def unround_motion(motion: ExportedMotion, corners: RapidCorners) -> ExportedMot
         motion: The exported motion (trajectory.csv), SI.
         corners: Rounded corners (rapid_corners.csv).
     """
-    x = np.hstack([motion.q, motion.external])
+    x = motion.joints
     out = x.copy()
     for n, triangle in enumerate(list_corner_triangles(corners, x)):
         row = int(corners.sample[n])
         rows = np.arange(corners.before[n] + 1, min(int(corners.after[n]), len(x)))
+        if triangle.is_straight:
+            out[row] = triangle.corner
+            continue
         u, v, _ = triangle.resolve(x[rows])
         inside = (u > 0.0) & (v > 0.0) & (u <= triangle.share[0]) & (v <= triangle.share[1])
         arriving = inside & (rows < row)

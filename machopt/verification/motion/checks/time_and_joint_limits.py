@@ -48,7 +48,7 @@ def _check_time(motion: ExportedMotion, options: PlanOptions) -> list[Verificati
 
 
 def _check_home(motion: ExportedMotion, wanted: tuple[Array, Array]) -> VerificationCheck:
-    ends = np.hstack([motion.q, motion.external])[[0, -1]]
+    ends = motion.joints[[0, -1]]
     off = np.degrees(np.abs(ends - np.array(wanted)).max(axis=1))  # a metre of a slide counts as a radian
     return build_worst_value_check(
         "from home to home", "deg", off, HOME_TOLERANCE_DEG, ("the first row", "the last row")
@@ -56,7 +56,7 @@ def _check_home(motion: ExportedMotion, wanted: tuple[Array, Array]) -> Verifica
 
 
 def _check_joint_limits(motion: ExportedMotion, cell: Cell) -> list[VerificationCheck]:
-    q = np.hstack([motion.q, motion.external])
+    q = motion.joints
     limits = cell.limits
     beyond = np.maximum(limits.lower - q, q - limits.upper)
     n, j = np.unravel_index(np.argmax(beyond), beyond.shape)

@@ -28,7 +28,7 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 
 LEAP, LEAP_FACTOR = 2.0 * np.pi, 10.0  # rad or m; times the limit of velocity
 MAX_JOINT_STEP_RAD = np.radians(0.5)  # joint motion between the rows that are checked first
-BLOCK_ROWS = 20_000  # rows whose frames are held at a time
+BLOCK_ROWS = 5_000  # rows whose frames are held at a time
 MIN_MOTION_M = 1e-4  # m, motion below which a stretch is not halved any more
 
 
@@ -51,8 +51,10 @@ def find_leap(joints: Array, velocity: Array, sample_time: float) -> int | None:
         velocity: (6 + E,) rad/s or m/s, limits.
         sample_time: s.
     """
-    far = np.abs(np.diff(joints, axis=0)) > LEAP + LEAP_FACTOR * velocity * sample_time
-    rows = np.flatnonzero(far.any(axis=1))
+    far = np.zeros(max(len(joints) - 1, 0), bool)
+    for column, limit in zip(joints.T, LEAP + LEAP_FACTOR * velocity * sample_time, strict=True):
+        far |= np.abs(np.diff(column)) > limit
+    rows = np.flatnonzero(far)
     return int(rows[0]) + 1 if len(rows) else None
 
 
@@ -118,8 +120,10 @@ def _divide_steps(joints: Array) -> tuple[Array, Array]:
     before = np.repeat(np.arange(len(parts)), parts)
     nth = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)  # 0 … parts − 1 in each step
     place = np.append(0.0, before + (nth + 1.0) / parts[before])
-    samples = np.arange(len(joints))
-    return place, np.column_stack([np.interp(place, samples, column) for column in joints.T])
+    samples, rows = np.arange(len(joints)), np.empty((len(place), joints.shape[1]))
+    for n, column in enumerate(joints.T):
+        rows[:, n] = np.interp(place, samples, column)
+    return place, rows
 
 
 def _compute_steps(rows: Array) -> Array:

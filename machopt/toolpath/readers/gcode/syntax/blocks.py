@@ -8,24 +8,24 @@ from dataclasses import dataclass, field
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
 
 Word = tuple[str, float]
-_WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:\d+\.?\d*|\.\d+))")
-_PLAIN = re.compile(r"(?:\s*[A-Z]\s*[+-]?\s*(?:\d+\.?\d*|\.\d+))+\s*")
+_WORD = re.compile(r"\s*([A-Z])\s*([+-]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_PLAIN = re.compile(r"(?:\s*[A-Z]\s*[+-]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))+\s*")
 # A word may follow the number before it without a blank; E0.5 behind a number is a word E of its own (an extruder's).
 _EXPONENT = re.compile(
-    r"(?:(?<![A-Z0-9_\"])[A-Z][A-Z]?\d?|(?<=[0-9.])[A-Z])\s*=?\s*[-+]?\s*(?:\d+\.?\d*|\.\d+)E[-+]?\d+(?![\d.])"
+    r"(?:(?<![A-Z0-9_\"])[A-Z][A-Z]?[0-9]?|(?<=[0-9.])[A-Z])\s*=?\s*[-+]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+)E[-+]?[0-9]+(?![0-9.])"
 )
 _QUOTED = re.compile(r"\"[^\"]*\"")
 _COMMENT = re.compile(r"(?:[^;\"]|\"[^\"]*(?:\"|$))*")  # up to a semicolon that is not quoted
 LARGEST = 1e15  # beyond it no length, angle or feed
 _SLOW = re.compile(
     r"""\s*(?:
-      (?P<switch>[MH]\d+)\s*\([^()]*\)
+      (?P<switch>[MH][0-9]+)\s*\([^()]*\)
     | (?P<name>[A-Z][A-Z0-9_]*)\s*=\s*(?P<mode>AC|IC|DC|ACP|ACN)\s*\(\s*
-      (?P<moded>[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)\s*\)
+      (?P<moded>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:EX[-+]?[0-9]+)?)\s*\)
     | (?P<text>[A-Z][A-Z0-9_]*)\s*=\s*"(?P<string>[^"]*)"
-    | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\w*/+\-(.])
-    | (?P<comma>,\s*[RCA])\s*(?P<size>[+-]?\s*(?:\d+\.?\d*|\.\d+))
-    | (?P<letter>[A-Z@^])\s*(?P<number>[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:EX[-+]?\d+)?)(?![\d.]|[A-Z_]*[=(\[])
+    | (?P<named>[A-Z][A-Z0-9_]*)\s*=\s*(?P<value>[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:EX[-+]?[0-9]+)?)(?![\w*/+\-(.])
+    | (?P<comma>,\s*[RCA])\s*(?P<size>[+-]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+))
+    | (?P<letter>[A-Z@^])\s*(?P<number>[+-]?\s*(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:EX[-+]?[0-9]+)?)(?![0-9.]|[A-Z_]*[=(\[])
     | (?P<call>[A-Z_][A-Z0-9_]{2,}|CT(?=\s|$))\s*(?P<args>\((?:[^()"]|"[^"]*")*\))?
     )""",
     re.VERBOSE,
@@ -55,7 +55,7 @@ class ProgramBlock:
         Args:
             letter: The letter.
         """
-        return re.search(rf"{letter}\s*[-+]?\s*\d+(?![\d.])", self.text) is not None
+        return re.search(rf"{letter}\s*[-+]?\s*[0-9]+(?![0-9.])", self.text) is not None
 
 
 class BlockReader:

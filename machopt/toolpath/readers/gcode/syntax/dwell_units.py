@@ -11,10 +11,10 @@ from machopt.file_formats.source_file import SourceFile
 Control = Literal["fanuc", "linuxcnc", ""]
 MAX_DWELL_S = 300.0  # of a block; warming-up programs wait a few minutes
 _LINUXCNC = re.compile(  # M428 to M430: switches of its five-axis kinematics
-    r"#\s*<|^\s*O\s*(?:<|\d+\s*(?:SUB|CALL|IF|DO|WHILE|REPEAT)\b)|^\s*M4(?:28|29|30)(?!\d)",
+    r"#\s*<|^\s*O\s*(?:<|[0-9]+\s*(?:SUB|CALL|IF|DO|WHILE|REPEAT)\b)|^\s*M4(?:28|29|30)(?![0-9])",
     re.IGNORECASE | re.MULTILINE,
 )
-_FANUC = re.compile(r"^\s*[O:]\s*\d+\s*(?:\(|;|$)|M9[89](?!\d)|G65(?![\d.])", re.IGNORECASE | re.MULTILINE)
+_FANUC = re.compile(r"^\s*[O:]\s*[0-9]+\s*(?:\(|;|$)|M9[89](?![0-9])|G65(?![0-9.])", re.IGNORECASE | re.MULTILINE)
 _SURELY_MS = 100.0  # without a decimal point: no dwell in a hole takes minutes
 
 

@@ -16,21 +16,21 @@ from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader
 from machopt.toolpath.readers.gcode.syntax.dwell_units import find_control
 
-_TOKEN = re.compile(r"([A-Z])(\s*)([-+]?)\s*(\d+\.\d*|\.\d+|\d+)", re.ASCII)
+_TOKEN = re.compile(r"([A-Z])(\s*)([-+]?)\s*([0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)", re.ASCII)
 _DOUBTED = frozenset("XYZUVWIJR")  # lengths, whose numbers without a point are checked
 _POINTED = frozenset("XYZUVWIJKRABCQ")  # words that --decimals gives a point
 _EXPRESSIONS = re.compile(r"[#\[]|^\s*O\s*<", re.IGNORECASE | re.MULTILINE)
-_BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9]\d*(?![\d.])", re.IGNORECASE | re.ASCII)
-_CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?!\d)")
-_CYCLE_END = re.compile(r"G0*(?:80|[0123])(?![\d.])")
-_OTHER_MEANING = re.compile(r"G0*4(?![\d.])|M19(?!\d)")  # X, U and P of a dwell, R of a spindle position
-_VECTORS = re.compile(r"G43\.5(?!\d)")  # I, J, K are the tool's direction
-_VECTORS_END = re.compile(r"G49(?![\d.])|G(?:43\.4|234)(?!\d)|M(?:[14]2[89]|430)(?!\d)")
-_FACTORS = re.compile(r"G51(?![\d.])")  # I, J, K of the block are factors
+_BARE = re.compile(r"[XYZUVWIJR]\s*[-+]?\s*0*[1-9][0-9]*(?![0-9.])", re.IGNORECASE | re.ASCII)
+_CYCLE = re.compile(r"G(?:7[346]|8[1-9])(?![0-9])")
+_CYCLE_END = re.compile(r"G0*(?:80|[0123])(?![0-9.])")
+_OTHER_MEANING = re.compile(r"G0*4(?![0-9.])|M19(?![0-9])")  # X, U and P of a dwell, R of a spindle position
+_VECTORS = re.compile(r"G43\.5(?![0-9])")  # I, J, K are the tool's direction
+_VECTORS_END = re.compile(r"G49(?![0-9.])|G(?:43\.4|234)(?![0-9])|M(?:[14]2[89]|430)(?![0-9])")
+_FACTORS = re.compile(r"G51(?![0-9.])")  # I, J, K of the block are factors
 _LARGE = 10_000  # without a point beside numbers that have one: ten metres, or ten inches in ten-thousandths
 _LARGE_WITHOUT = 1_000  # the same in a file without any point, or one that marks its whole numbers (X5.)
 _EXAMPLES = 2
-_PECK = re.compile(r"G(?:73|83)(?!\d).*?(Q\s*0*(\d+))(?![\d.])", re.ASCII)
+_PECK = re.compile(r"G(?:73|83)(?![0-9]).*?(Q\s*0*([0-9]+))(?![0-9.])", re.ASCII)
 _LARGE_PECK = 100  # mm or inches: no peck is as deep, and controls count Q in thousandths
 
 
@@ -175,7 +175,7 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
 
 def _check_pecks(source: SourceFile, blocks: BlockReader) -> None:
     """Require the option where a peck without a point is deeper than any, in a file whose lengths have points."""
-    if source.find_line(re.compile(r"Q\s*\d{3}", re.IGNORECASE | re.ASCII)) is None:
+    if source.find_line(re.compile(r"Q\s*[0-9]{3}", re.IGNORECASE | re.ASCII)) is None:
         return
     pointed = any(not word.bare for word in _iterate_length_words(source, blocks))
     if not pointed or source.find_line(_EXPRESSIONS) is not None:

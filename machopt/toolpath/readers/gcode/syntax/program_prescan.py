@@ -10,26 +10,27 @@ from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader
 from machopt.toolpath.readers.gcode.syntax.word_meanings import UNITS
 
 _SIEMENS = re.compile(
-    r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE\d+|MSG|SUPA|DEF\s+(?:REAL|INT)|(?:CR|AR|TURN|RND|RNDM|CHF|CHR|AP|RP|RPL|ANG)\s*="
-    r"|R\d+\s*=|A3\s*=|[XYZABCIJK]1?\s*=\s*-?[A-Z\d.]|GOTO[BF]|(?<![-.<])A?(?:TRANS|ROT|SCALE|MIRROR)\b(?![-.>])|CIP\b|HOLES[12]\b"
+    r"\b(?:TRAORI|TRAFOOF|MCALL|CYCLE[0-9]+|MSG|SUPA|DEF\s+(?:REAL|INT)|(?:CR|AR|TURN|RND|RNDM|CHF|CHR|AP|RP|RPL|ANG)\s*="
+    r"|R[0-9]+\s*=|A3\s*=|[XYZABCIJK]1?\s*=\s*-?[A-Z0-9.]|GOTO[BF]|(?<![-.<])A?(?:TRANS|ROT|SCALE|MIRROR)\b(?![-.>])|CIP\b|HOLES[12]\b"
     r"|REPEATB?\s+[A-Z]|PROC\s+[A-Z_]\w*|CASE\b.*\bGOTO[BF])"
     r"|=\s*(?:AC|IC|DC|ACP|ACN)\b"
     r"|^\s*%_N_\w+_[MS]PF",
     re.IGNORECASE | re.MULTILINE,
 )
 _NAMED_PARAMETER = re.compile(r"#<")  # LinuxCNC
-_UNIT_WORD = re.compile(r"G0*(20|21|70|71|700|710)(?![\d.])")
+_UNIT_WORD = re.compile(r"G0*(20|21|70|71|700|710)(?![0-9.])")
 _BRACKETS = re.compile(  # at the beginning of a block
-    r"^[ \t]*(?:N\d+[ \t]*)?\((?:(?:RPT|UAO|UTO|UIO|SCF|MIR|ROT|GTO|CLS|EPP),|ERP\)|RPT N\d|PCALL \d|CALL \d+\))",
+    r"^[ \t]*(?:N[0-9]+[ \t]*)?\((?:(?:RPT|UAO|UTO|UIO|SCF|MIR|ROT|GTO|CLS|EPP),|ERP\)|RPT N[0-9]"
+    r"|PCALL [0-9]|CALL [0-9]+\))",
     re.MULTILINE,
 )
-_MILLPLUS = re.compile(r"^\s*(?:N\d+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
+_MILLPLUS = re.compile(r"^\s*(?:N[0-9]+\s*)?(?:G7\s+A5=|G141\b)", re.MULTILINE)
 
 
 ARCHIVE_HEAD = re.compile(r"\s*%_N_(\w+?)_MPF\b", re.IGNORECASE)  # of a main program
-PROGRAM_NUMBER = re.compile(r"\s*([O:]\d+)(?!\s*(?:SUB|ENDSUB|CALL|IF|DO|WHILE|REPEAT)\b|\d)", re.IGNORECASE)
+PROGRAM_NUMBER = re.compile(r"\s*([O:][0-9]+)(?!\s*(?:SUB|ENDSUB|CALL|IF|DO|WHILE|REPEAT)\b|[0-9])", re.IGNORECASE)
 _PERCENT = re.compile(r"^[ \t\x1a\f]*%", re.MULTILINE)
-_CODE = re.compile(r"(?:N\d+\s*)?[GMTSXYZ#]\s*[-+<.\d]", re.IGNORECASE)
+_CODE = re.compile(r"(?:N[0-9]+\s*)?[GMTSXYZ#]\s*[-+<.0-9]", re.IGNORECASE)
 
 
 def find_tape_end(source: SourceFile) -> int | None:
@@ -60,7 +61,7 @@ def find_tape_end(source: SourceFile) -> int | None:
 
 def _has_second_program(lines: list[str]) -> bool:
     first = next((t.strip() for t in lines if t.strip() and t.strip()[0] not in "(;"), "")
-    return first.startswith("%") or re.match(r"[O:]\s*\d", first, re.IGNORECASE) is not None
+    return first.startswith("%") or re.match(r"[O:]\s*[0-9]", first, re.IGNORECASE) is not None
 
 
 def is_siemens_program(source: SourceFile) -> bool:

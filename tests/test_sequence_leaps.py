@@ -1,0 +1,38 @@
+"""When the refinement of external axes counts as stalled, and what is refined then."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from machopt.planning.external_axis_optimization import sequence_leaps
+from machopt.planning.external_axis_optimization.sequence_leaps import has_stalled, refine_other_starts
+
+
+def plan(total: float, sequence: float | None, why: str = "") -> Any:
+    """A plan with J and the best sequence around it."""
+    over = None if sequence is None else SimpleNamespace(why=why, sequence=sequence, plan=total)
+    return SimpleNamespace(total=total, over_external=over)
+
+
+@pytest.mark.parametrize(
+    ("total", "sequence", "why", "stalled"),
+    [(1.0, 0.97, "", True), (1.0, 0.995, "", False), (1.0, None, "", False), (1.0, 0.9, "too many poses", False)],
+)
+def test_a_plan_has_stalled_where_a_sequence_one_percent_better_is_known(
+    total: float, sequence: float | None, why: str, stalled: bool
+) -> None:
+    assert has_stalled(plan(total, sequence, why)) is stalled
+
+
+@pytest.mark.parametrize(("sequences", "refined"), [([0.9, 0.9, 0.9], 2), ([0.999, 0.9, 0.9], 1)])
+def test_other_starts_are_refined_until_one_has_not_stalled(
+    sequences: list[float], refined: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sequence_leaps, "OTHERS", 2)
+    monkeypatch.setattr(sequence_leaps, "refine_plan", lambda start, job, trust: start)
+    monkeypatch.setattr(sequence_leaps, "leap_to_better_sequences", lambda start, job: [start])
+    starts = [plan(1.0, s) for s in sequences]
+    assert refine_other_starts(starts, job=None, trust=0.2) == starts[:refined]  # type: ignore[arg-type]
