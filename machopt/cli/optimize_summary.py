@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 STOPS = 6  # places that are named where the motion stops
 
-UNKNOWN_OUTCOMES = re.compile(r"\d+ outcomes? unknown: ")  # what is missing, of the limits of validity
+UNKNOWN_OUTCOMES = re.compile(r"[0-9]+ outcomes? unknown: ")  # what is missing, of the limits of validity
 
 
 def _format_worst_point(result: OptimizeDocument) -> list[str]:
