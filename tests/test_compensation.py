@@ -20,7 +20,7 @@ from machopt.data_types.plan_options import PlanOptions, ProcessForce
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import MoveKind
 from machopt.options.plan_option_reader import load_options
-from machopt.planning.compensation.added_points import add_corner_points, compensate_plan
+from machopt.planning.compensation.plan_compensation import add_corner_points, compensate_plan
 from machopt.planning.compensation.shifted_path import STEEPEST, compute_offset_slope, compute_residual, shift_path
 from machopt.planning.cost.process_force_direction import compute_engaged_force
 from machopt.planning.pipeline.plan import Plan

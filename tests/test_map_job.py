@@ -17,7 +17,7 @@ from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inp
 from machopt.errors import InputError
 from machopt.job_map import job_quantities
 from machopt.kinematics.robot import load_chain
-from machopt.planning.error_probability.draws import build_draws
+from machopt.planning.error_probability.random_draws import build_draws
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.workspace_map.request import MapRequest
 from machopt.workspace_map.sample_posture_computation import build_map_settings

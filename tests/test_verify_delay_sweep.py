@@ -14,7 +14,7 @@ from machopt.process.milling.engagement_angles import compute_contact_arc
 from machopt.process.milling.milling_cut import MillingCut, MillingCutter
 from machopt.process.stability import StructuralModes, compute_depth_limit, compute_directional_matrix
 from machopt.verification.motion.checks.stability_columns import LIMIT_SHARE, compute_excess, is_limit_reached
-from machopt.verification.motion.process.delay_sweep import DelaySweep
+from machopt.verification.motion.process.delay_stability_sweep import DelaySweep
 from machopt.verification.motion.process.stability import DelayLaw
 
 Array = NDArray[np.float64]

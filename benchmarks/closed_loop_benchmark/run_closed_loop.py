@@ -44,8 +44,8 @@ from machopt.data_types.stiffness import ArmStiffness
 from machopt.measurement.design.request import PosesRequest
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.measurement.identification.request import IdentifyRequest
-from machopt.planning.compensation.added_points import compensate_plan
-from machopt.planning.compensation.expected_removal import predict_removals
+from machopt.planning.compensation.expected_deflection_reduction import predict_removals
+from machopt.planning.compensation.plan_compensation import compensate_plan
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.uncertainty.stiffness_uncertainty import NINETY, compute_gains

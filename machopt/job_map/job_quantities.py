@@ -22,12 +22,16 @@ from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, 
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.process_force_direction import SIDEWAYS
-from machopt.planning.error_probability.draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.missing_inputs import find_missing_input, find_stated_std
+from machopt.planning.error_probability.random_draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.error_probability.targets import compute_tip_length, list_hole_targets, list_surface_targets
+from machopt.planning.error_probability.toleranced_points import (
+    compute_tip_length,
+    list_hole_targets,
+    list_surface_targets,
+)
 from machopt.planning.stability.depth_ratio import find_missing_input as find_missing_stability_input
-from machopt.planning.stability.tool_limit import compute_tool_limit
+from machopt.planning.stability.tool_mode_depth_limit import compute_tool_limit
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.job_binding import compute_loads
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear

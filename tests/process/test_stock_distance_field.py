@@ -13,7 +13,7 @@ from machopt.data_types.stock import StockBody
 from machopt.errors import CuttingInputError
 from machopt.process.stock.distance_field import DistanceField, build_distance_field
 from machopt.process.stock.field_path import remove_field_path
-from machopt.process.stock.finished_part import compare_with_finished_part
+from machopt.process.stock.height_map_comparison import compare_with_finished_part
 
 CELL = 0.25e-3
 VOLUME, ANGLE = 1e-3, 2.5  # of the volume; degrees

@@ -11,7 +11,7 @@ from machopt.data_types.stock import StockBody, StockSummary
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.errors import InputError, MeshError
 from machopt.process.binding.job_binding import remove_stock
-from machopt.process.stock.finished_part import compare_with_finished_part
+from machopt.process.stock.height_map_comparison import compare_with_finished_part
 from machopt.process.stock.path_removal import NOTHING
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.stiffness import ArmStiffness
-from machopt.planning.error_probability.draws import has_load_spread
+from machopt.planning.error_probability.random_draws import has_load_spread
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 
 

@@ -10,7 +10,7 @@ from machopt.data_types.documents import optimize_document
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
-from machopt.planning.compensation.expected_removal import DeflectionRemoval, predict_removals
+from machopt.planning.compensation.expected_deflection_reduction import DeflectionRemoval, predict_removals
 from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.error_probability.model_discrepancy import NINETY
 from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound

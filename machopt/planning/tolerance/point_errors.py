@@ -13,16 +13,16 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.error_probability.draws import (
+from machopt.planning.error_probability.missing_inputs import find_missing_input
+from machopt.planning.error_probability.random_draws import (
     HOLE_DRAWS,
     SHARE_DRAWS,
     SURFACE_DRAWS,
     UncertaintyDraws,
     build_draws,
 )
-from machopt.planning.error_probability.missing_inputs import find_missing_input
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.error_probability.targets import (
+from machopt.planning.error_probability.toleranced_points import (
     HoleTargets,
     SurfaceTargets,
     compute_tip_length,

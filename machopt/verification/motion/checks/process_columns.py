@@ -11,7 +11,7 @@ error_*                                   C w of :mod:`machopt.verification.moti
                                           joints of the motion, part and compensation counted in
 f1_Hz, a_lim_mm, chatter                  :mod:`machopt.verification.motion.checks.stability_columns`
 feed_max_mm_min                           :mod:`machopt.verification.motion.checks.largest_feeds`
-p_in, outcome                             20,000 plain random draws (:mod:`machopt.verification.motion.process.draws`)
+p_in, outcome                             20,000 draws (:mod:`machopt.verification.motion.process.random_draws`)
 ========================================  =========================================================================
 """
 
@@ -37,10 +37,10 @@ from machopt.verification.motion.checks.largest_feeds import LargestFeeds
 from machopt.verification.motion.checks.stability_columns import StabilityTables, check_stability
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
-from machopt.verification.motion.process.draws import find_unsupported_draws
 from machopt.verification.motion.process.peak_load import recompute_peaks
 from machopt.verification.motion.process.point_loads import RecomputedLoads, recompute_loads
 from machopt.verification.motion.process.predicted_errors import PredictedErrors, predict_errors
+from machopt.verification.motion.process.random_draws import find_unsupported_draws
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints

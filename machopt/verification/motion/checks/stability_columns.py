@@ -33,7 +33,7 @@ from machopt.verification.checks import (
 from machopt.verification.motion.checks.contact_columns import SIDES
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
-from machopt.verification.motion.process.delay_sweep import DelaySweep
+from machopt.verification.motion.process.delay_stability_sweep import DelaySweep
 from machopt.verification.motion.process.point_loads import RecomputedLoads
 from machopt.verification.motion.process.stability import (
     DEPTHS,

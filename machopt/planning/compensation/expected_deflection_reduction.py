@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.planning.compensation.shifted_path import SHARES, get_segment_force
-from machopt.planning.error_probability.draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
+from machopt.planning.error_probability.random_draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.pipeline.plan import Plan
 from machopt.process.binding.point_loads import compute_mean_wear
