@@ -64,7 +64,7 @@ def share_colliding(cell_folder: Path, toolpath: Path) -> float:
     from machopt.cell.cell_reader import load_cell
     from machopt.options.plan_option_reader import load_options
     from machopt.planning.pipeline.planning_setup import prepare_planning
-    from machopt.planning.sampling.configurations import enumerate_candidates
+    from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
     from machopt.planning.stations.planning_path import build_planning_path
     from machopt.toolpath.toolpath_reader import read_toolpath
 

@@ -13,10 +13,12 @@ import numpy as np
 import trimesh
 
 from machopt.data_types.stock import StockBody
+from machopt.process.stock.distance_field import build_distance_field
+from machopt.process.stock.field_path import remove_field_path
 from machopt.process.stock.height_map import HeightMap, build_height_map
 from machopt.process.stock.path_removal import remove_path
 
-CELL, POINTS = 0.25e-3, 100_000
+CELL, POINTS, TURNING_POINTS = 0.25e-3, 100_000, 5_000
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -105,6 +107,30 @@ def measure_time(radius: float, corner: float) -> tuple[float, int]:
     return time.process_time() - start, len(point)
 
 
+def measure_turning_time(radius: float, corner: float, turn: float) -> float:
+    """Return processor seconds a point for a field of signed distances, on the first ``TURNING_POINTS`` of the path.
+
+    Args:
+        radius: m, of the cutter.
+        corner: m, corner radius of the cutter.
+        turn: degrees by which the axis sways to both sides.
+    """
+    s = np.arange(TURNING_POINTS) * 0.5e-3
+    lane = s // 0.3
+    path = np.column_stack([np.where(lane % 2 == 0, s % 0.3, 0.3 - s % 0.3), lane * 4e-3, np.full_like(s, 0.025)])
+    lean = np.radians(turn) * np.sin(s / 0.05)
+    axis = np.column_stack([np.zeros_like(s), np.sin(lean), np.cos(lean)])
+    mesh = trimesh.creation.box((0.3, 0.3, 0.03))
+    mesh.apply_translation((0.15, 0.15, 0.015))
+    body = StockBody(vertices=np.array(mesh.vertices), faces=np.array(mesh.faces, np.int64), cell_size=CELL)
+    cutter = (radius, corner, 0.0, 0.05)
+    remove_field_path(build_distance_field(body), path[:2], axis[:2], np.ones(2, bool), cutter)  # compiles
+    stock = build_distance_field(body)
+    start = time.process_time()
+    remove_field_path(stock, path, axis, np.ones(len(path), bool), cutter)
+    return (time.process_time() - start) / TURNING_POINTS
+
+
 def main() -> None:
     """Print all figures."""
     print("relative error of the removed volume")
@@ -117,6 +143,9 @@ def main() -> None:
     for name, corner in (("flat", 0.0), ("bull-nose", 2e-3), ("ball", 10e-3)):
         seconds, arcs = measure_time(10e-3, corner)
         print(f"  {name:20} {seconds:.2f} CPU s, {arcs:,} arcs")
+    print("axis that turns (signed distances), the same path")
+    for name, corner, turn in (("flat, fixed axis", 0.0, 0.0), ("flat, ±10°", 0.0, 10.0), ("ball, ±10°", 10e-3, 10.0)):
+        print(f"  {name:20} {1e3 * measure_turning_time(10e-3, corner, turn):.2f} ms CPU a point")
     print(f"largest memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
 
 

@@ -28,7 +28,7 @@ from machopt.planning.cost.stiffness_index import compute_configuration_cost
 from machopt.planning.job.job_planner import JobPlan, plan_job
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
-from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.stations.tilt_curve import tilt_path
 from machopt.planning.tilt import tilt_planning
 

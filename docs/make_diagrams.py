@@ -272,6 +272,38 @@ def draw_stock_contact() -> str:
     return d.render()
 
 
+def draw_stock_tilted() -> str:
+    """Draw a flat end mill whose axis is parallel to a leaning wall, from the side and along its axis."""
+    d = Drawing(720, 330, "Contact of a cutter whose axis turns with a conical wall")
+    lean = math.radians(15)
+    s, c = math.sin(lean), math.cos(lean)
+    foot, top = (180, 240), (180 - 150 * s / c, 90)
+    d.add_line([(40, 240), (40, 90), top, foot, (40, 240)], colour="#b79b45")
+    d.add_line([(foot[0] + 14, 240), (top[0] + 14, 90), top, foot, (foot[0] + 14, 240)], colour=BAD, width=2)
+    tip = (foot[0] + 45 * c + 22 * s, foot[1] - 45 * s + 22 * c)
+    for side in (-45, 45):
+        low = (tip[0] + side * c, tip[1] - side * s)
+        d.add_line([low, (low[0] - 230 * s, low[1] - 230 * c)])
+    d.add_line([(tip[0] - 45 * c, tip[1] + 45 * s), (tip[0] + 45 * c, tip[1] - 45 * s)])
+    d.add_line([tip, (tip[0] - 235 * s, tip[1] - 235 * c)], dash="4 3")
+    d.add_text(110, 170, "part", size=13)
+    d.add_text(275, 60, "tool axis", size=13)
+    d.add_text(180, 297, "side view: slices along the tool axis", bold=True)
+    x, y, R, wall = 540, 190, 62, 260
+    turn = [math.radians(a) for a in range(-28, 29)]
+    for radius, colour in ((wall, "#b79b45"), (wall + 14, "#b79b45")):
+        d.add_line([(x + radius * math.sin(t), y - R - wall + radius * math.cos(t)) for t in turn], colour=colour)
+    d.add_circle(x, y, R)
+    first = math.acos(((wall + R) ** 2 + R**2 - (wall + 14) ** 2) / (2 * (wall + R) * R))
+    arc = [first * n / 20 for n in range(21)]
+    d.add_line([(x + R * math.sin(t), y - R * math.cos(t)) for t in arc], colour=BAD, width=5)
+    d.add_line([(x, y), (x + 100, y)], arrow=True)
+    d.add_text(x + 84, y + 18, "travel", size=12)
+    d.add_text(x, 297, "along the axis: the arc of one slice", bold=True)
+    d.add_text(360, 322, "Red: allowance, and the arc in which a tooth cuts.", size=13)
+    return d.render()
+
+
 def draw_joint_method() -> str:
     """Draw the stages of method joint with the loop over the iterates of a window."""
     d = Drawing(1080, 175, "Windows of method joint")
@@ -342,6 +374,7 @@ DIAGRAMS = {
     "diagnosis_flow": draw_diagnosis_flow,
     "index_axes": draw_index_axes,
     "stock_contact": draw_stock_contact,
+    "stock_tilted": draw_stock_tilted,
     "joint_method": draw_joint_method,
     "waveform_fit": draw_waveform_fit,
 }

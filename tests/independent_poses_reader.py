@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from machopt.data_types.measurements.poses_table import PosesTable
+from machopt.data_types.measurements.measurement_poses_table import PosesTable
 from machopt.errors import InputError
 from machopt.file_formats.file_reading import TABLE, read_text
 from machopt.numerics.array_types import Array, Ints

@@ -19,8 +19,8 @@ from test_page_templates import evil_batch, evil_identification, evil_toolpath
 from machopt.cli import main
 from machopt.report.page_data.cell_scene import build_cell_scene
 from machopt.report.page_types.pose_plan_page_data import PosePlanPageData
-from machopt.report.page_types.steering import PlanComparison, SteeringAxis, SteeringData
-from machopt.report.page_types.workspace_map_page import MapScene
+from machopt.report.page_types.steering_panel_data import PlanComparison, SteeringAxis, SteeringData
+from machopt.report.page_types.workspace_map_page_data import MapScene
 from machopt.report.pages.diagnosis.diagnosis_page import build_diagnosis_html
 from machopt.report.pages.map_page import build_map_html
 from machopt.report.pages.optimize.optimize_page import build_report_html

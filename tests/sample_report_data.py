@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.data_types.toolpath import IgnoredWord, ToolpathEvent
-from machopt.report.page_types.optimize_report import (
+from machopt.report.page_types.optimize_page_data import (
     CheckRow,
     ExcludedPairRow,
     FeedDipRow,

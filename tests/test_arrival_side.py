@@ -11,7 +11,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.kinematics.robot import load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
-from machopt.measurement.identification.assessment.arrival_side import (
+from machopt.measurement.identification.assessment.hysteresis_half_width import (
     add_arrival_side,
     estimate_loop_half_widths,
     find_branch_pairs,

@@ -20,9 +20,9 @@ from machopt.numerics import parallel_map
 from machopt.numerics.parallel_map import count_threads, map_in_threads, run_two_in_threads
 from machopt.numerics.rigid_transforms import invert_transform, wrap_angle
 from machopt.planning.pipeline.planning_setup import PlanningSetup, prepare_planning
-from machopt.planning.sampling import configurations as module
+from machopt.planning.sampling import candidate_enumeration as module
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates, solve_station
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import enumerate_candidates, solve_station
 from machopt.planning.stations.planning_path import PlanningPath as Way
 from machopt.planning.stations.planning_path import build_planning_path, compute_tcp_poses
 

@@ -23,8 +23,8 @@ from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.collision_map import compute_collision_map
 from machopt.planning.plan_output.infeasibility_reasons import explain_points
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sequence_search.dynamic_programming import choose_sequence
 from machopt.planning.sequence_search.search_kernels import JUMP
 from machopt.planning.sequence_search.worst_value_constraint import GAP

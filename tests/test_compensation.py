@@ -20,7 +20,7 @@ from machopt.data_types.plan_options import PlanOptions, ProcessForce
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import MoveKind
 from machopt.options.plan_option_reader import load_options
-from machopt.planning.compensation.added_points import add_corner_points, compensate_plan
+from machopt.planning.compensation.plan_compensation import add_corner_points, compensate_plan
 from machopt.planning.compensation.shifted_path import STEEPEST, compute_offset_slope, compute_residual, shift_path
 from machopt.planning.cost.process_force_direction import compute_engaged_force
 from machopt.planning.pipeline.plan import Plan
@@ -213,15 +213,33 @@ def test_the_force_that_is_compensated_never_jumps(seed: int, length: float) -> 
     change = np.linalg.norm(np.diff(f, axis=0), axis=1)
     grain = 2 * size / 128  # the mean over a window is taken at 128 places
     assert (change[joined] <= 2 * size / length * way[joined] + grain).all()
-    # nothing where nothing is near a cut, and at ends that are only come from or gone to
+    # nothing at ends that are only come from or gone to, where that way has room for the change
     for first, last in path.runs:
-        moves = path.move[first + 1 : last + 1][way[first:last] > 0]
-        if len(moves) and moves[0] != C:
+        ways = way[first:last]
+        cuts = np.flatnonzero((path.move[first + 1 : last + 1] == C) & (ways > 0))
+        if not len(cuts):
+            assert not f[first : last + 1].any()
+            continue
+        if ways[: cuts[0]].sum() >= length and cuts[0] > 0:
             assert not f[first].any()
-        if len(moves) and moves[-1] != C:
+        if ways[cuts[-1] + 1 :].sum() >= length and cuts[-1] + 1 < len(ways):
             assert not f[last].any()
     theirs = compute_process_force(toolpath(rows), path.index, force, length)
     assert np.linalg.norm(f - theirs, axis=1).max(initial=0.0) <= FORCE_TOLERANCE * size  # the second law agrees
+
+
+def test_a_short_way_into_a_hole_leaves_it_the_whole_shift() -> None:
+    """Approach and retract move shorter than the change of the shift: the cut has all of it."""
+    force = ProcessForce(travel=0.0, normal=0.0, axial=200.0)
+    for above in (0.001, 0.004, 0.009, 0.03):
+        rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, above), UP, R), ((0, 0, 0.0), UP, A), ((0, 0, -0.01), UP, C)]
+        rows.append(((0, 0, above), UP, BACK))
+        path = build_planning_path(toolpath(rows), corners=0.01)
+        f = compute_engaged_force(path, force, 0.01)
+        cut = (path.index >= 2) & (path.index <= 3)
+        np.testing.assert_allclose(f[cut], np.tile([0.0, 0.0, 200.0], (int(cut.sum()), 1)), rtol=1e-9)
+        theirs = compute_process_force(toolpath(rows), path.index, force, 0.01)
+        np.testing.assert_allclose(theirs, f, atol=FORCE_TOLERANCE * 200.0)
 
 
 def test_compensation_on_a_simulated_truth_falls_as_jiao2022_finds() -> None:

@@ -36,7 +36,7 @@ from machopt.planning.cost.objective import AssignmentCosts, compute_objective
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
-from machopt.planning.external_axis_optimization import coarse_to_fine_search, sequence_leaps
+from machopt.planning.external_axis_optimization import coarse_to_fine_search, refinement_restarts
 from machopt.planning.external_axis_optimization.coarse_to_fine_search import _Asked, _coarse_to_fine
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan
@@ -299,7 +299,9 @@ def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: Fi
 @pytest.mark.slow
 def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), weaving()
-    monkeypatch.setattr(sequence_leaps, "LEAPS", (0, 0))  # a leap from the better of two plans may be the shorter one
+    monkeypatch.setattr(
+        refinement_restarts, "LEAPS", (0, 0)
+    )  # a leap from the better of two plans may be the shorter one
     found, scales = [], set()
     for widths in coarse_to_fine_search.TRUSTS, coarse_to_fine_search.TRUSTS[:1], ():
         monkeypatch.setattr(coarse_to_fine_search, "TRUSTS", widths)

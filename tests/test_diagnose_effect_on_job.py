@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from machopt.cell.cell_reader import load_cell
-from machopt.commands.diagnose.files import compute_effect_on_job
+from machopt.commands.diagnose.output_files import compute_effect_on_job
 from machopt.data_types.documents.diagnosis_document import JobEffectSection
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError

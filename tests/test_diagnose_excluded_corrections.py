@@ -12,7 +12,7 @@ from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EffectLocation
 from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording
-from machopt.measurement.diagnosis.outputs import plausible_corrections
+from machopt.measurement.diagnosis.outputs import implausible_correction_removal
 from machopt.measurement.diagnosis.outputs.extended_stiffness import ExtendedStiffness
 
 SOFT = StiffnessTerm("joint_pose_dependent_stiffness", "joint:4", {})
@@ -37,9 +37,9 @@ def test_what_is_withheld_is_left_out_and_the_corrections_are_found_again(
         held = tuple(f.correction for f in d.findings if isinstance(f.correction, StiffnessTerm))  # type: ignore[attr-defined]
         return ExtendedStiffness(None, None, held)
 
-    monkeypatch.setattr(plausible_corrections, "build_extended_stiffness", stiffness_of)
+    monkeypatch.setattr(implausible_correction_removal, "build_extended_stiffness", stiffness_of)
     monkeypatch.setattr(DiagnosedRecording, "weight_alone", False)
-    found, made = plausible_corrections.diagnose_with_plausible_corrections(cast("Cell", None), look)
+    found, made = implausible_correction_removal.diagnose_with_plausible_corrections(cast("Cell", None), look)
     none, soft = frozenset[EffectLocation](), frozenset({(SOFT.effect, SOFT.location)})
     assert looked == [(none, none), (soft, none) if is_barred else (none, soft)]
     assert not made.withheld

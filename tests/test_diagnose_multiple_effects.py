@@ -21,7 +21,7 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     fit_hypotheses,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search import description_length, joint_selection
+from machopt.measurement.diagnosis.model_selection.search import description_length, sparse_effect_selection
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
     SelectedEffect,
     add_selected_effects,
@@ -124,7 +124,7 @@ def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[WhitenedModel
 
 def test_exactly_what_was_planted_is_found() -> None:
     base, laws = model(MANY, 1)
-    among, found = joint_selection.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
+    among, found = sparse_effect_selection.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
     assert {c.whitened.hypothesis.name for c in found} == set(MANY)
     for c in found:
         assert tuple(sorted(c.whitened.shapes[c.scored.shape])) == MANY[c.whitened.hypothesis.name]
@@ -133,22 +133,25 @@ def test_exactly_what_was_planted_is_found() -> None:
 
 def test_fewer_than_three_effects_asked_for_are_no_more_than_that() -> None:
     base, laws = model(MANY, 1)
-    assert len(joint_selection.search_effects(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
+    assert len(sparse_effect_selection.search_effects(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_found_in_noise_and_few_effects_are_left_to_the_search_one_by_one(seed: int) -> None:
     base, laws = model({}, seed)
-    assert joint_selection.select_many_effects(base, laws, 1.0) == []
+    assert sparse_effect_selection.select_many_effects(base, laws, 1.0) == []
     few = dict(list(MANY.items())[:3])
-    assert joint_selection.select_many_effects(*model(few, seed), 1.0) == []
+    assert sparse_effect_selection.select_many_effects(*model(few, seed), 1.0) == []
 
 
 def test_other_channels_and_small_recordings_are_not_searched_so() -> None:
     base, laws = model(MANY, 1)
-    assert joint_selection.select_many_effects(base, [t for t in laws if t.hypothesis.effect != "geometry"], 1.0) == []
+    assert (
+        sparse_effect_selection.select_many_effects(base, [t for t in laws if t.hypothesis.effect != "geometry"], 1.0)
+        == []
+    )
     wide = np.tile(base.X, (1, 10))  # 540 coordinates, 20 unknowns
-    assert joint_selection.select_many_effects(base.with_columns(wide), laws, 1.0) == []
+    assert sparse_effect_selection.select_many_effects(base.with_columns(wide), laws, 1.0) == []
 
 
 def test_sums_are_those_of_explicit_refits() -> None:
@@ -167,7 +170,7 @@ def test_sums_are_those_of_explicit_refits() -> None:
         out = np.zeros(len(base.y), bool)
         out[np.concatenate([base.rows[f] for f in some])] = True
         unseen += float(np.sum((base.y[out] - X[out] @ np.linalg.lstsq(X[~out], base.y[~out], rcond=None)[0]) ** 2))
-    assert joint_selection._compute_holdout_squares(found, columns) == pytest.approx(unseen, rel=1e-6)
+    assert sparse_effect_selection._compute_holdout_squares(found, columns) == pytest.approx(unseen, rel=1e-6)
 
 
 def test_sums_beside_some_laws_are_those_of_explicit_products() -> None:
@@ -210,7 +213,7 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
     share = 1.2 * normal_equation_sums.compute_group_gains(beside, plain).max() / beside[-1, -1]
     rng, signal = np.random.default_rng(5), base.residual
     crowd = []
-    for k in range(joint_selection.LEADING_GROUPS):
+    for k in range(sparse_effect_selection.LEADING_GROUPS):
         other = rng.normal(size=len(signal))
         other -= signal * (other @ signal) / (signal @ signal)
         other *= np.linalg.norm(signal) / np.linalg.norm(other) * np.sqrt(1.0 / share - 1.0)
@@ -220,7 +223,7 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
     whole = normal_equation_sums.CachedSums(
         base, whiten_hypotheses(base, [*(t.hypothesis for t in among), *crowd])
     ).sum_all
-    found = {g.law.hypothesis.name for g in joint_selection._select_groups_greedily(whole, 1.0)}
+    found = {g.law.hypothesis.name for g in sparse_effect_selection._select_groups_greedily(whole, 1.0)}
     assert found >= {name for name in MANY if name[0] != "payload"}
 
 

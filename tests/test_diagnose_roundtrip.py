@@ -36,7 +36,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.dynamic import motion_channels
 from machopt.measurement.diagnosis.effect_columns import existing_terms
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
-from machopt.measurement.diagnosis.static import measured_pose_hypotheses
+from machopt.measurement.diagnosis.static import measured_pose_hypothesis_catalogue
 from machopt.measurement.recording import write_recording
 from machopt.numerics.array_types import Array
 
@@ -78,7 +78,7 @@ def test_what_poses_find_is_what_a_cell_with_it_explains() -> None:
     load = np.random.default_rng(1).normal(size=(20, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
     r = at_rest(load_masses(cell), load, q)
     r = replace(r, recording=replace(r.recording, time=None, temperature=None))
-    catalogue = measured_pose_hypotheses.build_measured_pose_catalogue(r, _Bare(20))  # type: ignore[arg-type]
+    catalogue = measured_pose_hypothesis_catalogue.build_measured_pose_catalogue(r, _Bare(20))  # type: ignore[arg-type]
     seen = set()
     for h in catalogue.hypotheses:
         for shape in h.shapes[:: max(len(h.shapes) // 3, 1)]:

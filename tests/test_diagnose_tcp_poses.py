@@ -34,7 +34,10 @@ from machopt.measurement.diagnosis.effect_columns import structural_compliance
 from machopt.measurement.diagnosis.effect_columns.joint_angle_errors import compute_joint_angle_range
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.static import measured_pose_channel
-from machopt.measurement.diagnosis.static.measured_pose_hypotheses import compute_column_span, compute_remaining_share
+from machopt.measurement.diagnosis.static.measured_pose_hypothesis_catalogue import (
+    compute_column_span,
+    compute_remaining_share,
+)
 from machopt.numerics.rigid_transforms import convert_to_quaternion, convert_vector_to_rotation
 from machopt.stiffness.terms import build_fitted_term
 

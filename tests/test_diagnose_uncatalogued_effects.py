@@ -14,7 +14,7 @@ from machopt.effects.joint import angle_dependent_stiffness
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue, Quantity
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.diagnosis.effect_columns import gravity_compensator, joint_torque, sensor_errors, thermal_drift
-from machopt.measurement.diagnosis.model_selection import selection_pipeline, unmodelled_interfaces
+from machopt.measurement.diagnosis.model_selection import selection_pipeline, unmodelled_slip_and_external_forces
 from machopt.measurement.diagnosis.model_selection.attribution import attribution_guard
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_iterations
@@ -22,15 +22,20 @@ from machopt.measurement.diagnosis.model_selection.search import forward_selecti
 
 def catalogue(r: StaticReadings) -> HypothesisCatalogue:
     return HypothesisCatalogue(
-        (*sensor_errors.build_load_test_sensor_hypotheses(r), *unmodelled_interfaces.build_interface_hypotheses(r))
+        (
+            *sensor_errors.build_load_test_sensor_hypotheses(r),
+            *unmodelled_slip_and_external_forces.build_interface_hypotheses(r),
+        )
     )
 
 
-@pytest.mark.parametrize("law", [unmodelled_interfaces.SLIP_LAW, unmodelled_interfaces.JUMP_LAW])
+@pytest.mark.parametrize(
+    "law", [unmodelled_slip_and_external_forces.SLIP_LAW, unmodelled_slip_and_external_forces.JUMP_LAW]
+)
 def test_what_has_no_name_is_said_with_its_place_and_not_named(law: str) -> None:
     r, _, _ = timed()
-    true = next(h for h in unmodelled_interfaces.build_interface_hypotheses(r) if h.law == law)
-    size = np.eye(9)[2] if law == unmodelled_interfaces.JUMP_LAW else np.ones(1)
+    true = next(h for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r) if h.law == law)
+    size = np.eye(9)[2] if law == unmodelled_slip_and_external_forces.JUMP_LAW else np.ones(1)
     moved = true.columns((0.6,)) @ (8e-5 * size)
     found = selection_pipeline.diagnose_problem(
         posed(r, moved), catalogue(r), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
@@ -46,7 +51,9 @@ def test_a_law_of_the_catalogue_is_named_beside_it() -> None:
     r, _, _ = timed()
     turned = next(h for h in sensor_errors.build_load_test_sensor_hypotheses(r) if h.effect == "force_sensor_offset")
     slips = next(
-        h for h in unmodelled_interfaces.build_interface_hypotheses(r) if h.law == unmodelled_interfaces.SLIP_LAW
+        h
+        for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
+        if h.law == unmodelled_slip_and_external_forces.SLIP_LAW
     )
     moved = turned.columns(turned.shapes[0]) @ np.full(3, 60.0) + slips.columns((0.6,)) @ np.full(1, 8e-5)
     found = selection_pipeline.diagnose_problem(
@@ -59,13 +66,17 @@ def test_a_law_of_the_catalogue_is_named_beside_it() -> None:
 def test_a_slip_begins_beyond_its_load_and_stays_for_the_cycle() -> None:
     along = np.array([[1.0, 0, 0]] * 4 + [[0, 1.0, 0]] * 3)
     share = np.array([0.3, 0.8, 1.0, 0.2, 0.3, 0.5, 0.2])
-    slipped = unmodelled_interfaces._compute_slip_direction(along, share, np.array([0, 0, 0, 0, 1, 1, 1]), 0.6)
+    slipped = unmodelled_slip_and_external_forces._compute_slip_direction(
+        along, share, np.array([0, 0, 0, 0, 1, 1, 1]), 0.6
+    )
     np.testing.assert_array_equal(slipped, [[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], *np.zeros((3, 3))])
 
 
 def test_friction_of_a_jack_holds_back_until_the_load_falls() -> None:
     share, cycle = np.array([0.5, 1.0, 0.5, 1.0, 0.4]), np.array([0, 0, 0, 1, 1])
-    np.testing.assert_array_equal(unmodelled_interfaces._compute_load_direction(share, cycle), [-1, -1, 1, -1, 1])
+    np.testing.assert_array_equal(
+        unmodelled_slip_and_external_forces._compute_load_direction(share, cycle), [-1, -1, 1, -1, 1]
+    )
 
 
 def rest(r: StaticReadings, wrench: np.ndarray, pull: np.ndarray, spring: float, at: np.ndarray) -> np.ndarray:
@@ -85,10 +96,10 @@ def test_a_pull_from_outside_changes_what_a_load_moves_as_the_arm_at_rest_says()
     r, _, _ = timed()
     pulled = next(
         h
-        for h in unmodelled_interfaces.build_interface_hypotheses(r)
-        if (h.law, h.location) == (unmodelled_interfaces.PULL_LAW, "tool")
+        for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
+        if (h.law, h.location) == (unmodelled_slip_and_external_forces.PULL_LAW, "tool")
     )
-    at, none = unmodelled_interfaces._compute_flange_positions(r).mean(axis=0), np.zeros_like(r.wrench)
+    at, none = unmodelled_slip_and_external_forces._compute_flange_positions(r).mean(axis=0), np.zeros_like(r.wrench)
     pull, spring, small = np.array([30.0, -20.0, 50.0]), 25.0, 0.05 * r.wrench
     moved = rest(r, small, pull, spring, at) - rest(r, none, pull, spring, at)
     alone = rest(r, small, np.zeros(3), 0.0, at) - rest(r, none, np.zeros(3), 0.0, at)
@@ -102,15 +113,15 @@ def test_a_hose_is_told_at_its_place_and_is_no_gear_and_no_balancer(where: str) 
     r, _, _ = timed()
     pulled = next(
         h
-        for h in unmodelled_interfaces.build_interface_hypotheses(r)
-        if (h.law, h.location) == (unmodelled_interfaces.PULL_LAW, where)
+        for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
+        if (h.law, h.location) == (unmodelled_slip_and_external_forces.PULL_LAW, where)
     )
     moved = pulled.columns(()) @ [1.0, -0.5, 2.0, 1.5]
     moved *= 1e-4 / np.abs(moved[:, :3]).max()
     known = [
         *gravity_compensator.build_load_test_hypotheses(r),
         *sensor_errors.build_load_test_sensor_hypotheses(r),
-        *unmodelled_interfaces.build_interface_hypotheses(r),
+        *unmodelled_slip_and_external_forces.build_interface_hypotheses(r),
     ]
     for j in range(6):
         known += joint_torque.build_joint_hypotheses(r, j, angle_dependent_stiffness.EFFECT)[0]
@@ -134,7 +145,7 @@ def test_a_floor_that_sinks_on_one_day_is_no_heat() -> None:
         (
             *thermal_drift.build_thermal_hypotheses(r),
             *sensor_errors.build_load_test_sensor_hypotheses(r),
-            *unmodelled_interfaces.build_interface_hypotheses(r),
+            *unmodelled_slip_and_external_forces.build_interface_hypotheses(r),
         )
     )
     found = selection_pipeline.diagnose_problem(
@@ -147,14 +158,19 @@ def test_a_floor_that_sinks_on_one_day_is_no_heat() -> None:
 def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
     """A hose hangs loose in some poses: what the form left there was a joint's stiffness by its angle."""
     r, _, _ = timed()
-    forms = {h.law: h for h in unmodelled_interfaces.build_interface_hypotheses(r) if h.location == "tool"}
+    forms = {
+        h.law: h for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r) if h.location == "tool"
+    }
     other = SimpleNamespace(
         whitened=SimpleNamespace(
             hypothesis=joint_torque.build_joint_hypotheses(r, 2, angle_dependent_stiffness.EFFECT)[0][0]
         )
     )
     least = []
-    for form in (forms[unmodelled_interfaces.PULL_LAW], forms[unmodelled_interfaces.SLIP_LAW]):
+    for form in (
+        forms[unmodelled_slip_and_external_forces.PULL_LAW],
+        forms[unmodelled_slip_and_external_forces.SLIP_LAW],
+    ):
         chosen = SimpleNamespace(whitened=SimpleNamespace(hypothesis=form), scored=SimpleNamespace(gain=600.0))
         least.append(forward_selection.compute_law_error(other, [chosen]))
     assert least == pytest.approx([180.0, 36.0])
@@ -164,8 +180,8 @@ def test_a_hose_that_hangs_loose_in_some_poses_is_no_joint() -> None:
     r, _, _ = timed()
     pulled = next(
         h
-        for h in unmodelled_interfaces.build_interface_hypotheses(r)
-        if (h.law, h.location) == (unmodelled_interfaces.PULL_LAW, "tool")
+        for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
+        if (h.law, h.location) == (unmodelled_slip_and_external_forces.PULL_LAW, "tool")
     )
     taut = r.recording.pose % 4 > 0
     moved = pulled.columns(()) @ [1.0, -0.5, 2.0, 1.5] * taut[:, None]
@@ -173,7 +189,7 @@ def test_a_hose_that_hangs_loose_in_some_poses_is_no_joint() -> None:
     known = [
         *gravity_compensator.build_load_test_hypotheses(r),
         *sensor_errors.build_load_test_sensor_hypotheses(r),
-        *unmodelled_interfaces.build_interface_hypotheses(r),
+        *unmodelled_slip_and_external_forces.build_interface_hypotheses(r),
     ]
     for j in range(6):
         known += joint_torque.build_joint_hypotheses(r, j, angle_dependent_stiffness.EFFECT)[0]
@@ -192,8 +208,8 @@ def test_a_law_that_a_likeness_beats_has_no_name(off: float, kept: bool) -> None
     r, _, _ = timed()
     pulled = next(
         h
-        for h in unmodelled_interfaces.build_interface_hypotheses(r)
-        if (h.law, h.location) == (unmodelled_interfaces.PULL_LAW, "link:4")
+        for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
+        if (h.law, h.location) == (unmodelled_slip_and_external_forces.PULL_LAW, "link:4")
     )
     moved = pulled.columns(()) @ [1.0, -0.5, 2.0, 1.5]
     moved *= 1e-4 / np.abs(moved[:, :3]).max()

@@ -12,7 +12,7 @@ from machopt.cell.kinematics_file import load_kinematics, write_kinematics
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
-from machopt.measurement.diagnosis.verdict.unnamed_waves import convert_to_unnamed, split_waves
+from machopt.measurement.diagnosis.verdict.transmission_error_naming import convert_to_unnamed, split_waves
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 

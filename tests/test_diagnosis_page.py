@@ -20,7 +20,7 @@ import sample_diagnoses as made_up
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import diagnose_command as command
-from machopt.commands.diagnose.files import write_residual_table
+from machopt.commands.diagnose.output_files import write_residual_table
 from machopt.effects import registry
 from machopt.effects.effect_wording import format_effect_at_place, format_place
 from machopt.measurement.diagnosis.data_types.diagnosis_result import (

@@ -60,7 +60,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "dynamic.friction.REVERSAL_WIDTH_FACTOR",
     "discrimination.required_measurements.POSE_GROWTH",  # of a search for a plan that is large enough
     "discrimination.required_measurements.HARDER_FORM_SHARE",  # which forms of a rival are followed for it
-    "static.measured_pose_hypotheses.ROUNDING",
+    "static.measured_pose_hypothesis_catalogue.ROUNDING",
     "static.load_test_channel.RIGID",
     "static.bearing_tilt.ANY_DIRECTION",
     "discrimination.predicted_signals.CYCLE_GAP",
@@ -75,7 +75,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "model_selection.search.shape_refinement.MAX_GAIN_ROUNDING",
     "model_selection.search.shape_refinement.NARROW",
     "model_selection.search.shape_refinement.NARROWER",
-    "model_selection.search.progress_rate.REPORT_INTERVAL",
+    "model_selection.search.progress_messages.REPORT_INTERVAL",
     "statistics.fold_rows.MAX_PADDING",  # how products are computed, not which
     "statistics.normal_equations_by_fold.MIN_COLUMN_SQUARE",
     "statistics.normal_equations_by_fold.RIDGE",
@@ -123,7 +123,7 @@ IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's 
     ("model_selection/selection_pipeline.py", 1e-4): "a share of nothing is no number",
     ("model_selection/selection_pipeline.py", 0.9): "of which quantile that share is",
     ("model_selection/evaluation/finding_estimates.py", 0.975): "both tails of 95 %",
-    ("verdict/unnamed_waves.py", 1e-6): "rounding of a wave's order",
+    ("verdict/transmission_error_naming.py", 1e-6): "rounding of a wave's order",
     ("verdict/verdict_text.py", 0.5): "millimetres or micrometres",
     ("verdict/verdict_text.py", 1e3): "digits",
     ("verdict/verdict_text.py", 1e5): "digits",

@@ -16,7 +16,7 @@ from machopt.data_types.discrepancy_names import LOADED
 from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy, StiffnessTerm
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.kinematics.robot import RobotMasses
-from machopt.planning.compensation.added_points import compensate_plan
+from machopt.planning.compensation.plan_compensation import compensate_plan
 from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
 from machopt.planning.plan_output.plan_remarks import describe_model_misfit

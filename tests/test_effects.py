@@ -12,8 +12,8 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.kinematics_file import load_kinematics, write_kinematics
 from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
+from machopt.data_types.effect_locations import format_joint_location, parse_joint_location
 from machopt.data_types.kinematic_corrections import KinematicCorrections
-from machopt.data_types.locations import format_joint_location, parse_joint_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.effects import parameter_conversion, registry

@@ -13,7 +13,7 @@ from test_effects import load_test, posed
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
-from machopt.data_types.locations import is_on_arm
+from machopt.data_types.effect_locations import is_on_arm
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.effects import registry, user_effects
 from machopt.effects.compliance_matrices import body_compliance_laws, tapered_tube

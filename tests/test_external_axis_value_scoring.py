@@ -16,7 +16,7 @@ from machopt.planning.cost.stiffness_index import compute_load_directions, score
 from machopt.planning.external_axes.sampled_sequence import choose_collision_free_sequence
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes, prepare_planning
-from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.toolpath.toolpath_reader import read_toolpath
 

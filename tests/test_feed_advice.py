@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_live_outcome import CELLS, HOLES, WALL, start
+from test_outcome_at_other_rotation import CELLS, HOLES, WALL, start
 
 from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.data_types.toolpath import MoveKind
-from machopt.planning.error_probability.draws import HOLE_DRAWS
+from machopt.planning.error_probability.random_draws import HOLE_DRAWS
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.tolerance.cutting_dynamics import compute_cutting_dynamics

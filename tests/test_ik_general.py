@@ -19,8 +19,8 @@ from property_example_count import scale_example_count
 from machopt.errors import InputError
 from machopt.kinematics import axis_geometry
 from machopt.kinematics.inverse.compiled_vectors import wrap_angle
-from machopt.kinematics.inverse.general_branches import GeneralBranches
 from machopt.kinematics.inverse.general_solver import GeneralSolver, solve_general
+from machopt.kinematics.inverse.general_solver_adapter import GeneralBranches
 from machopt.kinematics.inverse.newton_iteration import compute_pose_deviation
 from machopt.kinematics.robot import Robot
 from machopt.numerics.rigid_transforms import (

@@ -33,7 +33,7 @@ from machopt.kinematics.robot import load_chain, load_robot
 from machopt.numerics.rigid_transforms import compute_rpy_matrix
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.pipeline.planning_setup import fix_external_axes, prepare_planning
-from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.workspace_map.postures import build_tool_poses, compute_candidates

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
-from machopt.numerics.interval_shares import compute_interval_shares
+from machopt.numerics.normal_interval_probability import compute_interval_shares
 
 
 def test_shares_are_those_of_the_normal_distribution() -> None:

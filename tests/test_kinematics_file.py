@@ -15,8 +15,8 @@ from machopt.cell.cell_reader import load_cell
 from machopt.cell.kinematics_file import load_kinematics, write_kinematics
 from machopt.data_types.cell import JointLimits
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
-from machopt.effects.angle_range import compute_measured_range
 from machopt.effects.kinematic_corrections import extend_kinematics
+from machopt.effects.measured_angle_range import compute_measured_range
 from machopt.errors import InputError
 from machopt.kinematics.encoder_corrections import EncoderCorrection, build_encoder_correction
 from machopt.kinematics.robot import load_robot

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from machopt.data_types.locations import (
+from machopt.data_types.effect_locations import (
     NamedLocation,
     format_column_location,
     format_joint_location,

@@ -17,7 +17,7 @@ from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inp
 from machopt.errors import InputError
 from machopt.job_map import job_quantities
 from machopt.kinematics.robot import load_chain
-from machopt.planning.error_probability.draws import build_draws
+from machopt.planning.error_probability.random_draws import build_draws
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.workspace_map.request import MapRequest
 from machopt.workspace_map.sample_posture_computation import build_map_settings
@@ -174,6 +174,17 @@ def test_a_stated_normal_maps_no_error(tmp_path: Path, monkeypatch: pytest.Monke
     found = compute_map(build_request(tmp_path, DRILLING.replace("surface: floor", "surface: table")), lambda _: None)
     assert "error_2" not in found.layers[0].values.value
     assert any(w.startswith("push: no error is mapped") for w in found.result.warnings)
+
+
+def test_a_stated_normal_in_a_weaker_direction_maps_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pass to the side is added, whose points alone state a normal: the worst direction is not known."""
+    head, *rows = ROWS.split("\n")
+    lines = [f"{head},nx,ny,nz", *(f"{row},,," for row in rows)]
+    lines += [f"50,{y},0,0,0,1,cut,420,push,1,0,0" for y in (20, 40)]
+    monkeypatch.setattr(f"{__name__}.ROWS", "\n".join(lines))
+    found = compute_map(build_request(tmp_path), lambda _: None)
+    assert "error_1" in found.layers[0].values.value
+    assert not {"error_2", "p_in_2"} & set(found.layers[0].values.value)
 
 
 def test_without_what_the_probability_needs_only_the_error_is_mapped(tmp_path: Path) -> None:

@@ -27,9 +27,9 @@ from machopt.report.charts.map_charts import (
     build_map_specs,
     pack_field_levels,
 )
-from machopt.report.page_types.optimize_report import STATUS_NAMES
-from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
-from machopt.report.page_types.workspace_map_page import (
+from machopt.report.page_types.map_sample_states import PlaceCode, convert_to_place_codes
+from machopt.report.page_types.optimize_page_data import STATUS_NAMES
+from machopt.report.page_types.workspace_map_page_data import (
     ArmLines,
     MapAxis,
     MapField,

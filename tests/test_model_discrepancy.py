@@ -26,8 +26,8 @@ from machopt.measurement.identification.assessment.model_discrepancy import (
 )
 from machopt.measurement.identification.assessment.unmodelled_pose_variance import estimate_pose_variance
 from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
-from machopt.planning.compensation.added_points import compensate_plan
-from machopt.planning.compensation.expected_removal import predict_removals
+from machopt.planning.compensation.expected_deflection_reduction import predict_removals
+from machopt.planning.compensation.plan_compensation import compensate_plan
 from machopt.planning.error_probability.model_discrepancy import (
     NINETY,
     DiscrepancyModel,
@@ -43,7 +43,7 @@ from machopt.stiffness.discrepancy_columns import (
     list_elastic_columns,
     list_gear_columns,
 )
-from machopt.stiffness.terms.compilation import compile_terms
+from machopt.stiffness.terms.term_builder import compile_terms
 
 BASE = StiffnessTerm("base_compliance", "base", {"compliance_diagonal": [1e-9, 1e-9, 1e-9, 2e-7, 2e-7, 1e-7]})
 

@@ -26,8 +26,8 @@ from machopt.kinematics.robot import load_chain
 from machopt.report.charts.scene_json import build_posture_view, build_scene_spec, pack_joint_levels, reduce_bodies
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.page_shell import POSTURE_SCRIPTS, build_page_html, build_section
-from machopt.report.page_types.optimize_report import CheckRow, FeedDipRow
-from machopt.report.page_types.workspace_map_page import MapScene
+from machopt.report.page_types.optimize_page_data import CheckRow, FeedDipRow
+from machopt.report.page_types.workspace_map_page_data import MapScene
 from machopt.report.pages.map_page import build_map_html
 from machopt.report.pages.optimize.optimize_page import build_report_html
 from machopt.report.scene.mesh_decimation import decimate_mesh

@@ -13,7 +13,7 @@ from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.report.charts.point_reduction import select_deepest_dips
 from machopt.report.page_data.optimize import format_found_value
 from machopt.report.page_data.optimize_feed_dips import describe_dip_cause
-from machopt.report.page_types.optimize_report import FeedDipRow
+from machopt.report.page_types.optimize_page_data import FeedDipRow
 from machopt.report.pages.optimize.optimize_page import build_report_html
 from machopt.report.pages.placement_page import PlacementPageData, build_placement_html
 from machopt.report.svg.placement_map import PlaceMark

@@ -18,7 +18,7 @@ from test_diagnosis_page import page as diagnosis_of
 from test_map_page import build_sample_map
 
 from machopt.options.plan_option_reader import format_user_options, load_options
-from machopt.report.page_types.steering import SteeringAxis
+from machopt.report.page_types.steering_panel_data import SteeringAxis
 from machopt.report.pages.diagnosis.diagnosis_page import build_diagnosis_html
 from machopt.report.pages.map_page import build_map_html
 from machopt.report.pages.optimize.optimize_page import build_report_html

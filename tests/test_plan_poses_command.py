@@ -14,7 +14,7 @@ from independent_poses_reader import read_poses_csv
 from machopt.cell.cell_reader import load_cell
 from machopt.collision.collision_model import CollisionModel
 from machopt.commands.plan_poses.run import PlanPosesResult, PosesRequest, run_plan_poses
-from machopt.data_types.measurements.poses_table import PosesTable
+from machopt.data_types.measurements.measurement_poses_table import PosesTable
 from machopt.errors import InputError
 from machopt.kinematics.robot import load_chain
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment

@@ -16,7 +16,7 @@ from machopt.data_types.robot_program import LIN, ExternalProgramAxis, RobotCont
 from machopt.errors import InputError
 from machopt.kinematics.controller_posture import compute_controller_posture, compute_posture_sides
 from machopt.kinematics.robot import Robot
-from machopt.programs.kuka.dialect_rules import compute_status_bits, compute_turn_bits
+from machopt.programs.kuka.post_rules import compute_status_bits, compute_turn_bits
 from machopt.programs.program_reader import read_program
 from machopt.programs.program_writer import format_program_name, write_program
 from machopt.programs.reading.rotation_conventions import (

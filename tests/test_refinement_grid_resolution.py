@@ -21,7 +21,7 @@ from machopt.planning.continuous_refinement.refinement import PlanRefinement
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
-from machopt.planning.external_axis_optimization import sequence_leaps
+from machopt.planning.external_axis_optimization import refinement_restarts
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan
 
@@ -80,9 +80,9 @@ def test_a_finer_grid_makes_no_plan_worse(
 def test_leaps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     found = []
-    for leaps in (0, 0), sequence_leaps.LEAPS:
-        monkeypatch.setattr(sequence_leaps, "LEAPS", leaps)
-        monkeypatch.setattr(sequence_leaps, "WORTH_IT", 1e-4)
+    for leaps in (0, 0), refinement_restarts.LEAPS:
+        monkeypatch.setattr(refinement_restarts, "LEAPS", leaps)
+        monkeypatch.setattr(refinement_restarts, "WORTH_IT", 1e-4)
         found.append(worth(find_best_plan(cell, weaving(), MOVING)))
     assert found[1] <= found[0] * (1 + ROUNDED)
 

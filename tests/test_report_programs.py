@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from sample_report_data import full_result
 
-from machopt.report.page_types.optimize_report import ProgramRow, ReportData
+from machopt.report.page_types.optimize_page_data import ProgramRow, ReportData
 from machopt.report.pages.optimize.optimize_page import build_report_html
 from machopt.report.wording.result_verdict import build_verdict
 

@@ -14,8 +14,8 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cost.stiffness_index import CandidateScores, compute_load_directions, score_candidates
 from machopt.planning.pipeline.planning_setup import prepare_planning
+from machopt.planning.sampling.candidate_enumeration import _forbid_by_user, enumerate_candidates
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import _forbid_by_user, enumerate_candidates
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.smoothing.corridor import compute_corridor
 from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation, smooth_rotation

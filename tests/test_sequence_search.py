@@ -16,8 +16,8 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cost.objective import AXIS_SPEED, NEAR
 from machopt.planning.cost.stiffness_index import CandidateScores
+from machopt.planning.sampling.candidate_enumeration import _forbid_by_user
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import _forbid_by_user
 from machopt.planning.sampling.joint_path import MARGINS, JointAssignment
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, SequenceGrid, choose_sequence
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions

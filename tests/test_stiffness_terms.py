@@ -14,13 +14,13 @@ from test_beam_compliance import EA, EI, GJ, slices
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
-from machopt.data_types.locations import is_on_arm
+from machopt.data_types.effect_locations import is_on_arm
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError
 from machopt.kinematics.robot import Robot, load_robot
 from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
 from machopt.planning.pipeline.planning_setup import prepare_planning
-from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.terms import LinearTerm, build_fitted_term, compile_terms, list_effects_and_locations

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +33,10 @@ from machopt.process.binding.operation_matching import attach_process
 from machopt.process.milling.mean_force import compute_mean_load
 from machopt.process.milling.milling_cut import MillingCut
 from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.verification.motion.process.stock_contact import check_stock_contact
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from tilted_wall_job import TiltedWall
 
 COARSE = ("--set", "rotation_step_deg=20")  # the engagement does not depend on the rotation
 
@@ -105,13 +111,79 @@ def test_a_stock_that_cannot_be_used_is_refused_with_its_key(
         assert word in str(caught.value)
 
 
-def test_a_tool_axis_that_turns_is_refused(tmp_path: Path) -> None:
+def write_wall(folder: Path, **sizes: float) -> tuple[Path, Path, TiltedWall]:
+    wall = TiltedWall(points=31, **sizes)  # type: ignore[arg-type]
+    wall.write_cell(folder / "cell")
+    wall.write_toolpath(folder / "wall.csv")
+    return folder / "cell", folder / "wall.csv", wall
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sizes", [{}, {"corner": 2e-3, "below": 4e-3}, {"corner": 8.5e-3, "below": 10e-3}])
+def test_a_cutter_that_turns_with_a_wall_has_the_contact_of_its_allowance(
+    tmp_path: Path, sizes: dict[str, float]
+) -> None:
+    cell, file, wall = write_wall(tmp_path, **sizes)
+    segments = attach(cell, file)
+    segment = segments[0]
+    loads = compute_loads(segment.cell, segment.toolpath, segment.toolpath.feed)
+    assert loads is not None
+    steady = np.flatnonzero(segment.toolpath.cutting)[5:-5]
+    bend = (wall.foot - wall.height * np.tan(wall.lean)) / np.cos(wall.lean), wall.foot / np.cos(wall.lean)
+    for radius in bend:  # of curvature of the wall across the generator, at its top and foot
+        d = radius + wall.radius
+        cosine = (d**2 + wall.radius**2 - (radius + wall.allowance) ** 2) / (2 * d * wall.radius)
+        assert np.abs(np.degrees(loads.entry_angle[steady]) - 180 + np.degrees(np.arccos(cosine))).max() < 2.5
+    assert np.degrees(loads.exit_angle[steady]) == pytest.approx(180.0)
+    assert (loads.side[steady] == -1).all()
+    assert np.abs(loads.ap[steady] - wall.height / np.cos(wall.lean)).max() < 0.25e-3
+
+
+@pytest.mark.slow
+def test_wrong_arcs_of_a_turning_axis_fail_against_exact_shapes(tmp_path: Path) -> None:
+    segments = attach(*write_wall(tmp_path)[:2])
+    segment = segments[0]
+    assert [check.passed for check in check_stock_contact(segments)] == [True]
+    found = segment.toolpath.engagement
+    assert found is not None
+    for change in ({"start": found.start - 0.35}, {"high": 0.5 * (found.low + found.high)}):
+        wrong = replace(segment, toolpath=replace(segment.toolpath, engagement=replace(found, **change)))
+        assert [check.passed for check in check_stock_contact((wrong,))] == [False]
+
+
+def test_an_axis_that_turns_a_little_changes_the_contact_a_little(tmp_path: Path) -> None:
     cell, file = write_job(tmp_path, build_pass(3e-3, 5e-3))
+    level = attach(cell, file)[0].toolpath.engagement
     text = file.read_text().splitlines()
-    text[-1] = text[-1].replace(",0,0,1,cut", ",0,0.1,0.995,cut")
-    file.write_text("\n".join(text) + "\n")
-    with pytest.raises(InputError, match="tool axis turns by"):
+    file.write_text("\n".join([*text[:-1], text[-1].replace(",0,0,1,cut", ",0,0.1,0.995,cut")]) + "\n")
+    turned = attach(cell, file)[0].toolpath.engagement
+    assert level is not None
+    assert turned is not None
+    inside = slice(20, 60)
+    assert turned.volume[inside] == pytest.approx(level.volume[inside], rel=3e-3)
+    for name in ("low", "high", "start", "end"):
+        a, b = (getattr(e, name)[np.isin(e.point, np.arange(20, 60))] for e in (level, turned))
+        assert np.abs(a - b).max() < (0.05e-3 if name in ("low", "high") else 0.03)
+
+
+def test_a_stock_of_too_many_cells_names_the_cell_size_where_the_axis_turns(tmp_path: Path) -> None:
+    cell, file, _ = write_wall(tmp_path)
+    process = cell / "process.yaml"
+    process.write_text(process.read_text().replace("cell_mm: 0.25", "cell_mm: 0.001"))
+    with pytest.raises(InputError, match="cell_mm of") as caught:
         attach(cell, file)
+    assert "stock.cell_mm" in str(caught.value)
+
+
+@pytest.mark.slow
+def test_a_tilted_finish_of_a_curved_wall_is_planned_and_verified(tmp_path: Path) -> None:
+    cell, file, wall = write_wall(tmp_path)
+    assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out"), *COARSE]) == 0
+    assert main(["verify", str(cell), str(file), str(tmp_path / "out")]) == 0
+    stock = json.loads((tmp_path / "out" / "result.json").read_text())["process"]["stock"]
+    assert stock["removed_mm3"] > 1e9 * wall.find_removed_volume()
+    assert stock["finished"]["gouge_depth_mm"] == 0
+    assert stock["finished"]["left_depth_mm"] == pytest.approx(1e3 * wall.allowance, abs=0.02)  # beside the sector
 
 
 @pytest.fixture(scope="module")

@@ -25,9 +25,9 @@ from machopt.numerics.tool_tilt import (
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 from machopt.planning.stations.tilt_curve import TiltCurve, tilt_path
 from machopt.planning.tilt import tilt_smoothing
-from machopt.planning.tilt.joint_search_kernel import find_joint_sequence
-from machopt.planning.tilt.local_costs import build_local_costs
 from machopt.planning.tilt.step_limit import BULGE, limit_steps
+from machopt.planning.tilt.tilt_and_rotation_search_kernel import find_joint_sequence
+from machopt.planning.tilt.tilt_cost_parabolas import build_local_costs
 from machopt.planning.tilt.tilt_grid import build_tilt_nodes
 from machopt.planning.tilt.tilt_limits import MARGIN, compute_tilt_limits, hold_outside_cuts
 from machopt.planning.tilt.tilt_smoothing import price_tangents, smooth_tilts

@@ -28,7 +28,7 @@ from machopt.planning.job.pareto_front import (
     mark_dominated_plans,
 )
 from machopt.process.binding.operation_matching import attach_process
-from machopt.report.page_types.optimize_report import TradeOffPoint
+from machopt.report.page_types.optimize_page_data import TradeOffPoint
 from machopt.report.pages.optimize.outcomes_over_time import draw_outcomes, list_best_steps
 from machopt.report.pages.optimize.trade_off_section import build_trade_off_section
 from machopt.toolpath.toolpath_reader import read_toolpath

@@ -25,8 +25,8 @@ from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inp
 from machopt.errors import InputError
 from machopt.planning.plan_output.collision_map import compute_collision_map
 from machopt.report.page_data.optimize_rotation_map import build_rotation_map
-from machopt.report.page_types.optimize_report import STATUS_NAMES
-from machopt.report.page_types.place_codes import PlaceCode
+from machopt.report.page_types.map_sample_states import PlaceCode
+from machopt.report.page_types.optimize_page_data import STATUS_NAMES
 from machopt.view.page_server import PageServer
 from machopt.view.run import SessionActions, ViewRequest, serve_view
 from machopt.view.session import ViewSession

@@ -25,7 +25,7 @@ from effect_strength import Effect
 from instrument_noise import Instrument, errors
 
 ARCMIN = np.pi / 10800
-KINDS = ("plain", "bodies", "gears", "both")
+KINDS = ("plain", "bodies", "gears", "both", "base and play")
 SETS = {"dev": 100, "sealed": 777_000}
 READING = Instrument(0.010, 0.010)  # mm, of a tracker; what a load cycle shares as much again
 SHORT = 0.05  # m
@@ -60,7 +60,9 @@ class HiddenArm:
 
 
 def build_hidden_arm(kind: str, seed: int) -> HiddenArm:
-    """An arm by its seed; ``kind``: springs only, bodies that bend beside them, gears that are no springs, or both."""
+    """An arm by its seed; ``kind``: springs only, bodies that bend beside them, gears that are no springs, both, or a
+    soft base with play in one joint.
+    """
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     names = sorted(robot_models.CATALOGUE)
     nominal = robot_models.draw(names[seed % len(names)], rng)
@@ -78,6 +80,7 @@ def build_hidden_arm(kind: str, seed: int) -> HiddenArm:
             if np.linalg.norm(built.ends()[link, :3]) < SHORT:  # axes that cross: no link between them
                 continue
             conceal("link_compliance", f"link:{link + 1}", rng.uniform(0.15, 0.6), link=int(link), taper=0.7)
+    if kind in ("bodies", "both", "base and play"):
         uneven = tuple(float(u) for u in rng.uniform(0.6, 1.6, 3))
         conceal("base_compliance", "base", rng.uniform(0.1, 0.6), uneven=uneven, foot=-1)
     if kind in ("gears", "both"):
@@ -85,6 +88,8 @@ def build_hidden_arm(kind: str, seed: int) -> HiddenArm:
         j = int(rng.choice([1, 2]))
         knee = 0.15 * load
         conceal("joint_nonlinear_stiffness", f"joint:{j + 1}", rng.uniform(0.3, 1.2), joint=j, knee=knee)
+    if kind in ("gears", "both", "base and play"):
+        load = test_force(nominal) * nominal.reach()
         j = int(rng.choice([0, 1, 2]))
         conceal("joint_backlash", f"joint:{j + 1}", rng.uniform(0.3, 1.2) * ARCMIN, joint=j, drag=0.02 * load)
     return HiddenArm(kind, nominal, build, ", ".join(told) or "springs only")

@@ -9,6 +9,7 @@ the arm itself drives the plan: its true deflection at every planning point that
 gain         the stated 90 % interval of the gain over the CAM's rotation against the true gain
 deflection   the mean along the cut, and the worst point: the stated 90 % interval against the truth
 removed      the share of the mean error that compensation removes, said and true, and its 90 % interval
+left         what it leaves in the mean and at worst, said and true, each with its 90 % interval
 
 Services are called in process, as the command line does; plans are not retimed.
 """
@@ -43,8 +44,8 @@ from machopt.data_types.stiffness import ArmStiffness
 from machopt.measurement.design.request import PosesRequest
 from machopt.measurement.diagnosis.request import DiagnoseRequest
 from machopt.measurement.identification.request import IdentifyRequest
-from machopt.planning.compensation.added_points import compensate_plan
-from machopt.planning.compensation.expected_removal import predict_removals
+from machopt.planning.compensation.expected_deflection_reduction import predict_removals
+from machopt.planning.compensation.plan_compensation import compensate_plan
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.uncertainty.stiffness_uncertainty import NINETY, compute_gains
@@ -169,6 +170,8 @@ def loop(h: hidden_arm.HiddenArm, cell: Cell, path: Path, force: ProcessForce) -
         }
         sure = predict_removals(shifted, toolpath.operation, tuple(o.label for o in toolpath.operations))[0]
         out["removed"] |= {"ci90": sure.removed90, "worst90": sure.worst90}
+        out["left"] = {"mean90": sure.left90, "mean_true": left, "worst90": sure.worst90, "worst_true": worst_left}
+        out["left"]["bent_true"] = bent
     return out
 
 
@@ -253,7 +256,7 @@ def counted(held: int, of: int) -> str:
 
 def table(results: list[dict[str, Any]]) -> str:
     """Coverage with counts, by kind and model, and how far what is said is off in the middle of the loops."""
-    heads = ("gain held", "mean held", "worst held", "removed held")
+    heads = ("gain held", "mean held", "worst held", "removed held", "left held", "left worst held")
     out = [f"{'kind':7s} {'by':8s} {'loops':>5s}  " + "  ".join(f"{h:>16s}" for h in heads) + "  mean off  removed"]
     keys = sorted({(r["kind"], r["by"]) for r in results})
     for kind, by in [*keys, *(("all", b) for b in sorted({k[1] for k in keys})), ("all", "all")]:
@@ -264,6 +267,10 @@ def table(results: list[dict[str, Any]]) -> str:
             cells.append(counted(sum(known), len(known)))
         told = [r["removed"] for r in mine if r.get("removed", {}).get("ci90")]
         cells.append(counted(sum(c["ci90"][0] <= c["true"] <= c["ci90"][1] for c in told), len(told)))
+        left = [r["left"] for r in mine if r.get("left", {}).get("mean90")]
+        for what in ("mean", "worst"):
+            held = [one[f"{what}90"][0] <= one[f"{what}_true"] <= one[f"{what}90"][1] for one in left]
+            cells.append(counted(sum(held), len(held)))
         off = 100 * float(np.median([abs(r["mean"]["said"] / r["mean"]["true"] - 1.0) for r in mine]))
         gone = f"{100 * float(np.median([c['true'] for c in told])):.1f} %" if told else "-"
         out.append(

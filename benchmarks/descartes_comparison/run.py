@@ -42,7 +42,7 @@ def write_job(cell_folder: Path, toolpath: Path, folder: Path) -> None:
     from machopt.options.plan_option_reader import load_options
     from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
     from machopt.planning.pipeline.planning_setup import prepare_planning
-    from machopt.planning.sampling.configurations import enumerate_candidates
+    from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
     from machopt.planning.stations.planning_path import build_planning_path, compute_tcp_poses
     from machopt.toolpath.toolpath_reader import read_toolpath
 

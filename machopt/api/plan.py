@@ -32,7 +32,7 @@ from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.report.page_data.optimize_rotation_map import build_rotation_map
 from machopt.report.page_data.optimize_series import compute_cut_length
-from machopt.report.page_types.optimize_report import Quantity
+from machopt.report.page_types.optimize_page_data import Quantity
 from machopt.report.svg.rotation_map_picture import build_rotation_svg
 from machopt.verification import Verification
 

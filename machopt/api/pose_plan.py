@@ -13,7 +13,7 @@ from machopt.api.result_saving import Named, Progress, ignore_progress, save_res
 from machopt.api.table import Table
 from machopt.commands.plan_poses.computation import PlanPosesComputation, compute_pose_plan
 from machopt.commands.plan_poses.run import write_pose_plan_files
-from machopt.data_types.documents.poses_document import PosesDocument
+from machopt.data_types.documents.pose_plan_document import PosesDocument
 from machopt.measurement.design.request import PosesRequest
 from machopt.output.tables.measurement_poses_table import list_poses_columns
 

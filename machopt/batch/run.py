@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.batch.comparison import BatchComparison, compare_batches
+from machopt.batch.batch_comparison import BatchComparison, compare_batches
 from machopt.batch.dask_executor import DaskExecutor, check_installed, get_machine_memory
 from machopt.batch.job_discovery import BatchJob, find_jobs
 from machopt.batch.job_key import JobKeyBuilder, ReadyJob, RefusedJob, compute_file_hash, compute_program_version

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from machopt.batch.comparison import COMPARISON_COLUMNS as COMPARED
-from machopt.batch.comparison import BatchComparison
+from machopt.batch.batch_comparison import COMPARISON_COLUMNS as COMPARED
+from machopt.batch.batch_comparison import BatchComparison
 from machopt.batch.job_discovery import DiscoveredJobs
 from machopt.batch.job_status import JobStatus
 from machopt.batch.toolpath_picture import build_path_picture

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from machopt.data_types.effect_locations import is_on_arm
 from machopt.data_types.kinematic_corrections import KinematicCorrections
-from machopt.data_types.locations import is_on_arm
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import CellError
 

@@ -29,9 +29,9 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from machopt.data_types.effect_locations import MOST_JOINTS, parse_joint_location
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
-from machopt.data_types.locations import MOST_JOINTS, parse_joint_location
-from machopt.effects import angle_range, parameter_conversion, registry
+from machopt.effects import measured_angle_range, parameter_conversion, registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import JointAngleLaw, LawParameter
 from machopt.effects.structure import as_built_joint_frames
@@ -69,7 +69,7 @@ def list_optional_parameters(effect: str) -> tuple[str, ...]:
         The keys.
     """
     _, law = registry.list_angle_effects_by_word().get(effect, (None, None))
-    return (angle_range.RANGE_KEY,) if law is not None and law.has_angle_range else ()
+    return (measured_angle_range.RANGE_KEY,) if law is not None and law.has_angle_range else ()
 
 
 class _CorrectionKeys(StrictSchema):
@@ -104,7 +104,7 @@ def load_kinematics(path: Path | str) -> KinematicCorrections:
     for n, c in enumerate(data.corrections):
         loc: KeyPath = ("corrections", n)
         _check_place(document, loc, c.effect, c.location)
-        key = c.effect, c.location, str(c.parameters.get(angle_range.RANGE_KEY, ""))
+        key = c.effect, c.location, str(c.parameters.get(measured_angle_range.RANGE_KEY, ""))
         if key in seen:
             raise document.build_error(
                 loc,
@@ -206,8 +206,8 @@ def _parse_parameters(document: YamlDocument, loc: KeyPath, c: _CorrectionKeys) 
             raise document.build_error(
                 (*loc, key), f"unknown key {key!r}; {suggest_nearest_word(key, [*wanted, *more])}"
             )
-    if angle_range.RANGE_KEY in c.parameters:
-        _check_range(document, (*loc, angle_range.RANGE_KEY), c.parameters[angle_range.RANGE_KEY])
+    if measured_angle_range.RANGE_KEY in c.parameters:
+        _check_range(document, (*loc, measured_angle_range.RANGE_KEY), c.parameters[measured_angle_range.RANGE_KEY])
     for key in wanted:
         if key not in c.parameters:
             raise document.build_error(loc, f"{key} is missing; {c.effect} needs {', '.join(wanted)}")
@@ -268,8 +268,10 @@ def _compute_largest_slopes(kinematics: KinematicCorrections) -> list[float]:
         values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(c.parameters, c.effect))
         at = parse_joint_location(c.location)[1]
         slope[at] += law.compute_max_slope(values, shape)
-        if angle_range.read_angle_range(c.parameters) is not None:  # all of it fades out
-            slope[at] += angle_range.STEEPEST * law.compute_max_error(values, shape) / angle_range.FADE
+        if measured_angle_range.read_angle_range(c.parameters) is not None:  # all of it fades out
+            slope[at] += (
+                measured_angle_range.STEEPEST * law.compute_max_error(values, shape) / measured_angle_range.FADE
+            )
     return slope
 
 

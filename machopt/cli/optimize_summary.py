@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 
 STOPS = 6  # places that are named where the motion stops
+
+UNKNOWN_OUTCOMES = re.compile(r"[0-9]+ outcomes? unknown: ")  # what is missing, of the limits of validity
 
 
 def _format_worst_point(result: OptimizeDocument) -> list[str]:
@@ -72,6 +75,8 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
     """
     path = result.toolpath
     lines = [] if result.process is None or not result.process.tolerances else [result.process.headline]
+    if result.process is not None:
+        lines += [f"  {text}" for text in result.process.validity if UNKNOWN_OUTCOMES.match(text)]
     lines += [f"before production: {text}" for text in result.production_blockers]
     lines += [
         f"{result.verdict}: {path.cutting_points} cutting points of {path.points}, "

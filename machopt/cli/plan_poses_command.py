@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from machopt.cli.command_runner import run_request_command
 from machopt.cli.effects_notice import warn_of_effect_code
 from machopt.cli.option_values import parse_floats
-from machopt.cli.request_command import run_request_command
 from machopt.cli.shared_options import add_shared_option, warn_of_unused_options
 
 

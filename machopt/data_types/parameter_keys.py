@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from machopt.data_types.locations import format_joint_location, parse_location
+from machopt.data_types.effect_locations import format_joint_location, parse_location
 
 JOINT_SPRING = "joint_spring"  # the linear spring of each joint, which every model has
 

@@ -88,7 +88,7 @@ class StockEngagement:
 class StockComparison:
     """Stock after a job against the finished part."""
 
-    gouge_depth: float  # m, largest depth into the part along the tool axis, away from walls
+    gouge_depth: float  # m, largest depth into the part along the tool axis or its own normal, away from walls
     gouge_place: tuple[float, float, float] | None  # m, CAM frame
     gouge_volume: float  # m³
     left_depth: float  # m, largest height of material left, away from walls

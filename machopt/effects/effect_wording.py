@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from machopt.data_types.locations import ARM, BASE, COLUMN, JOINT, LINK, ROWS, SENSOR, TOOL, parse_location
+from machopt.data_types.effect_locations import ARM, BASE, COLUMN, JOINT, LINK, ROWS, SENSOR, TOOL, parse_location
 from machopt.effects import registry
 
 _SENSORS = {

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
-from machopt.effects import angle_range, parameter_conversion, registry
+from machopt.effects import measured_angle_range, parameter_conversion, registry
 from machopt.effects.protocol import Effect
 from machopt.effects.structure import as_built_joint_frames
 from machopt.numerics.array_types import Array
@@ -49,7 +49,7 @@ def extend_kinematics(known: KinematicCorrections | None, found: Iterable[Kinema
     out: dict[tuple[str, str, tuple[float, ...]], KinematicCorrection] = {}
     laws = registry.list_angle_effects_by_word()
     for c in (*(known.corrections if known else ()), *found):
-        key = c.effect, c.location, tuple(c.parameters.get(angle_range.RANGE_KEY, ()))
+        key = c.effect, c.location, tuple(c.parameters.get(measured_angle_range.RANGE_KEY, ()))
         existing = out.get(key)
         if existing is not None and c.effect == as_built_joint_frames.EFFECT.name:
             total = as_built_joint_frames.add_frame_offsets(existing.parameters, c.parameters)
@@ -57,8 +57,8 @@ def extend_kinematics(known: KinematicCorrections | None, found: Iterable[Kinema
         elif existing is not None:
             total = parameter_conversion.add_law_parameters(laws[c.effect][1], existing.parameters, c.parameters)
             angle_range_entry = (
-                {angle_range.RANGE_KEY: c.parameters[angle_range.RANGE_KEY]}
-                if angle_range.RANGE_KEY in c.parameters
+                {measured_angle_range.RANGE_KEY: c.parameters[measured_angle_range.RANGE_KEY]}
+                if measured_angle_range.RANGE_KEY in c.parameters
                 else {}
             )
             out[key] = KinematicCorrection(c.effect, c.location, total | angle_range_entry)

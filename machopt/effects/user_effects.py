@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.data_types.locations import MOST_JOINTS, format_joint_pair_location, format_link_location
+from machopt.data_types.effect_locations import MOST_JOINTS, format_joint_pair_location, format_link_location
 from machopt.effects import registry
 from machopt.effects.protocol import (
     JOINTS,

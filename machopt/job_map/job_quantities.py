@@ -22,12 +22,16 @@ from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, 
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.process_force_direction import SIDEWAYS
-from machopt.planning.error_probability.draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.missing_inputs import find_missing_input, find_stated_std
+from machopt.planning.error_probability.random_draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.error_probability.targets import compute_tip_length, list_hole_targets, list_surface_targets
+from machopt.planning.error_probability.toleranced_points import (
+    compute_tip_length,
+    list_hole_targets,
+    list_surface_targets,
+)
 from machopt.planning.stability.depth_ratio import find_missing_input as find_missing_stability_input
-from machopt.planning.stability.tool_limit import compute_tool_limit
+from machopt.planning.stability.tool_mode_depth_limit import compute_tool_limit
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.job_binding import compute_loads
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
@@ -81,11 +85,11 @@ def build_job_quantities(
     notes: list[str] = []
     for n, every in enumerate(_list_operation_loads(cell, toolpath, loads, setting), 1):
         load = every[0]
-        if load.one.is_hole or load.is_known:
+        if load.one.is_hole or all(one.is_known for one in every):
             out.append(_build_error_quantity(model, n, every))
         else:
             notes.append(f"{load.one.label}: no error is mapped: its surface does not follow from the travel direction")
-        why = model.find_missing(load)
+        why = model.find_missing(every)
         if why:
             notes.append(f"{load.one.label}: no probability is mapped: {why}")
         else:
@@ -202,9 +206,10 @@ class _JobModel:
             no_stability=missing,
         )
 
-    def find_missing(self, load: OperationLoad) -> str:
+    def find_missing(self, every: tuple[OperationLoad, ...]) -> str:
         """Return why an operation has no probability; empty where it has one."""
-        if not load.is_known:
+        load = every[0]
+        if not all(one.is_known for one in every):
             return "the surface normal changes along the path"
         limit = load.one.tolerance.position if load.one.is_hole else load.one.tolerance.surface
         if not np.isfinite(limit):
@@ -276,7 +281,8 @@ def _build_probability_quantity(model: _JobModel, n: int, every: tuple[Operation
     limit = one.tolerance.position if one.is_hole else one.tolerance.surface
 
     def compute(s: PostureStates) -> Array:
-        return np.asarray(np.min([compute_one(s, load) for load in every], axis=0))
+        is_stated = model.spread.find_stated(s.state.T_base_tool[:, :3, 3])
+        return np.where(is_stated, np.min([compute_one(s, load) for load in every], axis=0), np.nan)
 
     def compute_one(s: PostureStates, load: OperationLoad) -> Array:
         # the force of the process is drawn; the clamp, which bears where it is larger, is not

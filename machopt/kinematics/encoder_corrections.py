@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.cell import JointLimits
+from machopt.data_types.effect_locations import parse_joint_location
 from machopt.data_types.kinematic_corrections import KinematicCorrections
-from machopt.data_types.locations import parse_joint_location
-from machopt.effects import angle_range, parameter_conversion, registry
+from machopt.effects import measured_angle_range, parameter_conversion, registry
 from machopt.effects.effect_wording import format_effect_at_place
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import JointAngleLaw
@@ -35,7 +35,7 @@ class CorrectionTerm:
     law: JointAngleLaw
     values: Array  # (P,) SI
     shape: Array  # (S,) SI
-    range_limits: angle_range.AngleRange | None = (
+    range_limits: measured_angle_range.AngleRange | None = (
         None  # angles of the source joint at which it is applied; None: everywhere
     )
     label: str = ""  # "transmission error of joint 2"
@@ -51,7 +51,7 @@ class CorrectionTerm:
         if self.range_limits is None:
             return self._evaluate_law(at, derivative)
         whole = [self._evaluate_law(at, k) for k in range(derivative + 1)]
-        return angle_range.differentiate_weighted_product(self.range_limits, at, whole, derivative)
+        return measured_angle_range.differentiate_weighted_product(self.range_limits, at, whole, derivative)
 
     def _evaluate_law(self, at: Array, derivative: int) -> Array:
         return np.asarray(self.law.columns(self.shape, at, derivative) @ self.values)
@@ -196,7 +196,7 @@ def build_encoder_correction(kinematics: KinematicCorrections | None) -> Encoder
         values, shape, _ = parameter_conversion.read_law_parameters(law, ParameterReader(c.parameters, c.effect))
         label = format_effect_at_place(c.effect, c.location)
         by, moved = parse_joint_location(c.location)
-        stated = angle_range.read_angle_range(c.parameters)
+        stated = measured_angle_range.read_angle_range(c.parameters)
         parts.append(
             CorrectionTerm(
                 source_joint=by,

@@ -28,7 +28,7 @@ from machopt.planning.cost.process_force_direction import compute_sideways_direc
 from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes
-from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.sequence_search.dynamic_programming import choose_sequence
 from machopt.planning.stations.path_subset import select_path_runs

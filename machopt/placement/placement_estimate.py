@@ -16,8 +16,8 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.placement.tolerance_estimate import ToleranceEstimator
 from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
 from machopt.planning.pipeline.planning_setup import PlanningSetup
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.sequence_search.dynamic_programming import choose_sequence
 from machopt.planning.stations.planning_path import PlanningPath

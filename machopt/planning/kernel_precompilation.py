@@ -26,6 +26,7 @@ _C = f"{_F3},{_F1},f8,{_I1},{_I1},{_I1}"  # triangles by the cells of a grid
 _MESHES = f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1}"
 # stations × values × rotations × branches
 _LATTICE = f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"
+_FIELD = "Tuple((i4[:,:,::1],i2[:,::1],i4[::1],i8[::1]))"  # stock as signed distances
 KERNELS = (  # in the order in which a plan needs them: module, function, types of its arguments
     ("kinematics.product_of_exponentials", "compute_poses", f"{_F2},{_F2},{_F2},{_F2},{_F3}"),
     ("collision.bounding_box_tree", "_fill_tree", f"{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F1}"),
@@ -40,7 +41,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("kinematics.product_of_exponentials", "compute_jacobians", f"{_F2},{_F2},{_F2},{_F2},{_F3},{_F3}"),
     ("planning.baselines", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
     (
-        "planning.cost.held_feed",
+        "planning.cost.lost_feed_time",
         "_compute_excess",
         f"{_F2},{_F2},{_F2},{_F2},{_F2},{_F3},{_F2},{_I1},{_F2},{_F1}",
     ),
@@ -103,15 +104,23 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
 
 
 MORE = (  # needed by some plans only: other arms, as-built geometry, external joints, gouges, stability, stock
-    ("planning.tolerance.good_draws", "count_good_draws", f"{_F1},{_F1},{_F2},{_F2},f8,UniTuple(f8,3)"),
-    ("verification.motion.process.draw_count", "count_within", f"{_F2},{_F1},f8,{_F1},{_F1},f8,f8"),
-    ("numerics.interval_shares", "_fill_shares", f"{_F2},{_F1},{_F1},{_F2},{_F1}"),
+    ("planning.tolerance.draws_in_tolerance", "count_good_draws", f"{_F1},{_F1},{_F2},{_F2},f8,UniTuple(f8,3)"),
+    ("verification.motion.process.draws_in_tolerance", "count_within", f"{_F2},{_F1},f8,{_F1},{_F1},f8,f8"),
+    ("numerics.normal_interval_probability", "_fill_shares", f"{_F2},{_F1},{_F1},{_F2},{_F1}"),
     ("process.stock.mesh_columns", "_fill_columns", f"{_F3},{_F1},{_F1},f4[:,::1],f4[:,::1],f4[:,::1]"),
     (
         "process.stock.path_removal",
         "_remove_path",
         f"UniTuple(f4[:,::1],4),UniTuple(f8,2),UniTuple(f8,2),{_F2},b1[::1],UniTuple(f8,3),f8,{_F2}",
     ),
+    ("process.stock.field_mesh", "fill_blocks", f"{_F3},{_FIELD}"),
+    (
+        "process.stock.field_path",
+        "_remove_path",
+        f"{_FIELD},Tuple(({_F1},f8)),{_F2},{_F2},b1[::1],UniTuple(f8,4),{_F2}",
+    ),
+    ("process.stock.field_differences", "compare_volumes", f"{_FIELD},{_FIELD}"),
+    ("process.stock.field_differences", "measure_depths", f"{_FIELD},Tuple(({_F1},f8)),{_F2},{_F2}"),
     ("kinematics.inverse.three_parallel_axes", "_solve_all", f"UniTuple(UniTuple(f8,3),13),UniTuple(f8,9),{_F3},{_F3}"),
     ("kinematics.inverse.newton_iteration", "solve_from_rough_starts", f"{_F2},{_F2},{_F2},{_F3},{_I1},{_F2},i8"),
     ("kinematics.inverse.newton_iteration", "remove_duplicate_solutions", f"{_F2},{_I1},{_F1},i8,i8,f8"),
@@ -160,14 +169,14 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     ("verification.motion.collision.gouge_check", "_bound_depths", f"{_F2},{_F3},{_F2},{_F1},{_F1},{_C},{_C},{_C},f8"),
     ("kinematics.product_of_exponentials", "compute_relative_motion", f"{_F2},{_F2},b1[::1],i8,i8,{_F2},{_F3}"),
     (
-        "kinematics.inverse.general_branches",
+        "kinematics.inverse.general_solver_adapter",
         "_compute_three_parallel_margins",
         f"UniTuple(UniTuple(f8,3),12),{_F3},{_F3}",
     ),
     ("kinematics.inverse.newton_iteration", "polish_branches", f"{_F2},{_F2},{_F2},{_F3},{_F3},i8,f8"),
     ("planning.collision_handling.contact_lookahead", "_neighbours", f"{_I1},b1[::1],b1[:,::1],b1[::1],i8,i8"),
     (
-        "planning.tilt.joint_search_kernel",
+        "planning.tilt.tilt_and_rotation_search_kernel",
         "find_joint_sequence",
         f"{_I1},i8[:,::1],{_F1},{_F2},i8[:,::1],b1[::1],{_F2},{_F1},{_F1}",
     ),

@@ -23,7 +23,7 @@ from machopt.programs.program_writer import (
     write_program,
 )
 from machopt.programs.writing.target_insertion import ProgramTolerance
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 from machopt.verification import Verification
 from machopt.verification.checks import CheckName
 from machopt.verification.folder.programs.post_lookup import select_controller

@@ -3,8 +3,8 @@
 A folder holds everything about its maker::
 
     language_registration.py  LANGUAGES: one ProgramLanguage each
-    dialect_rules.py  fields of the maker for the templates (writing)
-    reader.py         reader of programs; imports neither dialect_rules.py nor machopt.programs.writing
+    post_rules.py  fields of the maker for the templates (writing)
+    reader.py         reader of programs; imports neither post_rules.py nor machopt.programs.writing
     checks.py       words of a program that the verification recomputes (optional)
     templates/      shipped posts, NAME.toml
 
@@ -34,7 +34,7 @@ class ProgramLanguage:
     dialect: str  # of programs that were read
     pattern: str  # regular expression; a program has a match in its first lines
     reader: str  # function (source, arc_tolerance, strict) → ParsedProgram
-    rules: str = "dialect_rules:DIALECT"  # MakerRules of the posts
+    rules: str = "post_rules:DIALECT"  # MakerRules of the posts
     checks: str = ""  # ProgramChecks
     post_dialect: str = ""  # ``dialect`` of the posts, where it is another
     priority: int = 50  # lower first, where the patterns of two languages match

@@ -1,4 +1,5 @@
-"""Languages and posts of all makers, from the folders of this package that hold a module ``maker``."""
+"""Languages and posts of all makers, from the folders of this package that hold a module
+``language_registration``."""
 
 from __future__ import annotations
 

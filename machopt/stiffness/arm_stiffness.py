@@ -24,8 +24,6 @@ from machopt.numerics.array_types import Array
 from machopt.stiffness.discrepancy_mean import DiscrepancyMean
 from machopt.stiffness.external_joint_compliance import KnownCompliance
 from machopt.stiffness.kinetostatic_indices import compute_geometric_stiffness
-from machopt.stiffness.terms.compilation import compile_terms
-from machopt.stiffness.terms.protocol import ElasticContribution, LinearTerm, LoadedArm
 from machopt.stiffness.terms.stability_check import (
     UnstableTerm,
     limit_to_spring_range,
@@ -33,6 +31,8 @@ from machopt.stiffness.terms.stability_check import (
 from machopt.stiffness.terms.stability_check import (
     find_unstable_term as stiffness_find_unstable_term,
 )
+from machopt.stiffness.terms.term_builder import compile_terms
+from machopt.stiffness.terms.term_interface import ElasticContribution, LinearTerm, LoadedArm
 
 GRID_FACE_TOLERANCE_M = 1e-6  # m; a TCP this near to a face, edge or corner of the grid belongs to all its cells
 

@@ -40,14 +40,14 @@ from machopt.data_types.discrepancy_names import (
     format_term_name,
     parse_discrepancy_name,
 )
-from machopt.data_types.locations import format_link_location, parse_link_location
+from machopt.data_types.effect_locations import format_link_location, parse_link_location
 from machopt.dynamics.gravity_torque import compute_gravity_torque, compute_weight_torque
 from machopt.errors import InputError
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import cross_product
 from machopt.stiffness.kinetostatic_indices import compute_geometric_stiffness
-from machopt.stiffness.terms.protocol import LinearTerm
+from machopt.stiffness.terms.term_interface import LinearTerm
 
 ROTATION_AXES = AXES[3:]
 PLAY_COLUMN = "play"

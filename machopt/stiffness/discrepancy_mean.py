@@ -20,7 +20,7 @@ from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import cross_product
 from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, DiscrepancyColumns, locate_compliance
-from machopt.stiffness.terms.protocol import LinearTerm, LoadedArm
+from machopt.stiffness.terms.term_interface import LinearTerm, LoadedArm
 
 MIN_RETAINED_SHARE = 0.1  # minimum remaining share of a compliance, because the extrapolated mean may be too stiff
 

@@ -26,7 +26,7 @@ from machopt.data_types.stiffness import ExternalJointSpring
 from machopt.kinematics.machine import Machine, compute_line_exponential
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
-from machopt.stiffness.terms.protocol import LoadedArm
+from machopt.stiffness.terms.term_interface import LoadedArm
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 

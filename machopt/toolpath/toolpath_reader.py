@@ -24,7 +24,7 @@ from machopt.file_formats.source_file import (
 )
 from machopt.file_formats.source_file import parse_offsets as work_offsets
 from machopt.toolpath.readers import dialect_detection
-from machopt.toolpath.readers.option_questions import find_fault_behind
+from machopt.toolpath.readers.option_error_order import find_fault_behind
 from machopt.toolpath.readers.tables.point_table import is_point_table, read_csv, read_parquet
 from machopt.toolpath.readers.tables.table_layout import describe_other_layout
 from machopt.toolpath.unused_reading_options import check_reading_options

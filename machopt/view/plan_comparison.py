@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.commands.optimize.job_result import OptimizeJobResult
 from machopt.planning.pipeline.plan import Plan
-from machopt.report.page_types.steering import PlanComparison
+from machopt.report.page_types.steering_panel_data import PlanComparison
 
 MISSING_VALUE = float("nan")
 

@@ -28,9 +28,9 @@ from machopt.planning.job.constraint_conflicts import is_complete
 from machopt.planning.pipeline.planning_setup import Progress, StageTimings
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.report.page_data.optimize import PlanEvidence, build_report_data, format_measured_value
-from machopt.report.page_types.steering import SteeringAxis, SteeringData
+from machopt.report.page_types.steering_panel_data import SteeringAxis, SteeringData
 from machopt.report.pages.optimize.optimize_page import build_report_html
-from machopt.view.live_job import LiveJob, has_tolerances
+from machopt.view.dragged_point_outcomes import LiveJob, has_tolerances
 from machopt.view.plan_comparison import compare_plans
 
 _CHECK_TEXTS = {True: "passed", False: "FAILED", None: "not run"}

@@ -38,6 +38,22 @@ def plan_milled_wall(folder: Path) -> Job:
     return Job(folder / "cell", toolpath, out)
 
 
+def plan_slow_spindle(folder: Path) -> Job:
+    """The same at 1,200 rev/min: all modes turn by more than 1 rad in a tooth period, where the delay is no damper."""
+    toolpath = folder / "pass.csv"
+    toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
+    shutil.copytree(CELLS / "kr500_milling", folder / "cell")
+    cell, file = folder / "cell" / "cell.yaml", folder / "cell" / "process.yaml"
+    cell.write_text(cell.read_text(encoding="utf-8") + "process: process.yaml\n", encoding="utf-8")
+    text = file.read_text(encoding="utf-8")
+    assert "spindle_rpm: 12000" in text
+    file.write_text(text.replace("spindle_rpm: 12000", "spindle_rpm: 1200"), encoding="utf-8")
+    out, overrides = folder / "out", ("rotation_step_deg=15",)
+    request = OptimizeRequest(cell=folder / "cell", toolpath=toolpath, out=out, overrides=overrides)
+    assert run_optimize(request).exit_code == 0
+    return Job(folder / "cell", toolpath, out)
+
+
 def plan_drilled_hole(folder: Path) -> Job:
     """One hole with limits of position, depth and axis, in the drilling cell."""
     return plan_holes(folder, (-150,))
@@ -66,6 +82,7 @@ def plan_holes(folder: Path, places: Sequence[int]) -> Job:
 
 
 JOBS["process"] = plan_milled_wall
+JOBS["slow spindle"] = plan_slow_spindle
 JOBS["drilled"] = plan_drilled_hole
 JOBS["two holes"] = plan_two_holes
 
@@ -81,6 +98,17 @@ def scale_depths(factor: float, rows: Rows) -> None:
     row = [r for r in rows if r["a_lim_mm"]][-1]
     for name in ("ap_mm", "a_lim_mm"):
         row[name] = repr(float(row[name]) * factor)
+
+
+def scale_limit(factor: float, rows: Rows) -> None:
+    """The limit of the last cut, with the word that follows."""
+    row = [r for r in rows if r["a_lim_mm"]][-1]
+    limit = float(row["a_lim_mm"]) * factor
+    row["a_lim_mm"] = f"{limit:.4f}"
+    if float(row["ap_mm"]) < limit:
+        row["chatter"] = "stable"
+    elif row["chatter"] == "stable":
+        row["chatter"] = "robot:1"
 
 
 def flip_chatter(rows: Rows) -> None:
@@ -186,6 +214,7 @@ COLUMNS = (  # column, factor, check that finds it
     ("f_travel_N", 1.03, "points.csv f_travel_N"),
     ("f_normal_N", 1.03, "points.csv f_normal_N"),
     ("f_axial_N", 3.0, "points.csv f_axial_N"),
+    ("f_peak_N", 1.03, "points.csv f_peak_N"),
     ("error_normal_mm", 1.05, "points.csv error_normal_mm"),
     ("p_in", 0.8, "points.csv p_in"),
     ("tolerance_mm", 2.0, "points.csv tolerance_mm"),
@@ -326,6 +355,16 @@ DAMAGES = [
         build_table_change("points.csv", partial(replace_word, "outcome", "unknown")),
         "points.csv outcome",
         "process",
+    ),
+    *(
+        Damage(
+            f"points.csv a_lim_mm of fast modes by {factor}",
+            "1 cell",
+            build_table_change("points.csv", partial(scale_limit, factor)),
+            name,
+            "slow spindle",
+        )
+        for factor, name in ((1.05, "points.csv a_lim_mm"), (0.6, "points.csv a_lim_mm is reached"))
     ),
     Damage("least ratio stated", "0.5 → 3.9", demand_stability, "as asked: min_stability_ratio", "process"),
     *(

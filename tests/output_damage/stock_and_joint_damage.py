@@ -80,7 +80,7 @@ def in_points(change: Callable[[Rows], None]) -> Callable[[Job], None]:
     return build_table_change("points.csv", change)
 
 
-CONTACT = (("ae_mm", 1.02), ("ap_mm", 0.98), ("phi_in_deg", 1.02), ("phi_out_deg", 0.98))
+CONTACT = (("f_peak_N", 1.2), ("ae_mm", 1.02), ("ap_mm", 0.98), ("phi_in_deg", 1.02), ("phi_out_deg", 0.98))
 EXACT, FEED, SECTION = "engagement.csv against exact shapes", "points.csv feed_advised_mm_min", "result.json joint"
 DAMAGES = [
     Damage("stock: arcs begin too early", "20°", in_arcs(partial(shift_column, "phi_in_deg", -20.0)), EXACT, "stock"),

@@ -11,8 +11,8 @@ import trimesh
 
 from machopt.data_types.stock import StockBody, StockComparison
 from machopt.errors import CuttingInputError
-from machopt.process.stock.finished_part import compare_with_finished_part
 from machopt.process.stock.height_map import HeightMap, build_height_map
+from machopt.process.stock.height_map_comparison import compare_with_finished_part
 from machopt.process.stock.path_removal import remove_path
 
 CELL = 0.25e-3

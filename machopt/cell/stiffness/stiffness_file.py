@@ -13,7 +13,7 @@ from machopt.cell.stiffness.external_joint_stiffness import (
     format_external_springs,
     parse_external_springs,
 )
-from machopt.data_types.locations import MOST_JOINTS
+from machopt.data_types.effect_locations import MOST_JOINTS
 from machopt.data_types.stiffness import (
     SOFTEST,
     STIFFEST,

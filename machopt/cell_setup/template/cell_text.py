@@ -143,12 +143,16 @@ def format_cell_yaml(c: NewCellContent) -> str:
         f"  geometry: [{c.body}]  # {c.body_note}",
         "  # from the TCP back along -z, the part that may touch the workpiece; GUESS where you have not given it",
         f"  cutter: {{diameter_mm: {_format_number(c.cutter_mm[0])}, length_mm: {_format_number(c.cutter_mm[1])}}}",
+        "  # forces and tolerances need here: point_deg (and teeth, web_mm) of a drill, teeth and helix_deg of an end "
+        "mill",
         "workpiece:",
         f"  pose: {{xyz_mm: {_format_row(c.workpiece_mm)}, rpy_deg: {_format_row(c.workpiece_rpy_deg)}}}  # "
         f"{c.workpiece_note}",
         *([f"  geometry: [{c.workpiece_body}]"] if c.workpiece_body else _NO_PART),
         "obstacles: []  # fixtures, table, walls, in world: {name: table, box_mm: [900, 800, 50], xyz_mm: [1e3, 0, 0]}",
         f"stiffness: stiffness.yaml  # {c.stiffness_note}",
+        "# accuracy: {absolute_mm: 0.3, repeatability_mm: 0.03, source: data sheet}  # 1 sigma a coordinate: "
+        "without it the outcome of a tolerance is unknown",
         *(
             [f"controller: {{post: {_format_yaml_word(c.post)}}}{f'  # {c.post_note}' if c.post_note else ''}"]
             if c.post

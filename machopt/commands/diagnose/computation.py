@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from machopt.commands.diagnose.files import (
+from machopt.commands.diagnose.model_files import check_written_errors, write_assessed_files
+from machopt.commands.diagnose.output_files import (
     write_kinematics_file,
     write_residual_table,
     write_stiffness_file,
 )
-from machopt.commands.diagnose.model_files import check_written_errors, write_assessed_files
 from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
 from machopt.commands.manifest import write_command_manifest
 from machopt.data_types.cell import Cell

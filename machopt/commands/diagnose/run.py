@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from machopt.commands.diagnose.computation import DiagnoseComputation, build_computation, write_diagnosis_files
-from machopt.commands.diagnose.files import (
+from machopt.commands.diagnose.motion_diagnosis import diagnose_motion
+from machopt.commands.diagnose.output_files import (
     KINEMATICS,
     STIFFNESS,
     compute_effect_on_job,
     list_kinematic_corrections,
     rank_findings_at_job,
 )
-from machopt.commands.diagnose.motion import diagnose_motion
 from machopt.commands.input_hashes import compute_input_hashes, list_request_paths
 from machopt.commands.recording_cell import load_recording_cell
 from machopt.data_types.cell import Cell
@@ -34,9 +34,9 @@ from machopt.measurement.diagnosis.outputs.extended_stiffness import (
     ExtendedStiffness,
     add_withheld_notes,
 )
+from machopt.measurement.diagnosis.outputs.implausible_correction_removal import diagnose_with_useful_files
 from machopt.measurement.diagnosis.outputs.model_assessment import ModelAssessment, state_written_errors
 from machopt.measurement.diagnosis.outputs.model_uncertainty import add_model_uncertainty
-from machopt.measurement.diagnosis.outputs.plausible_corrections import diagnose_with_useful_files
 from machopt.measurement.diagnosis.request import DiagnoseRequest, check_diagnose_request
 from machopt.measurement.diagnosis.verdict.verdict_rules import apply_verdict_rules
 from machopt.measurement.recording import load_recording, load_recordings

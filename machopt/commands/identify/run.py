@@ -10,7 +10,7 @@ from machopt.cell.stiffness.stiffness_file import write_stiffness
 from machopt.commands.identify.computation import IdentifyComputation, compute_identification
 from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
 from machopt.commands.manifest import write_command_manifest
-from machopt.commands.output_run import open_request_folder
+from machopt.commands.request_output_folder import open_request_folder
 from machopt.data_types.documents.identification_document import IdentificationDocument
 from machopt.measurement.identification.identification_result import IdentificationResult
 from machopt.measurement.identification.request import IdentifyRequest

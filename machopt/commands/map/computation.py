@@ -20,7 +20,7 @@ from machopt.output.file_hashes import compute_sha256
 from machopt.output.tables.map_table import read_measured_stiffness
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.page_data.workspace_map import build_map_page_data
-from machopt.report.page_types.workspace_map_page import MapPageData
+from machopt.report.page_types.workspace_map_page_data import MapPageData
 from machopt.workspace_map.document import EvaluatedMap, MapLayerResult, build_map_document, compute_sample_positions
 from machopt.workspace_map.measured_stiffness import MeasuredComparison, compare_with_measured
 from machopt.workspace_map.quantities import evaluate_quantities

@@ -10,7 +10,7 @@ from machopt.commands.input_hashes import build_manifest_file
 from machopt.commands.manifest import write_command_manifest
 from machopt.commands.map.computation import MapComputation, compute_map
 from machopt.commands.map.table_columns import build_map_columns
-from machopt.commands.output_run import open_request_folder
+from machopt.commands.request_output_folder import open_request_folder
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.output import write_result
 from machopt.output.tables.map_table import write_map_csv

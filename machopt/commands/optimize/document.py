@@ -29,10 +29,10 @@ from machopt.planning.plan_output.document_sections import (
     list_infeasible_entries,
 )
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
-from machopt.planning.plan_output.joint_section import build_joint_section
 from machopt.planning.plan_output.move_results import describe_low_feed
 from machopt.planning.plan_output.plan_remarks import list_hints
 from machopt.planning.plan_output.point_table import PointResults
+from machopt.planning.plan_output.posture_feed_section import build_joint_section
 from machopt.planning.plan_output.reentry_section import build_reentry_section
 from machopt.planning.plan_output.stability_section import list_unchecked_stability
 from machopt.planning.plan_output.tilt_section import build_tilt_section

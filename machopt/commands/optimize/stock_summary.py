@@ -11,8 +11,7 @@ from machopt.data_types.stock import StockBody, StockSummary
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.errors import InputError, MeshError
 from machopt.process.binding.job_binding import remove_stock
-from machopt.process.stock.finished_part import compare_with_finished_part
-from machopt.process.stock.height_map import build_height_map
+from machopt.process.stock.height_map_comparison import compare_with_finished_part
 from machopt.process.stock.path_removal import NOTHING
 
 
@@ -28,12 +27,11 @@ def summarise_stock(cell: Cell, segments: Sequence[ToolSegment]) -> StockSummary
     if process is None or process.stock is None or any(one is None for one in found):
         return None
     removal = remove_stock(process, segments)
-    axis = removal.remaining.rotation[2]
     parts = list(zip(segments, removal.engagements, strict=True))
     part = _read_finished_part(cell, process.stock.cell_size)
     return StockSummary(
         cell_size=process.stock.cell_size,
-        volume=build_height_map(process.stock, axis).volume,
+        volume=removal.volume_before,
         removed=float(sum(e.volume.sum() for _, e in parts)),
         removed_by_other_moves=float(sum(e.volume[~s.toolpath.cutting].sum() for s, e in parts)),
         cut_moves=int(sum(e.is_computed.sum() for _, e in parts)),

@@ -10,25 +10,25 @@ from machopt.commands.input_hashes import compute_input_hashes
 from machopt.commands.plan_poses.diagnosis_input import read_diagnosis
 from machopt.commands.plan_poses.job_loads import read_job_loads
 from machopt.data_types.cell import Cell
-from machopt.data_types.documents.poses_document import PosesDocument
+from machopt.data_types.documents.pose_plan_document import PosesDocument
 from machopt.data_types.manifest import add_scope_to_verdict
-from machopt.data_types.measurements.poses_table import PosesTable
+from machopt.data_types.measurements.measurement_poses_table import PosesTable
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import describe_ignored_springs
 from machopt.errors import OptionError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
-from machopt.measurement.design.external_axis_positions import (
+from machopt.measurement.design.external_axis_position_option import (
     describe_external_axis_positions,
     set_external_axis_positions,
 )
 from machopt.measurement.design.measurement_plan_document import PlannedMeasurement, build_measurement_plan_document
-from machopt.measurement.design.plan_warnings import build_plan_warnings
-from machopt.measurement.design.request import PosesRequest, check_poses_request, list_unchecked_conditions
-from machopt.measurement.design.work_table_and_template import (
+from machopt.measurement.design.measurement_table_and_empty_recording import (
     build_poses_table,
     build_recording_template,
     expand_load_steps,
 )
+from machopt.measurement.design.plan_warnings import build_plan_warnings
+from machopt.measurement.design.request import PosesRequest, check_poses_request, list_unchecked_conditions
 from machopt.measurement.diagnosis.discrimination.discrimination_document import build_discrimination_document
 from machopt.measurement.diagnosis.discrimination.next_measurement import plan_next_measurement
 from machopt.report.page_data.machine_scene import build_machine_scene

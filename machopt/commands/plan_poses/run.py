@@ -8,9 +8,9 @@ from pathlib import Path
 
 from machopt.commands.input_hashes import build_manifest_file, list_recording_inputs
 from machopt.commands.manifest import write_command_manifest
-from machopt.commands.output_run import open_request_folder
 from machopt.commands.plan_poses.computation import PlanPosesComputation, compute_pose_plan
-from machopt.data_types.documents.poses_document import PosesDocument
+from machopt.commands.request_output_folder import open_request_folder
+from machopt.data_types.documents.pose_plan_document import PosesDocument
 from machopt.data_types.manifest import ManifestFile
 from machopt.measurement.design.request import PosesRequest, list_unchecked_conditions
 from machopt.output import write_result

@@ -21,7 +21,7 @@ from machopt.data_types.documents.manifest_document import ManifestDocument
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.data_types.documents.place_document import PlaceDocument
-from machopt.data_types.documents.poses_document import PosesDocument
+from machopt.data_types.documents.pose_plan_document import PosesDocument
 from machopt.data_types.documents.table_rows import PointsTableRow, TrajectoryTableRow
 from machopt.data_types.documents.verify_document import VerifyDocument
 from machopt.data_types.documents.view_document import ViewAnswerDocument, ViewProgressDocument

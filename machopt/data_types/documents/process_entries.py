@@ -30,7 +30,7 @@ class OutcomeCountsSection(DocumentModel):
 class StockComparisonSection(DocumentModel):
     """Stock after the job against the workpiece of the cell, the finished part."""
 
-    gouge_depth_mm: Number  # along the tool axis, away from walls
+    gouge_depth_mm: Number  # along the tool axis, along the normal of the part where the axis turns; away from walls
     gouge_at_mm: tuple[Number, Number, Number] | None  # in the workpiece frame
     gouge_volume_mm3: Number
     left_depth_mm: Number  # largest height of material left, away from walls

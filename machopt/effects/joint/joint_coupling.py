@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.data_types.locations import MOST_JOINTS, format_joint_pair_location
+from machopt.data_types.effect_locations import MOST_JOINTS, format_joint_pair_location
 from machopt.effects import prior_scales
 from machopt.effects.protocol import (
     COMPLIANCE,

@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import MOST_JOINTS, format_joint_location
+from machopt.data_types.effect_locations import MOST_JOINTS, format_joint_location
 
 Ints = NDArray[np.int64]
 Shape = tuple[float, ...]

@@ -9,7 +9,7 @@ Names, places and typical wrong units. The corrections use them
 
 from __future__ import annotations
 
-from machopt.data_types.locations import MOST_JOINTS, format_column_location
+from machopt.data_types.effect_locations import MOST_JOINTS, format_column_location
 from machopt.effects.joint.drive_gain import DriveGainError
 from machopt.effects.protocol import Effect
 

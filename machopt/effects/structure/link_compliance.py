@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.data_types.locations import MOST_JOINTS, format_link_location
+from machopt.data_types.effect_locations import MOST_JOINTS, format_link_location
 from machopt.effects.compliance_matrices.body_compliance_laws import TWO_PLANES, UniformBeamLaw
 from machopt.effects.compliance_matrices.tapered_tube import TAPERED, read_tube_law
 from machopt.effects.protocol import Effect

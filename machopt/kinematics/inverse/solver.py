@@ -94,7 +94,7 @@ def build_solver(robot: Robot) -> InverseKinematicsSolver:
         return AsBuiltSolver(robot, build_solver(robot.nominal))
     if SphericalWristSolver.is_applicable(robot):
         return SphericalWristSolver(robot)
-    from machopt.kinematics.inverse.general_branches import GeneralBranches
+    from machopt.kinematics.inverse.general_solver_adapter import GeneralBranches
 
     return GeneralBranches(robot)
 

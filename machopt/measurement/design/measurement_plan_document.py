@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.documents.poses_document import (
+from machopt.data_types.documents.pose_plan_document import (
     BaselineDesignEntry,
     DesignQualitySection,
     DiscriminationSection,

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import MOST_JOINTS
+from machopt.data_types.effect_locations import MOST_JOINTS
 from machopt.data_types.measurements.recording import RecordingKind
 from machopt.measurement.recording.recording_table import COORDINATES, THREE, AllowedColumns, RecordingTable
 from machopt.numerics.array_types import Array

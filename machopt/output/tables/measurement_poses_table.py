@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.measurements.poses_table import PosesTable
+from machopt.data_types.measurements.measurement_poses_table import PosesTable
 from machopt.data_types.measurements.recording import Recording
 from machopt.measurement.recording import write_recording
 from machopt.numerics.array_types import Array

@@ -29,13 +29,13 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.planning.collision_handling.path_check import PathCollisionChecker
 from machopt.planning.cost.clearance_cost import compute_path_crowding
-from machopt.planning.cost.held_feed import compute_lost_time
+from machopt.planning.cost.lost_feed_time import compute_lost_time
 from machopt.planning.cost.objective import AssignmentCosts, PlanObjective, compute_objective
 from machopt.planning.cost.process_force_direction import compute_engaged_force
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
-from machopt.planning.pipeline.place_pricing import price_places
 from machopt.planning.pipeline.plan import PathCompensation, Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
+from machopt.planning.pipeline.tolerance_and_stability_prices import price_places
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import ARM, PlanningPath

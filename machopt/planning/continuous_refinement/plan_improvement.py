@@ -21,7 +21,7 @@ from machopt.planning.collision_handling.path_check import PathCollisionChecker
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.continuous_refinement.refinement import TRUST, PlanRefinement, RefinementResult
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
-from machopt.planning.cost.held_feed import compute_lost_time
+from machopt.planning.cost.lost_feed_time import compute_lost_time
 from machopt.planning.cost.objective import AssignmentCosts, compute_objective, compute_total
 from machopt.planning.cost.stiffness_index import LoadDirections, compute_load_directions
 from machopt.planning.external_axes.operation_groups import OperationGroup

@@ -10,7 +10,7 @@ run's share of that length. Travel and rotation are total variations, so they do
 sampled. b is 1 inside runs. Over a rapid move of length d it is 1 + NEAR/(d + NEAR/10), so that large reorientations
 happen on long rapid moves, far from the part. t_lost is the time by which the axes are slower than the programmed feed:
 at AXIS_SPEED of their velocity limits, and at their limits of acceleration and jerk
-(:mod:`machopt.planning.cost.held_feed`).
+(:mod:`machopt.planning.cost.lost_feed_time`).
 
 The grid search prices vertices (:func:`compute_node_cost`) and steps (:func:`compute_transition_cost`), the
 smooth curve its stations, and a finished plan all planning points: the same terms on different samples. The formulas
@@ -303,7 +303,7 @@ class AssignmentCosts:
     crowded: Array | None = None  # (P,) :func:`compute_crowding`, NaN where it is not known; None: it does not count
     places: tuple[float, float] = (0.0, 0.0)  # prices of the points out of tolerance, and of instability
     rapids: tuple[float, float] = (0.0, 0.0)  # time of the rapid moves as a share, and changes times J₀
-    late: float = 0.0  # s, lost by limits of acceleration and jerk (:mod:`machopt.planning.cost.held_feed`)
+    late: float = 0.0  # s, lost by limits of acceleration and jerk (:mod:`machopt.planning.cost.lost_feed_time`)
 
 
 def compute_objective(

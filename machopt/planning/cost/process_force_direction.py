@@ -17,7 +17,8 @@ A shift of the path is computed with a force that has no jumps, over a given len
 s is the length of the path in its run. Outside the cuts, and in those without a force (the way out of a hole, say), f
 is that of the nearest cut with a force: the tool leaves a hole along the line that it was drilled on. a fades: 1 while
 cutting, to 0 over ℓ away from the cuts, and from 0 over ℓ at the ends of a run that the tool approaches or leaves
-without cutting.
+without cutting, where that way is at least ℓ long. On a shorter one (2 mm above a hole, say) a ramp would reach into
+the cut: the rapid move goes to a shifted point instead.
 Each of the two factors changes by no more than |f|/ℓ per length, which gives the bound. A sharp corner turns the force
 over 2ℓ.
 """
@@ -181,9 +182,9 @@ class _Run:
         """
         away = np.abs(_move_into(self.s, self.cuts) - self.s)
         out = np.clip(1.0 - away / length, 0.0, 1.0)
-        if self.comes:
+        if self.comes and self.cuts[0, 0] >= length:
             out = np.minimum(out, self.s / length)
-        if self.goes:
+        if self.goes and self.s[-1] - self.cuts[-1, 1] >= length:
             out = np.minimum(out, (self.s[-1] - self.s) / length)
         return np.asarray(out)
 

@@ -4,7 +4,8 @@
 
 C is the nominal compliance for small loads, without K_C. g are draws: normal for the covariance of the compliances, for
 the grid's standard uncertainties, for a model discrepancy and for the covariance of a term; exp(−s z) − 1 for
-``spread_percent`` (each spring by itself).
+``spread_percent`` (each spring by itself). In a grid without standard uncertainties the covariance of the constant
+springs holds as a share of each spring. Outside a grid that has them it is the covariance, else ``spread_percent``.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.numerics.array_types import Array
@@ -94,36 +96,60 @@ class StiffnessSpread:
             columns[0] = columns[0] + moved[:, :, :1]
             columns.append(moved[:, :, 1:])
         elif self.kind != "unknown":
-            columns.append(self._compute_joint_columns(elastic, wrench))
+            columns.append(self.compute_joint_columns(elastic, wrench))
         for variant in self.term_variants:
             other = variant.evaluate(q, None, external).compute_compliance()
             columns.append((np.einsum("mij,mj->mi", other, wrench) - mean)[:, :, None])
         return np.concatenate(columns, axis=2)
 
-    def _compute_joint_columns(self, elastic: ElasticState, wrench: Array) -> Array:
-        """Return (M, 6, 6): the change of the twist by each independent error of the springs."""
+    def compute_joint_columns(self, elastic: ElasticState, wrench: Array) -> Array:
+        """Return (M, 6, 6): the change of the twist by each independent error of the springs.
+
+        Args:
+            elastic: elastic state of the configurations.
+            wrench: (M, 6) N and N·m at the TCP in base_link.
+        """
         J, gears = elastic.state.J, elastic.k if elastic.gears is None else elastic.gears
         torque = np.einsum("mci,mc->mi", J, wrench) * (gears / elastic.k) ** 2
         per_compliance = J * torque[:, None, :]  # twist per unit compliance of each joint
         if self.kind == "covariance":
-            return np.asarray(per_compliance @ self.covariance_root)
+            root = self.covariance_root
+            if self.elasticity.stiffness.grid is None:
+                return np.asarray(per_compliance @ root)
+            return np.asarray((per_compliance / gears[:, None, :]) @ (self.elasticity.stiffness.joints[:, None] * root))
         if self.kind == "percent":
             return np.asarray(per_compliance / gears[:, None, :])
         return np.asarray(per_compliance * self._compute_grid_std(elastic)[:, None, :])
 
     def _compute_grid_std(self, elastic: ElasticState) -> Array:
-        """Return the (M, 6) 1 sigma of the compliances; NaN outside the grid, where no covariance is stated."""
+        """Return the (M, 6) 1 sigma of the compliances; 0 outside the grid, where no spread is stated."""
         stiffness = self.elasticity.stiffness
         grid = stiffness.grid
         assert grid is not None
         assert grid.std is not None
         position = elastic.state.T_base_tool[..., :3, 3]
-        constant = np.full(6, np.nan)
+        constant = np.zeros(6)
         if stiffness.covariance is not None:
             constant = np.sqrt(np.diag(stiffness.covariance))
+        elif stiffness.spread is not None:
+            constant = stiffness.spread / stiffness.joints
         out = np.tile(constant, (len(position), 1))
         rows, cells = find_grid_cells(grid, position)
         out[rows] = grid.std[cells] / grid.joints[cells] ** 2
+        return out
+
+    def find_stated(self, position: Array) -> NDArray[np.bool_]:
+        """Return (M,) whether the file states the spread of the springs at TCP positions.
+
+        Args:
+            position: (M, 3) m, in base_link.
+        """
+        stiffness = self.elasticity.stiffness
+        if not self.is_known or self.kind != "grid" or stiffness.covariance is not None or stiffness.spread is not None:
+            return np.full(len(position), self.is_known)
+        assert stiffness.grid is not None
+        out = np.zeros(len(position), bool)
+        out[find_grid_cells(stiffness.grid, position)[0]] = True
         return out
 
     def draw_factors(self, z: Array) -> Array:
@@ -156,7 +182,7 @@ def _find_kind(stiffness: ArmStiffness) -> SpreadKind:
         return "discrepancy"
     if stiffness.grid is not None and stiffness.grid.std is not None:
         return "grid"
-    if stiffness.covariance is not None and stiffness.grid is None:
+    if stiffness.covariance is not None:
         return "covariance"
     return "percent" if stiffness.spread is not None else "unknown"
 

@@ -22,13 +22,13 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.tolerance_prices import FAILED_POINT_PRICE, SHORTFALL_PRICE
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.numerics.interval_shares import compute_interval_shares
+from machopt.numerics.normal_interval_probability import compute_interval_shares
 from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import LoadDirections
-from machopt.planning.error_probability.draws import UncertaintyDraws, build_draws
+from machopt.planning.error_probability.random_draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.error_probability.targets import (
+from machopt.planning.error_probability.toleranced_points import (
     HoleTargets,
     SurfaceTargets,
     compute_tip_length,

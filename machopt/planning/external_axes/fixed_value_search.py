@@ -32,8 +32,8 @@ from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.sampled_sequence import choose_collision_free_sequence
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes
 from machopt.planning.pipeline.vertex_prices import build_rapid_pricing
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.path_subset import list_run_points, select_path_runs
 from machopt.planning.stations.planning_path import PlanningPath

@@ -38,7 +38,7 @@ from machopt.planning.external_axes.position_constraints import (
     find_nearest_allowed,
 )
 from machopt.planning.pipeline.planning_setup import PlanningSetup
-from machopt.planning.sampling.configurations import enumerate_candidates
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
 from machopt.planning.stations.path_subset import select_path_runs
 from machopt.planning.stations.planning_path import PlanningPath

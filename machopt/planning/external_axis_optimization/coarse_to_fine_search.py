@@ -34,7 +34,6 @@ from machopt.planning.continuous_refinement.plan_improvement import (
 from machopt.planning.continuous_refinement.refinement import TRUST
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.fixed_value_search import STEP, FixedValueSearch
-from machopt.planning.external_axes.following_motion import list_following_paths
 from machopt.planning.external_axes.moving_axes import (
     compute_moving_axis_path,
     list_moving_subsets,
@@ -44,7 +43,8 @@ from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axes.position_constraints import check_known_axes_and_places
-from machopt.planning.external_axis_optimization.sequence_leaps import (
+from machopt.planning.external_axes.positioner_azimuth_following import list_following_paths
+from machopt.planning.external_axis_optimization.refinement_restarts import (
     SHORT,
     count_lost_points,
     count_unreached_points,

@@ -48,8 +48,8 @@ from machopt.planning.external_axis_optimization.value_grid_sequences import Val
 from machopt.planning.external_axis_optimization.whole_turns import compute_run_turns
 from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sampling.joint_path import interpolate_between_stations
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 from machopt.planning.stations.path_subset import select_path_runs

@@ -17,8 +17,8 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions, SteeringRule
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.compensation.added_points import compensate_plan
 from machopt.planning.compensation.driven_margins import restore_requested_margins
+from machopt.planning.compensation.plan_compensation import compensate_plan
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma

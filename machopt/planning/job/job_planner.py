@@ -22,13 +22,13 @@ from machopt.planning.external_axis_optimization.single_toolpath_planning import
     compute_external_axis_bound,
     find_best_plan,
 )
+from machopt.planning.job.advised_feed_motion import drive_posture_and_feed, drive_share_of_advice
 from machopt.planning.job.compensation_retries import compensate_with_retries
 from machopt.planning.job.constraint_conflicts import add_constraint_conflict, add_undrivable_conflict
 from machopt.planning.job.constraint_conflicts import is_complete as is_whole
 from machopt.planning.job.joined_motion import DrivenToolSegment, join_point_tables, join_timelines
 from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
 from machopt.planning.job.locked_axes import add_locked_axes_note, has_trajectory, iterate_locked_subsets
-from machopt.planning.job.posture_feed_job import drive_posture_and_feed, drive_share_of_advice
 from machopt.planning.job.rapid_rerouting import reroute_blocked_rapids
 from machopt.planning.job.request_checks import plan_motion
 from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools

@@ -27,7 +27,7 @@ from machopt.numerics.parallel_map import run_two_in_threads
 from machopt.planning.collision_handling.gouge_check import GougeResult, find_gouges
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
 from machopt.planning.cost.clearance_cost import compute_path_crowding
-from machopt.planning.cost.held_feed import compute_lost_time
+from machopt.planning.cost.lost_feed_time import compute_lost_time
 from machopt.planning.cost.objective import AssignmentCosts, PlanObjective, compute_objective
 from machopt.planning.cost.stiffness_index import (
     CandidateScores,
@@ -45,7 +45,6 @@ from machopt.planning.pipeline.baseline_comparison import (
 )
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence
 from machopt.planning.pipeline.nested_grids import choose_best_nested_grid
-from machopt.planning.pipeline.place_pricing import PlacePricing, price_places
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import (
     PlanningSetup,
@@ -55,9 +54,10 @@ from machopt.planning.pipeline.planning_setup import (
     prepare_planning,
 )
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps, find_sequence_breaks
+from machopt.planning.pipeline.tolerance_and_stability_prices import PlacePricing, price_places
 from machopt.planning.pipeline.vertex_prices import add_vertex_prices
+from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.configurations import enumerate_candidates
 from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.sequence_search.worst_index_across_swings import compute_worst_index, find_hidden_points

@@ -17,9 +17,9 @@ from machopt.planning.collision_handling.path_check import PathCollisions
 from machopt.planning.cost.objective import PlanObjective
 from machopt.planning.cost.stiffness_index import CandidateScores, LoadDirections
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSequence
-from machopt.planning.pipeline.place_pricing import PlacePricing
 from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
+from machopt.planning.pipeline.tolerance_and_stability_prices import PlacePricing
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.planning_path import PlanningPath

@@ -19,7 +19,7 @@ from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.machine import Machine, load_machine
 from machopt.kinematics.robot import Robot, load_chain, load_masses
 from machopt.numerics.array_types import Array
-from machopt.planning.cost.held_feed import ArmDrives
+from machopt.planning.cost.lost_feed_time import ArmDrives
 from machopt.planning.cost.objective import PlanObjective
 from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.sampling.planning_arm import PlanningArm

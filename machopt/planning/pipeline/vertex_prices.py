@@ -9,7 +9,7 @@ import numpy as np
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.clearance_cost import compute_grid_crowding
-from machopt.planning.cost.held_feed import compute_grid_price
+from machopt.planning.cost.lost_feed_time import compute_grid_price
 from machopt.planning.cost.rapid_time import RapidPricing
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.pipeline.planning_setup import PlanningSetup

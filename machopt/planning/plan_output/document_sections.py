@@ -10,7 +10,7 @@ from machopt.data_types.documents import optimize_document
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
-from machopt.planning.compensation.expected_removal import DeflectionRemoval, predict_removals
+from machopt.planning.compensation.expected_deflection_reduction import DeflectionRemoval, predict_removals
 from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.error_probability.model_discrepancy import NINETY
 from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound
@@ -206,7 +206,9 @@ def build_compensation_section(the_plan: Plan, toolpath: Toolpath) -> optimize_d
         toolpath: its toolpath.
     """
     found = compute_residual(the_plan)
-    removed = predict_removals(the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations))
+    removed = predict_removals(
+        the_plan, toolpath.operation, tuple(o.label for o in toolpath.operations), toolpath.process_operation
+    )
     if found is None:
         return None
     length = the_plan.compensation.length if the_plan.compensation else float("nan")

@@ -10,7 +10,7 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.external_axis_reasons import explain_external_axes
 from machopt.planning.plan_output.reach_advice import compute_reach_shift
 from machopt.planning.plan_output.unit_check import compute_maximum_reach
-from machopt.planning.sampling.configurations import solve_station
+from machopt.planning.sampling.candidate_enumeration import solve_station
 
 FAR = 20.0  # m; longer than any arm, so a length was given in another unit
 

@@ -12,7 +12,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.process_columns import ProcessColumns
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.sampling.configurations import solve_station
+from machopt.planning.sampling.candidate_enumeration import solve_station
 
 
 def find_best_ratio(plan: Plan, station: int) -> tuple[float, float] | None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.error_probability.draws import HOLE_DRAWS
+from machopt.planning.error_probability.random_draws import HOLE_DRAWS
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.stations.planning_path import PlanningPath

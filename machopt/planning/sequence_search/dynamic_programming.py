@@ -21,9 +21,9 @@ from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.rapid_time import RapidPricing
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sequence_search.flight_prices import FlightPrices
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
 from machopt.planning.sequence_search.joint_turns import compute_shortest_turns, count_whole_turns, fit_turns
+from machopt.planning.sequence_search.rapid_move_prices import FlightPrices
 from machopt.planning.sequence_search.search_kernels import find_cheapest_sequence
 from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
 from machopt.planning.sequence_search.transition_windows import (

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.cost.objective import edge_price_compiled, late_compiled
-from machopt.planning.sequence_search.flight_prices import price_flight
+from machopt.planning.sequence_search.rapid_move_prices import price_flight
 
 Ints = NDArray[np.int32]
 JUMP = np.radians(80.0)  # largest joint step between neighbouring stations that still counts as continuous
@@ -343,7 +343,7 @@ def find_cheapest_sequence(
         start: (S,) of :class:`machopt.planning.sequence_search.transition_cost_table.TransitionCostTable`.
         price: (n,) of that table; filled in here.
         turned: (n,) of that table; filled in here.
-        need: (3, 6) of :class:`machopt.planning.sequence_search.flight_prices.FlightPrices`.
+        need: (3, 6) of :class:`machopt.planning.sequence_search.rapid_move_prices.FlightPrices`.
         external_need: (S, 3) of the same.
         flight: (3,) its prices of a second, of a branch change and of a whole turn.
 

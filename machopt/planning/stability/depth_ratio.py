@@ -21,7 +21,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import LoadDirections
 from machopt.planning.sampling.planning_arm import PlanningArm
-from machopt.planning.stability.tool_limit import compute_tool_limit
+from machopt.planning.stability.tool_mode_depth_limit import compute_tool_limit
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.job_binding import compute_loads

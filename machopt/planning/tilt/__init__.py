@@ -8,7 +8,7 @@
 
 * ``tilt_limits``: permitted tilts at each planning point, for the moves before and after it.
 * ``tilt_grid``: configurations and costs over a grid of tilts, and the lower bound of the mean index over it.
-* ``joint_search``: sequence of rotation, branch and tilt by dynamic programming.
+* ``tilt_and_rotation_search``: sequence of rotation, branch and tilt by dynamic programming.
 * ``tilt_smoothing``: smooth tilts along each run at a given rotation.
 * ``tilt_planning``: the steps in order.
 

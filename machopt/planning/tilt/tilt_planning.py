@@ -18,9 +18,9 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.planning.stations.tilt_curve import TiltCurve
-from machopt.planning.tilt.joint_search import JointSequence, compute_tilt_bound, find_tilt_sequence
-from machopt.planning.tilt.local_costs import build_local_costs, price_tilts
 from machopt.planning.tilt.step_limit import limit_steps
+from machopt.planning.tilt.tilt_and_rotation_search import JointSequence, compute_tilt_bound, find_tilt_sequence
+from machopt.planning.tilt.tilt_cost_parabolas import build_local_costs, price_tilts
 from machopt.planning.tilt.tilt_grid import TiltGrid, build_tilt_grid
 from machopt.planning.tilt.tilt_limits import TiltLimits, compute_tilt_limits, hold_outside_cuts
 from machopt.planning.tilt.tilt_smoothing import price_tangents, smooth_tilts

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array, Bools
 from machopt.planning.stations.planning_path import PlanningPath
-from machopt.planning.tilt.local_costs import LocalCosts
+from machopt.planning.tilt.tilt_cost_parabolas import LocalCosts
 from machopt.planning.tilt.tilt_limits import TiltLimits
 
 STIFF = 0.003  # m, price of the slope of the tangents

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.numerics.array_types import Array
-from machopt.planning.error_probability.draws import UncertaintyDraws
+from machopt.planning.error_probability.random_draws import UncertaintyDraws
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import TargetPoses
 

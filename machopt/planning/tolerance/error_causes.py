@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import TargetPoses

@@ -86,6 +86,17 @@ def locate_poses(plan: Plan, chosen: ScoredAssignment, index: Array) -> TargetPo
     )
 
 
+def find_stated_spread(plan: Plan, spread: StiffnessSpread, poses: TargetPoses) -> NDArray[np.bool_]:
+    """Return (M,) whether the spread of the springs is stated at the poses.
+
+    Args:
+        plan: Plan of one tool.
+        spread: Random part of the stiffness.
+        poses: Poses of the plan.
+    """
+    return spread.find_stated(plan.setup.arm.places(poses.external, poses.position))
+
+
 def compute_twist_columns(plan: Plan, spread: StiffnessSpread, poses: TargetPoses, wrench: Array) -> Array:
     """Return (M, 6, 1 + R): the twist of the tool relative to the part under a load, and its change by each error.
 

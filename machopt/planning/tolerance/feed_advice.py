@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.process import ProcessOperation
 from machopt.numerics.array_types import Array
-from machopt.planning.error_probability.draws import UncertaintyDraws
+from machopt.planning.error_probability.random_draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import compute_twist_columns

@@ -13,9 +13,9 @@ import numpy as np
 from machopt.data_types.process import CuttingProcess
 from machopt.numerics.array_types import Array
 from machopt.numerics.tall_products import multiply_tall
-from machopt.planning.error_probability.draws import UncertaintyDraws, build_nominal_draw
+from machopt.planning.error_probability.random_draws import UncertaintyDraws, build_nominal_draw
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.error_probability.targets import HoleTargets
+from machopt.planning.error_probability.toleranced_points import HoleTargets
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.arm_accuracy import (
@@ -24,8 +24,8 @@ from machopt.planning.tolerance.arm_accuracy import (
     draw_position,
     has_position_draws,
 )
+from machopt.planning.tolerance.draws_in_tolerance import count_good_draws
 from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_columns, locate_poses
-from machopt.planning.tolerance.good_draws import count_good_draws
 from machopt.process.binding.point_loads import compute_mean_wear
 
 ENTRY, EXIT = 0, 1

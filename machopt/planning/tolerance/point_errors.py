@@ -13,16 +13,16 @@ from machopt.data_types.process import CuttingProcess
 from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.error_probability.draws import (
+from machopt.planning.error_probability.missing_inputs import find_missing_input
+from machopt.planning.error_probability.random_draws import (
     HOLE_DRAWS,
     SHARE_DRAWS,
     SURFACE_DRAWS,
     UncertaintyDraws,
     build_draws,
 )
-from machopt.planning.error_probability.missing_inputs import find_missing_input
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.error_probability.targets import (
+from machopt.planning.error_probability.toleranced_points import (
     HoleTargets,
     SurfaceTargets,
     compute_tip_length,
@@ -32,6 +32,7 @@ from machopt.planning.error_probability.targets import (
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
+from machopt.planning.tolerance.error_columns import find_stated_spread
 from machopt.planning.tolerance.feed_advice import FeedLimits, HoleFeedSearch, find_load_scale, find_surface_feeds
 from machopt.planning.tolerance.hole_errors import (
     ENTRY,
@@ -174,6 +175,7 @@ class _ErrorTable:
         def draw_terms(h: int, *, position: bool = True) -> HoleTerms:
             return draw_hole_terms(model, h, draws, position=position, factors=factors[int(holes.operation[h])])
 
+        stated = np.logical_and(*(find_stated_spread(self.plan, self.spread, pose) for pose in model.poses))
         scales = np.full(len(holes.row), np.nan)  # by which the load of each hole may grow
         for h, row in enumerate(holes.row.tolist()):
             one = self.process.operations[holes.operation[h]]
@@ -183,9 +185,9 @@ class _ErrorTable:
                 self._mark_unknown(row, "the point has no posture")
                 continue
             self._write_hole(row, compute_nominal_hole_errors(model, h), self.errors)
-            why = find_missing_input(
-                self.process, one, self.spread, max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT))
-            )
+            sigma = max(model.scatter[pose].std[h] for pose in (ENTRY, EXIT))
+            is_stated = bool(stated[h])
+            why = find_missing_input(self.process, one, self.spread, sigma, is_stated=is_stated)
             terms = draw_terms(h)
             if self.is_full:
                 scales[h] = np.nan if why else find_load_scale(terms)
@@ -277,8 +279,11 @@ class _ErrorTable:
             self.lower["normal"][rows], self.upper["normal"][rows] = (np.where(known, v, np.nan) for v in (low, high))
         p = compute_surface_probability(full, limit, np.nan_to_num(std))
         used = [self.process.operations[k] for k in operations]
-        pairs = zip(used, std, strict=True)
-        missing = [find_missing_input(self.process, one, self.spread, sigma) for one, sigma in pairs]
+        stated = find_stated_spread(self.plan, self.spread, model.poses)[some]
+        missing = [
+            find_missing_input(self.process, one, self.spread, sigma, is_stated=bool(known_here))
+            for one, sigma, known_here in zip(used, std, stated, strict=True)
+        ]
         deflection = p
         if any(missing):
             bare = draw_surface_errors(model, some, draws, factor, position=False)

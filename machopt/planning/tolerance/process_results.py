@@ -11,7 +11,7 @@ from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.process_columns import ProcessColumns, ProcessSummary, ToleranceSummary
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.error_probability.draws import HOLE_DRAWS, has_unknown_chisel_edge
+from machopt.planning.error_probability.random_draws import HOLE_DRAWS, has_unknown_chisel_edge
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes

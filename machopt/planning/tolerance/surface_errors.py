@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from machopt.data_types.process import CuttingProcess
 from machopt.numerics.array_types import Array
-from machopt.numerics.interval_shares import compute_interval_shares
+from machopt.numerics.normal_interval_probability import compute_interval_shares
 from machopt.numerics.tall_products import multiply_tall
-from machopt.planning.error_probability.draws import UncertaintyDraws
+from machopt.planning.error_probability.random_draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.error_probability.targets import SurfaceTargets
+from machopt.planning.error_probability.toleranced_points import SurfaceTargets
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.arm_accuracy import PositionScatter, compute_position_scatter

@@ -31,6 +31,7 @@ class DrilledHole:
     deepest: int  # the point with the deepest tip
     depth: float  # m, surface to the deepest tip
     start_depth: Array  # (k,) m, depth of the tip below the surface where the move begins; negative above it
+    cut_depth: Array  # (k,) m, where its cut begins: at the surface, or where an earlier peck has ended
     end_depth: Array  # (k,) m, where it ends
     is_cutting: NDArray[np.bool_]  # (k,) the move removes material
 
@@ -102,6 +103,7 @@ def _build_hole(process: CuttingProcess, toolpath: Toolpath, rows: NDArray[np.in
         deepest=int(rows[deepest]),
         depth=depth,
         start_depth=start,
+        cut_depth=np.maximum(start, reached),
         end_depth=end,
         is_cutting=end > reached + DEEPER,
     )

@@ -160,7 +160,7 @@ class _LoadBuilder:
                 row = int(hole.rows[n])
                 self._check_speed(one, row)
                 self.bite[row] = self.feed[row] / self.speed[row]
-                first, last = max(float(hole.start_depth[n]), 0.0), float(hole.end_depth[n])
+                first, last = float(hole.cut_depth[n]), float(hole.end_depth[n])
                 if first >= stroke.through_depth:  # below the stack
                     continue
                 alike.setdefault((round(first, SAME_DEPTH), round(last, SAME_DEPTH)), []).append((row, first, last))

@@ -30,6 +30,8 @@ TAIL_POINTS = 3  # frequencies above the highest
 DELAY_STEP = 0.35  # rad of ωT between frequencies
 AMBIGUOUS = 0.4  # ratio of the costs of both pairings of eigenvalues from which an interval is divided
 DIVISIONS = 8
+GRAZING = 0.15  # of the change over an interval: with a smaller imaginary part at both ends the interval is divided, as
+# an arc of a circle of 14 points lies up to 0.06 of its chord away from it
 PRUNED = 0.8  # share of the largest Re(p µ) so far below which an interval is skipped: on a circle of 14 points its
 # largest value is 1 % above that of its ends
 REFINEMENTS = 40  # at most; regula falsi ends after about six
@@ -167,13 +169,29 @@ def _fill_grid(T: float, exact: bool, n: int, omega: Array, zeta: Array, tangent
             last = max(last, w)
             if w >= end or w >= top:
                 break
+    if exact:  # a large depth raises the frequency of a mode by much: up to one turn of the delay
+        w = omega[n - 1] + 2.0 * math.pi / T
+        count = _add_frequencies(w, last, step, grid, count)
+        last = max(last, w)
     for k in range(TAIL_POINTS):
         w = min(omega[n - 1] * (1.8 + 0.6 * k), top)
         count = _add_frequencies(w, last, np.inf, grid, count)
         last = max(last, w)
-    if exact:  # a large depth raises the frequency of a mode by much: up to one turn of the delay
-        count = _add_frequencies(2.0 * math.pi / T, last, step, grid, count)
-    return count
+    return _insert_frequency(SECOND_ORDER_RANGE / T, grid, count) if exact else count
+
+
+@jit_compile
+def _insert_frequency(w: float, grid: Array, count: int) -> int:
+    """Insert the end of the second-order law into the ascending frequencies, so that it is searched up to its end."""
+    at = count
+    while at > 0 and grid[at - 1] > w * (1.0 - 1e-12):
+        at -= 1
+    if at == count or grid[at] <= w * (1.0 + 1e-12):
+        return count
+    for k in range(count, at, -1):
+        grid[k] = grid[k - 1]
+    grid[at] = w
+    return count + 1
 
 
 @jit_compile
@@ -194,6 +212,7 @@ def _search_interval(
     left: tuple[complex, complex],
     right: tuple[complex, complex],
     needed: float,
+    grazes: bool,
     T: float,
     law: int,
     n: int,
@@ -205,7 +224,7 @@ def _search_interval(
     best, at = needed, np.nan
     straight = _compute_modulus(left[0] - right[0]) + _compute_modulus(left[1] - right[1])
     crossed = _compute_modulus(left[0] - right[1]) + _compute_modulus(left[1] - right[0])
-    parts = DIVISIONS if min(straight, crossed) > AMBIGUOUS * max(straight, crossed) else 1
+    parts = DIVISIONS if grazes or min(straight, crossed) > AMBIGUOUS * max(straight, crossed) else 1
     x0, p1, p2 = ends[0], left[0], left[1]
     for part in range(parts):
         if part == parts - 1:
@@ -228,6 +247,20 @@ def _search_interval(
                 best, at = f.real, w
         x0, p1, p2 = x1, q1, q2
     return best, at
+
+
+@jit_compile
+def _is_grazing(l1: complex, l2: complex, r1: complex, r2: complex, least: float) -> bool:
+    """Whether an eigenvalue of size ``least`` may cross the real axis twice between two frequencies."""
+    straight, crossed = _compute_modulus(l1 - r1), _compute_modulus(l1 - r2)
+    if straight + _compute_modulus(l2 - r2) > crossed + _compute_modulus(l2 - r1):
+        r1, r2 = r2, r1
+    for branch in range(2):
+        a, b = (l1, r1) if branch == 0 else (l2, r2)
+        is_near = min(abs(a.imag), abs(b.imag)) < GRAZING * _compute_modulus(a - b)
+        if is_near and (a.imag > 0.0) == (b.imag > 0.0) and max(a.real, b.real) > least:
+            return True
+    return False
 
 
 @jit_compile
@@ -265,9 +298,10 @@ def _find_crossing(
         if k > 0:
             positive = (l1.imag > 0.0) + (l2.imag > 0.0) + (r1.imag > 0.0) + (r2.imag > 0.0)
             most = max(l1.real, l2.real, r1.real, r2.real)
-            if 0 < positive < 4 and most > PRUNED * needed:
+            grazes = most > PRUNED * needed and _is_grazing(l1, l2, r1, r2, PRUNED * needed)
+            if (grazes or 0 < positive < 4) and most > PRUNED * needed:
                 ends = grid[k - 1], grid[k]
-                best, w = _search_interval(ends, (l1, l2), (r1, r2), needed, T, law, n, omega, zeta, g)
+                best, w = _search_interval(ends, (l1, l2), (r1, r2), needed, grazes, T, law, n, omega, zeta, g)
                 if best > needed:
                     needed, at = best, w
         known = True
@@ -337,7 +371,7 @@ def find_depth_limits(
     tangents = np.empty(CIRCLE_POINTS)
     for k in range(CIRCLE_POINTS):
         tangents[k] = math.tan(math.pi * ((k + 0.5) / CIRCLE_POINTS - 0.5))
-    size = n * (CIRCLE_POINTS + 1) + LOW_POINTS + TAIL_POINTS + delay_points
+    size = n * (CIRCLE_POINTS + 1) + LOW_POINTS + TAIL_POINTS + delay_points + 2
     grid, sums, found = np.empty(size), np.empty((10, size)), np.empty((4, size))
     om, ze, g = np.empty(n), np.empty(n), np.empty((4, n))
     index = np.empty(n, np.int64)

@@ -4,5 +4,6 @@
 
     stock mesh ──► height_map ──► removal_kernels (move by move) ──► contact_kernels ──► StockEngagement
                                           │                                                │
-                                          └──► finished_part: gouges, material left        └──► contact_load: force
+                                          │                                                └──► contact_load: force
+                                          └──► height_map_comparison: gouges, material left
 """

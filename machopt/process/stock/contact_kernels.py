@@ -149,12 +149,12 @@ def _carry_back(
             near = there - sign * step
             inside, outside = (there, near) if sign == into else (near, there)
             far = _find_crossing(grid, origin, cell, p, cu, cv, outer, w, inside, outside)
-            return _extrapolate_boundary(phi, reach, far, outer, radius)
+            return extrapolate_boundary(phi, reach, far, outer, radius)
     return phi
 
 
 @jit_compile
-def _extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
+def extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
     """Angle on the circle ``radius`` of the straight line through two places in polar coordinates."""
     x, y = reach * cos(phi), reach * sin(phi)
     dx, dy = outer * cos(far) - x, outer * sin(far) - y
@@ -218,11 +218,11 @@ def _add_arcs(
     last = len(circle) - 1
     stride = max(int(last * SPACING * size / (pi * reach)), 1)
     count, start, phi_before, is_before = 0, 0.0, 0.0, False
-    n = 0
-    while n <= last + stride:
+    steps = (last + stride - 1) // stride
+    for n in range(steps + 2):  # the step behind the last sample ends the arc there
         is_inside, phi = False, pi
-        if n < last + stride and (n <= last or n - stride < last):
-            m = min(n, last)
+        if n <= steps:
+            m = min(n * stride, last)
             phi = pi * m / last
             s, c = reach * circle[m, 0], reach * circle[m, 1]
             is_inside = measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0
@@ -243,7 +243,6 @@ def _add_arcs(
                 arcs[count, 0], arcs[count, 1] = a, b
                 count += 1
         is_before, phi_before = is_inside, phi
-        n += stride
     return count
 
 

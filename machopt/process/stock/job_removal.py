@@ -16,6 +16,8 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
+from machopt.process.stock.distance_field import DistanceField, build_distance_field
+from machopt.process.stock.field_path import remove_field_path
 from machopt.process.stock.height_map import HeightMap, build_height_map
 from machopt.process.stock.path_removal import NOTHING, remove_path
 
@@ -24,34 +26,40 @@ THROUGH = 1e-12  # m³ (0.001 mm³); rapid moves that remove less touch the stoc
 _UNIFORM = 1.0 / sqrt(12.0)  # 1 sigma of a place that is known to one cell
 
 
+StockModel = HeightMap | DistanceField
+
+
 @dataclass(frozen=True)
 class JobRemoval:
     """Stock after a job, and the contact of each tool's part of it."""
 
     engagements: tuple[StockEngagement, ...]  # one for each segment
-    remaining: HeightMap
+    remaining: StockModel
+    volume_before: float  # m³
 
 
 def remove_job(process: CuttingProcess, segments: Sequence[ToolSegment]) -> JobRemoval:
     """Remove all moves of a job from its stock and return the contact of the operations that want it.
+
+    A job with one tool axis uses heights along it, any other job signed distances.
 
     Args:
         process: Content of process.yaml, with a stock.
         segments: Segments of the job, in order, with their process operations.
 
     Raises:
-        CuttingInputError: the tool axis changes, a tool has no cutter, no cut move meets the stock, or the number of
-            cells is out of range.
+        CuttingInputError: a tool has no cutter, no cut move meets the stock, or the number of cells is out of range.
     """
     body = process.stock
     assert body is not None
-    axis = _find_axis(process, segments)
-    stock = build_height_map(body, axis)
+    axis = _find_axis(segments)
+    stock = build_distance_field(body) if axis is None else build_height_map(body, axis)
+    before = stock.volume
     found = []
     for segment in segments:
         found.append(_remove_segment(process, segment, stock, body.cell_size))
     _check_contact(body, segments, found)
-    return JobRemoval(tuple(found), stock)
+    return JobRemoval(tuple(found), stock, before)
 
 
 def find_wanted_points(process: CuttingProcess, toolpath: Toolpath) -> NDArray[np.bool_]:
@@ -66,24 +74,16 @@ def find_wanted_points(process: CuttingProcess, toolpath: Toolpath) -> NDArray[n
     return np.asarray(toolpath.cutting & wants[toolpath.process_operation])
 
 
-def _find_axis(process: CuttingProcess, segments: Sequence[ToolSegment]) -> Array:
-    """Return (3,) the tool axis that all cut moves share."""
+def _find_axis(segments: Sequence[ToolSegment]) -> Array | None:
+    """Return (3,) the tool axis that all cut moves share; None where it turns."""
     axes = np.concatenate([s.toolpath.axis[s.toolpath.cutting] for s in segments])
     if not len(axes):
         raise CuttingInputError("the toolpath has no cut move; engagement from the stock needs one", key="engagement")
-    wrong = np.flatnonzero(axes @ axes[0] < SAME_AXIS)
-    if len(wrong):
-        angle = float(np.degrees(np.arccos(np.clip((axes @ axes[0]).min(), -1.0, 1.0))))
-        raise CuttingInputError(
-            f"the tool axis turns by {angle:.3g}° between cut moves; engagement: stock accepts one axis for all cut "
-            "moves of a job: ae_mm, ap_mm and cut of the operation would work",
-            key="engagement",
-        )
-    return np.asarray(axes[0])
+    return None if (axes @ axes[0] < SAME_AXIS).any() else np.asarray(axes[0])
 
 
 def _remove_segment(
-    process: CuttingProcess, segment: ToolSegment, stock: HeightMap, cell_size: float
+    process: CuttingProcess, segment: ToolSegment, stock: StockModel, cell_size: float
 ) -> StockEngagement:
     path = segment.toolpath
     cutter = segment.cell.tool.cutter
@@ -94,9 +94,11 @@ def _remove_segment(
             key="engagement",
         )
     wanted = find_wanted_points(process, path)
-    volume, point, rows = remove_path(
-        stock, stock.convert_points(path.position), wanted, _build_tip(cutter), cutter.length
-    )
+    tip = _build_tip(cutter)
+    if isinstance(stock, HeightMap):
+        volume, point, rows = remove_path(stock, stock.convert_points(path.position), wanted, tip, cutter.length)
+    else:
+        volume, point, rows = remove_field_path(stock, path.position, path.axis, wanted, (*tip, cutter.length))
     start, end = rows[:, 2].copy(), rows[:, 3].copy()
     assert path.process_operation is not None
     ccw = np.array([*(one.spindle == "ccw" for one in process.operations), False])[path.process_operation[point]]
@@ -120,7 +122,7 @@ def _build_tip(cutter: CutterGeometry) -> tuple[float, float, float]:
     return 0.5 * cutter.diameter, min(cutter.corner, 0.5 * cutter.diameter), cone
 
 
-def _list_notes(path: Toolpath, found: StockEngagement, stock: HeightMap) -> list[str]:
+def _list_notes(path: Toolpath, found: StockEngagement, stock: StockModel) -> list[str]:
     """Return what the contact does not cover, and the moves that a user should look at."""
     out: list[str] = []
     cuts, removes = found.is_computed, found.volume > THROUGH

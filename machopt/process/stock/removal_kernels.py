@@ -125,7 +125,9 @@ def _find_row_range(v: float, p0: Array, p1: Array, cu: float, cv: float, length
 @jit_compile
 def _add_to_bands(bands: Array, base: float, top: float, z: float, weight: float) -> None:
     """Add a removed column from ``top`` down to ``z`` to the bands of height above ``base`` that it crosses."""
-    for n in range(len(bands)):
+    for n in range(len(bands)):  # in ascending order
+        if base + bands[n, 0] >= top:
+            break
         part = min(top, base + bands[n, 1]) - max(z, base + bands[n, 0])
         if part > 0.0:
             bands[n, 2] += weight * part
@@ -137,7 +139,7 @@ def _find_columns(
 ) -> tuple[float, float, float, float]:
     """Range of u in which a move may remove material of a row, empty where first > last, and the range to skip in it.
 
-    Behind the start nothing is left where ``only_ahead``; a flat cutter has also removed all below it there.
+    Behind the start nothing is left where ``only_ahead``; the flat end has also removed all below it there.
     """
     first, last = _find_row_range(v, p0, p1, cu, cv, length, cutter[0] + _REACH * size)
     skip_first, skip_last = 1e30, -1e30
@@ -151,9 +153,9 @@ def _find_columns(
             last = min(last, ahead)
     elif (v - p0[1]) * cv < 0.0:
         return 1e30, -1e30, skip_first, skip_last
-    inner = cutter[0] - _REACH * size
+    inner = cutter[0] - cutter[1] - _REACH * size
     rest = inner * inner - (v - p0[1]) * (v - p0[1])
-    if cutter[1] == 0.0 and cutter[2] == 0.0 and inner > 0.0 and rest > 0.0:
+    if cutter[2] == 0.0 and inner > 0.0 and rest > 0.0:
         skip_first, skip_last = p0[0] - sqrt(rest), p0[0] + sqrt(rest)
     return first, last, skip_first, skip_last
 

@@ -21,7 +21,7 @@ from machopt.programs.kuka.move_statements import KrlMoves
 from machopt.programs.kuka.move_targets import POSE, build_pose
 from machopt.programs.kuka.statement_patterns import MOVE, SWITCHES, TYPES, WITHOUT_EFFECT, is_harmless_statement
 from machopt.programs.reading.called_files import find_called_file, find_sibling_files, try_read_source
-from machopt.programs.reading.line_follower import LineFollower
+from machopt.programs.reading.line_by_line_execution import LineFollower
 from machopt.programs.reading.parsed_program import ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import MOST_MOVES, STANDING_TOOL, ProgramBuilder
 

@@ -14,7 +14,7 @@ from machopt.report.charts.point_reduction import pack_codes, round_for_json, se
 from machopt.report.charts.scene_json import build_posture_view
 from machopt.report.charts.scene_json import pack_joint_levels as levels_of_joints
 from machopt.report.page_types.display_units import ANGLE, LENGTH, format_fixed
-from machopt.report.page_types.workspace_map_page import MapField, MapLayer, MapPageData
+from machopt.report.page_types.workspace_map_page_data import MapField, MapLayer, MapPageData
 from machopt.report.scene.scene_types import ScenePostures
 
 Spec = dict[str, Any]

@@ -35,7 +35,8 @@ from machopt.report.page_types.display_units import (
     STIFFNESS,
     DisplayUnit,
 )
-from machopt.report.page_types.optimize_report import (
+from machopt.report.page_types.map_sample_states import PlaceCode
+from machopt.report.page_types.optimize_page_data import (
     STATUS_NAMES,
     FeedDipRow,
     MotionSeries,
@@ -44,7 +45,6 @@ from machopt.report.page_types.optimize_report import (
     ReportData,
     RotationMap,
 )
-from machopt.report.page_types.place_codes import PlaceCode
 from machopt.report.scene.scene_types import OptimizeScene
 
 Spec = dict[str, Any]  # JSON for assets/*.js

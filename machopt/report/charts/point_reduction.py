@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
-from machopt.report.page_types.optimize_report import FeedDipRow
+from machopt.report.page_types.optimize_page_data import FeedDipRow
 
 IndexArray = NDArray[np.intp]
 

@@ -14,7 +14,7 @@ from machopt.data_types.stock import StockSummary
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.options.plan_option_reader import find_options_without_effect
-from machopt.planning.compensation.expected_removal import predict_removals
+from machopt.planning.compensation.expected_deflection_reduction import predict_removals
 from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.job.pareto_front import FrontPlan
 from machopt.planning.motion.trajectory_builder import MotionTimeline
@@ -25,9 +25,9 @@ from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
 from machopt.planning.plan_output.infeasibility_reasons import compute_reach_shortfall, list_breaks
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
-from machopt.planning.plan_output.joint_section import build_joint_section
 from machopt.planning.plan_output.plan_remarks import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import PointResults, find_reason
+from machopt.planning.plan_output.posture_feed_section import build_joint_section
 from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.report.page_data.optimize_feed_dips import count_feed_stops, list_feed_dips
 from machopt.report.page_data.optimize_operations import list_operations
@@ -37,7 +37,7 @@ from machopt.report.page_data.optimize_series import build_motion_series, build_
 from machopt.report.page_data.optimize_stability_map import build_stability_map
 from machopt.report.page_data.optimize_tolerances import build_tolerance_data
 from machopt.report.page_data.optimize_worst_points import list_worst_points
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 from machopt.verification import Verification
 from machopt.verification.checks import VerificationCheck
 from machopt.version import __version__
@@ -333,7 +333,9 @@ def _build_shift(plan: Plan, toolpath: Toolpath) -> page.ShiftSummary | None:
     out = page.ShiftSummary(
         worst=found.shift_worst, mean=found.shift_mean, left_worst=found.worst, left_mean=found.mean
     )
-    whole = predict_removals(plan, toolpath.operation, tuple(o.label for o in toolpath.operations))[:1]
+    whole = predict_removals(
+        plan, toolpath.operation, tuple(o.label for o in toolpath.operations), toolpath.process_operation
+    )[:1]
     for r in whole:
         out = replace(out, left_worst90=r.worst90, left_mean90=r.left90, removed90=r.removed90)
     return out

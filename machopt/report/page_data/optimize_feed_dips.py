@@ -12,7 +12,7 @@ from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.report.page_data.optimize_series import interpolate_path_length
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 from machopt.verification.motion.checks.time_and_joint_limits import format_axis_name
 
 

@@ -12,7 +12,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 from machopt.report.wording.result_verdict import format_count
 
 

@@ -11,8 +11,8 @@ from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.plan_output.collision_map import CollisionMap, find_best_branch, find_cut_stations
 from machopt.report.page_data.optimize_series import interpolate_path_length
-from machopt.report.page_types import optimize_report as page
-from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
+from machopt.report.page_types import optimize_page_data as page
+from machopt.report.page_types.map_sample_states import PlaceCode, convert_to_place_codes
 
 _DISPLAYED_CODE = {PlaceCode.NO_PATH: PlaceCode.NOT_CHECKED}  # this map has no word for it
 

@@ -11,7 +11,7 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.point_table import PointResults
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 
 
 def build_path_series(

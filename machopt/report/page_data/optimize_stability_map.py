@@ -9,10 +9,10 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.sampling.configurations import solve_stations
+from machopt.planning.sampling.candidate_enumeration import solve_stations
 from machopt.planning.stability.depth_ratio import StabilityModel
 from machopt.report.page_data.optimize_series import interpolate_path_length
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 
 STATIONS = 300  # columns of the picture at most
 

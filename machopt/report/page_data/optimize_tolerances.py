@@ -17,7 +17,7 @@ from machopt.data_types.stock import StockSummary
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.stability_section import build_stability_section
 from machopt.planning.plan_output.tolerance_section import format_headline
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 
 MAX_ROWS = 200
 _LIMIT_NAMES = {"position_mm": "position", "axis_deg": "axis", "depth_mm": "depth", "surface_mm": "surface"}

@@ -11,7 +11,7 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
 from machopt.planning.plan_output.point_table import PointResults
-from machopt.report.page_types import optimize_report as page
+from machopt.report.page_types import optimize_page_data as page
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 
 MAX_WORST_POINTS = 8  # rows of the table

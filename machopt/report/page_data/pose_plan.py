@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.measurements.poses_table import PosesTable
+from machopt.data_types.measurements.measurement_poses_table import PosesTable
 from machopt.kinematics.robot import Robot
 from machopt.measurement.design.maximin_discrimination import compute_required_noncentrality
 from machopt.measurement.design.measurement_plan import MeasurementPlan

@@ -9,8 +9,8 @@ import numpy as np
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
-from machopt.report.page_types.place_codes import PlaceCode, convert_to_place_codes
-from machopt.report.page_types.workspace_map_page import (
+from machopt.report.page_types.map_sample_states import PlaceCode, convert_to_place_codes
+from machopt.report.page_types.workspace_map_page_data import (
     ArmLines,
     MapAxis,
     MapField,

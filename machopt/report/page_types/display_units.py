@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from machopt.report.page_types.optimize_report import Quantity
+from machopt.report.page_types.optimize_page_data import Quantity
 
 
 def format_fixed(value: float, decimals: int, *, signed: bool = False) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from machopt.report.charts.map_charts import build_map_specs
 from machopt.report.page_shell import STILL_SCENE_SCRIPTS, build_page_html, build_section
 from machopt.report.page_types.display_units import LENGTH
-from machopt.report.page_types.workspace_map_page import MapField, MapLayer, MapPageData
+from machopt.report.page_types.workspace_map_page_data import MapField, MapLayer, MapPageData
 from machopt.report.pages.report_tables import TableColumn, build_folded_block, build_pair_table, build_table
 from machopt.report.svg.map_picture import build_comparison_svg
 from machopt.report.template_rendering import join_markup, render_macro, render_part

@@ -18,7 +18,7 @@ from machopt.report.page_types.display_units import (
     STIFFNESS,
     TIME,
 )
-from machopt.report.page_types.optimize_report import ReportData
+from machopt.report.page_types.optimize_page_data import ReportData
 from machopt.report.template_rendering import render_macro
 from machopt.report.template_rendering import render_part as piece
 from machopt.report.wording.result_verdict import format_change

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
 from machopt.report.charts.isolines import choose_round_levels
-from machopt.report.page_types.place_codes import PlaceCode
+from machopt.report.page_types.map_sample_states import PlaceCode
 from machopt.report.svg.shapes import Style, SvgShape, build_shape, render_svg
 
 if TYPE_CHECKING:

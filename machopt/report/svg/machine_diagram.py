@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from machopt.data_types.locations import BASE, TOOL, format_joint_location, format_link_location, parse_location
+from machopt.data_types.effect_locations import BASE, TOOL, format_joint_location, format_link_location, parse_location
 from machopt.effects.effect_wording import format_place
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, MismatchShare
 from machopt.report.svg.shapes import Style, SvgShape, build_shape, render_svg

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.report.charts.isolines import choose_round_levels, compute_isolines
 from machopt.report.charts.map_charts import Spec, build_curve_charts
-from machopt.report.page_types.workspace_map_page import MapAxis, MapField, MapPageData
+from machopt.report.page_types.workspace_map_page_data import MapAxis, MapField, MapPageData
 from machopt.report.svg.chart_elements import (
     Box,
     Pixels,

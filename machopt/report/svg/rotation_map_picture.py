@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
 from machopt.report.page_types.display_units import ANGLE, LENGTH, QUANTITY_LABELS, QUANTITY_UNITS
-from machopt.report.page_types.optimize_report import STATUS_NAMES, Quantity, RotationMap
-from machopt.report.page_types.place_codes import PlaceCode
+from machopt.report.page_types.map_sample_states import PlaceCode
+from machopt.report.page_types.optimize_page_data import STATUS_NAMES, Quantity, RotationMap
 from machopt.report.svg.chart_elements import (
     Box,
     Pixels,

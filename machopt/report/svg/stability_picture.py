@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.report.page_types.optimize_report import StabilityMap
+from machopt.report.page_types.optimize_page_data import StabilityMap
 from machopt.report.svg.shapes import SvgShape, build_shape, render_svg
 
 if TYPE_CHECKING:

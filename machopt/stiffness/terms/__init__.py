@@ -13,7 +13,7 @@ zhang2025 eq. 20). The laws themselves are in :mod:`machopt.effects`; here they 
 :mod:`body_spring` (base, links, tool); :mod:`stability_check` refuses terms that are unstable under load.
 """
 
-from machopt.stiffness.terms.compilation import build_fitted_term, compile_terms, list_effects_and_locations
-from machopt.stiffness.terms.protocol import LinearTerm
+from machopt.stiffness.terms.term_builder import build_fitted_term, compile_terms, list_effects_and_locations
+from machopt.stiffness.terms.term_interface import LinearTerm
 
 __all__ = ["LinearTerm", "build_fitted_term", "compile_terms", "list_effects_and_locations"]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.data_types.locations import parse_link_location
+from machopt.data_types.effect_locations import parse_link_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.compliance_matrices.body_compliance_laws import LEAST_LENGTH, find_parameter_form
@@ -23,7 +23,7 @@ from machopt.effects.protocol import BodyLaw, CompliantBody
 from machopt.kinematics.robot import ArmState, Robot
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import build_transform, cross_product, invert_transform, normalise_vectors
-from machopt.stiffness.terms.protocol import DefaultTerm, LinearTerm, TermCoefficient
+from machopt.stiffness.terms.term_interface import DefaultTerm, LinearTerm, TermCoefficient
 
 MIN_PLANE_SINE = 0.1  # sine of a link against the axis of joint 2, below which the arm has no plane there
 BASE = 0  # body index

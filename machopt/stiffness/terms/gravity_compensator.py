@@ -23,7 +23,7 @@ from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.errors import InputError
 from machopt.kinematics.robot import ArmState
 from machopt.numerics.array_types import Array
-from machopt.stiffness.terms.protocol import DefaultTerm, LinearTerm, LoadedArm, TermCoefficient
+from machopt.stiffness.terms.term_interface import DefaultTerm, LinearTerm, LoadedArm, TermCoefficient
 
 MIN_PIVOT_DISTANCE = 1e-3  # of L: minimum distance of the pivots of a spring
 

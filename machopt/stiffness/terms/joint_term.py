@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from machopt.data_types.locations import parse_joint_location
+from machopt.data_types.effect_locations import parse_joint_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
@@ -24,7 +24,7 @@ from machopt.effects.protocol import JointLaw, JointLoading
 from machopt.errors import InputError
 from machopt.kinematics.robot import ArmState
 from machopt.numerics.array_types import Array
-from machopt.stiffness.terms.protocol import DefaultTerm, LinearTerm, TermCoefficient
+from machopt.stiffness.terms.term_interface import DefaultTerm, LinearTerm, TermCoefficient
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location, format_joint_pair_location
+from machopt.data_types.effect_locations import format_joint_location, format_joint_pair_location
 from machopt.numerics.array_types import Array
-from machopt.stiffness.terms.protocol import LinearTerm
+from machopt.stiffness.terms.term_interface import LinearTerm
 
 JointLimits = tuple[Array, Array]
 MIN_COMPLIANCE_SHARE = 1e-9  # of the joints' own compliances: smaller eigenvalues are rounding errors or negative

@@ -30,7 +30,7 @@ from machopt.verification.folder.programs.rewritten_program import build_failed_
 from machopt.verification.folder.programs.stray_programs import find_stray_programs
 from machopt.verification.folder.result_json.result_checks import check_result_document
 from machopt.verification.motion.motion_verification import ExportedTables, read_tables
-from machopt.verification.motion.process.attached_forces import attach_recomputed_forces
+from machopt.verification.motion.process.recomputed_segment_forces import attach_recomputed_forces
 from machopt.verification.motion.process.stock_contact import check_stock_contact
 from machopt.verification.motion.tool_changes import split_tables, verify_tool_segments
 from machopt.verification.tables.exported_tables import ExportedMotion, read_motion

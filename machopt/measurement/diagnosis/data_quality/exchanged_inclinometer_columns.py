@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS, UNITS
 from machopt.kinematics.robot import Robot, RobotMasses

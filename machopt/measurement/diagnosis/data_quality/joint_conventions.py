@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.robot_program import JointMap
 from machopt.effects.recording.record_faults import COLUMNS

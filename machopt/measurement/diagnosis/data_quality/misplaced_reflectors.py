@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording, TrackerTarget
 from machopt.effects import prior_scales
 from machopt.effects.recording.record_faults import COLUMNS

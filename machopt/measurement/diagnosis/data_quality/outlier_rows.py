@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from machopt.data_types.locations import format_rows_location, parse_location
+from machopt.data_types.effect_locations import format_rows_location, parse_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import OUTLIERS
 from machopt.measurement.diagnosis import thresholds

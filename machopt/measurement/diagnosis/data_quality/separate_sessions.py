@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.effects.recording.record_faults import COLUMNS

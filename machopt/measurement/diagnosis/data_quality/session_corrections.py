@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.kinematics.robot import Robot
 from machopt.measurement.diagnosis import thresholds

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import FrameName, Recording
 from machopt.effects.recording.record_faults import FORCES, UNITS
 from machopt.effects.recording.sensor_errors import DISPLACEMENT, FRAME, LOAD

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS, UNITS
 from machopt.kinematics.robot import Robot

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects import prior_scales
 from machopt.effects.recording.record_faults import COLUMNS

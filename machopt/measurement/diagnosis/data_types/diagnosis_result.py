@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from machopt.data_types.locations import parse_location
+from machopt.data_types.effect_locations import parse_location
 from machopt.data_types.stiffness import SOFTEST, STIFFEST
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import MOST_JOINTS, is_on_arm
+from machopt.data_types.effect_locations import MOST_JOINTS, is_on_arm
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.effects.protocol import JointLoading

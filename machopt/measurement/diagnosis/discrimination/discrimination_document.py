@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.data_types.documents.poses_document import (
+from machopt.data_types.documents.pose_plan_document import (
     CandidateLawEntry,
     DiscriminationSection,
     LawPairEntry,

@@ -9,7 +9,7 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.kinematics.robot import LinkShape, Robot, RobotMasses, load_chain, load_masses
-from machopt.measurement.design.external_axis_positions import update_base_frame
+from machopt.measurement.design.external_axis_position_option import update_base_frame
 from machopt.measurement.design.load_cases import LoadCases, build_load_cases
 from machopt.measurement.design.load_methods import LoadMethod
 from machopt.measurement.design.measurement_plan import MeasurementPlan, MeasurementTask, build_measurement_plan
@@ -40,7 +40,7 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import OpenDia
 from machopt.measurement.diagnosis.discrimination.predicted_signals import DiagnosedArm
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.kinetostatic_indices import compute_characteristic_length
-from machopt.stiffness.terms.protocol import LinearTerm
+from machopt.stiffness.terms.term_interface import LinearTerm
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.data_types.locations import COLUMN, parse_joint_location, parse_location
+from machopt.data_types.effect_locations import COLUMN, parse_joint_location, parse_location
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.joint.drive_gain import DriveGainError
 from machopt.effects.protocol import Effect, MotorLaw, MotorLoading

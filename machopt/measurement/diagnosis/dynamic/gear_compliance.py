@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from machopt.data_types.locations import parse_joint_location
+from machopt.data_types.effect_locations import parse_joint_location
 from machopt.effects import registry
 from machopt.effects.protocol import Effect, JointAngleLaw, JointAngleRange
 from machopt.measurement.diagnosis import thresholds

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from machopt.data_types.locations import format_column_location, format_joint_location, format_link_location
+from machopt.data_types.effect_locations import format_column_location, format_joint_location, format_link_location
 from machopt.errors import RecordingError
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import bdtrc
 
-from machopt.data_types.locations import format_column_location
+from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import UNITS
 from machopt.errors import RecordingError

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.locations import parse_joint_location, parse_location
+from machopt.data_types.effect_locations import parse_joint_location, parse_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import MissingInertiaError, load_dynamics
 from machopt.effects.effect_wording import format_effect_in_sentence

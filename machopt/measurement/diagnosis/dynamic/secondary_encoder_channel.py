@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.effects import registry
 from machopt.effects.protocol import JointLoadRange

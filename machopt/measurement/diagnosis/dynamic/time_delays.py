@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from machopt.data_types.locations import format_sensor_location
+from machopt.data_types.effect_locations import format_sensor_location
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.protocol import DelayedChannel, DelayLaw, Effect
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.effects import registry
 from machopt.effects.joint.harmonic_functions import HarmonicSeries
 from machopt.effects.joint.joint_angle_errors import SUM_NAME, WAVES, describe_wave_amplitudes, list_testable_orders

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.effects.recording.time_delay import CLOCK_EFFECT, COMMAND_DELAY_EFFECT
 from machopt.errors import RecordingError

@@ -11,10 +11,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
 from machopt.measurement.diagnosis.effect_columns.motion_columns import MotionModel
-from machopt.measurement.diagnosis.model_selection.unmodelled_interfaces import build_uncatalogued_hypothesis
+from machopt.measurement.diagnosis.model_selection.unmodelled_slip_and_external_forces import (
+    build_uncatalogued_hypothesis,
+)
 from machopt.numerics.array_types import Array
 
 TIGHTENING_LAW = "tightens beyond an angle"

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.data_types.locations import parse_joint_location, parse_location
+from machopt.data_types.effect_locations import parse_joint_location, parse_location
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.effects import registry
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem

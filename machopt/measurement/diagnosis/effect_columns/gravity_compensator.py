@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from machopt.data_types.effect_locations import parse_joint_location, parse_location
 from machopt.data_types.kinematic_corrections import KinematicCorrection
-from machopt.data_types.locations import parse_joint_location, parse_location
 from machopt.data_types.stiffness import StiffnessTerm
-from machopt.effects import angle_range, parameter_conversion, registry
+from machopt.effects import measured_angle_range, parameter_conversion, registry
 from machopt.effects.joint import joint_angle_errors
 from machopt.effects.joint.gravity_compensator import LINKAGE, convert_to_file_law
 from machopt.effects.kinematic_corrections import build_kinematic_correction
@@ -218,7 +218,7 @@ def build_equivalent_waves(where: str, q: Array, turned: Array) -> KinematicCorr
     law = joint_angle_errors.WAVES.angle_laws[0]
     shape = np.array(EQUIVALENT_ORDERS)
     values = np.asarray(np.linalg.lstsq(law.columns(shape, q), turned, rcond=EQUIVALENT_RCOND)[0], float)
-    over = {angle_range.RANGE_KEY: angle_range.compute_measured_range(q)}
+    over = {measured_angle_range.RANGE_KEY: measured_angle_range.compute_measured_range(q)}
     return build_kinematic_correction(joint_angle_errors.WAVES, where, values, shape, over)
 
 

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location, parse_joint_location
-from machopt.effects import angle_range, registry
+from machopt.data_types.effect_locations import format_joint_location, parse_joint_location
+from machopt.effects import measured_angle_range, registry
 from machopt.effects.joint.harmonic_functions import ARCSEC
 from machopt.effects.joint.joint_angle_errors import LOW_ORDERS, MOST_HIGH
 from machopt.effects.kinematic_corrections import build_kinematic_correction
@@ -139,7 +139,9 @@ def build_joint_angle_hypothesis(
         The hypothesis.
     """
     by, _ = parse_joint_location(where)
-    over = {angle_range.RANGE_KEY: angle_range.compute_measured_range(q)} if law.has_angle_range else {}
+    over = (
+        {measured_angle_range.RANGE_KEY: measured_angle_range.compute_measured_range(q)} if law.has_angle_range else {}
+    )
 
     def curve(x: Array, shape: Shape) -> LawCurve:
         at = np.linspace(q.min(), q.max(), FINE)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location, parse_joint_location
+from machopt.data_types.effect_locations import format_joint_location, parse_joint_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.joint.angle_dependent_stiffness import AngleDependentCompliance

@@ -9,7 +9,7 @@ from typing import TypedDict, Unpack
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.dynamics.rigid_body import RigidBodyDynamics

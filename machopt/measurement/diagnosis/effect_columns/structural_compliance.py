@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import format_link_location
+from machopt.data_types.effect_locations import format_link_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.protocol import BodyLaw, Effect
@@ -21,7 +21,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHyp
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.numerics.array_types import Array
 from machopt.stiffness.terms.body_spring import BodySpring, SpringLocation, build_spring, locate_spring
-from machopt.stiffness.terms.compilation import build_body_spring
+from machopt.stiffness.terms.term_builder import build_body_spring
 
 NOTE = "out of what the joints' torques explain"
 WEIGHT = ", w weight and load"

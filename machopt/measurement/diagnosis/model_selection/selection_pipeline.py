@@ -26,7 +26,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import (
     MismatchShare,
     Verdict,
 )
-from machopt.measurement.diagnosis.model_selection import unmodelled_interfaces
+from machopt.measurement.diagnosis.model_selection import unmodelled_slip_and_external_forces
 from machopt.measurement.diagnosis.model_selection.attribution import (
     attribution_guard,
     compensator_or_harmonics,
@@ -226,7 +226,9 @@ def _build_diagnosis_result(
         + holdout_residuals.describe_other_instruments(problem, before, after, state.noise, used)
         + (() if judged.excess_noise is None else (judged.excess_noise.words,))
         + verdict_text.describe_session_contradictions(judged.another_day)
-        + unmodelled_interfaces.describe_uncatalogued_forms([c.whitened.hypothesis for c in validated.uncatalogued]),
+        + unmodelled_slip_and_external_forces.describe_uncatalogued_forms(
+            [c.whitened.hypothesis for c in validated.uncatalogued]
+        ),
     )
 
 

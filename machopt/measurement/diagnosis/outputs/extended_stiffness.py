@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.locations import parse_joint_location, parse_location
+from machopt.data_types.effect_locations import parse_joint_location, parse_location
 from machopt.data_types.stiffness import SOFTEST, STIFFEST, ArmStiffness, StiffnessTerm
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.errors import InputError
@@ -21,8 +21,8 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import (
     is_spring_observable,
 )
 from machopt.stiffness.arm_stiffness import find_unstable_term
-from machopt.stiffness.terms.compilation import compile_terms
 from machopt.stiffness.terms.stability_check import UnstableTerm
+from machopt.stiffness.terms.term_builder import compile_terms
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,14 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.diagnosis.effect_columns.structural_compliance import compute_weight_wrench
-from machopt.measurement.diagnosis.model_selection.unmodelled_interfaces import build_uncatalogued_hypothesis
+from machopt.measurement.diagnosis.model_selection.unmodelled_slip_and_external_forces import (
+    build_uncatalogued_hypothesis,
+)
 from machopt.numerics.array_types import Array
 
 ELASTIC_TILT_LAW, BACKLASH_TILT_LAW = "tilts across its axis", "tilts across its axis until it seats"

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.locations import LINK, parse_location
+from machopt.data_types.effect_locations import LINK, parse_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import ArmState, find_frame, load_urdf_model

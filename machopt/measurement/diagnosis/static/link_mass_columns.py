@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.data_types.locations import format_link_location
+from machopt.data_types.effect_locations import format_link_location
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.effects import prior_scales
 from machopt.kinematics.robot import RobotMasses

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import format_joint_location
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness, StiffnessTerm
@@ -42,7 +42,7 @@ from machopt.measurement.diagnosis.effect_columns import (
     structural_compliance,
     thermal_drift,
 )
-from machopt.measurement.diagnosis.model_selection import unmodelled_interfaces
+from machopt.measurement.diagnosis.model_selection import unmodelled_slip_and_external_forces
 from machopt.measurement.diagnosis.static import bearing_tilt, unknown_link_masses
 from machopt.measurement.diagnosis.static.loaded_equilibrium_terms import compute_nonlinear_displacement
 from machopt.measurement.estimation.error_clusters import build_error_clusters
@@ -175,7 +175,7 @@ def build_load_test_problem(
         visits_for_cycles=not labels.has_cycle,
     )
     tried = build_load_test_catalogue(readings, curved)
-    laws = (*tried.hypotheses, *unmodelled_interfaces.build_interface_hypotheses(readings))
+    laws = (*tried.hypotheses, *unmodelled_slip_and_external_forces.build_interface_hypotheses(readings))
     return (
         problem,
         replace(tried, hypotheses=laws, uncatalogued_hypotheses=tuple(bearing_tilt.build_bearing_hypotheses(readings))),

@@ -8,7 +8,7 @@ the centroid of the points; the position of each target in the flange. Coefficie
 totals. The frame twist is relative to a first robust fit.
 
 Nominal model: :mod:`machopt.measurement.diagnosis.static.measured_pose_model`. Hypotheses:
-:mod:`machopt.measurement.diagnosis.static.measured_pose_hypotheses`.
+:mod:`machopt.measurement.diagnosis.static.measured_pose_hypothesis_catalogue`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from machopt.measurement.diagnosis.data_types.pose_visits import label_unbroken_
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames, existing_terms
 from machopt.measurement.diagnosis.static import inclinometer_equations, link_mass_columns
-from machopt.measurement.diagnosis.static.measured_pose_hypotheses import build_measured_pose_catalogue
+from machopt.measurement.diagnosis.static.measured_pose_hypothesis_catalogue import build_measured_pose_catalogue
 from machopt.measurement.diagnosis.static.measured_pose_model import CorrectedArm, NominalPoseModel
 from machopt.numerics.array_types import Array
 

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from machopt.data_types.cell import Cell
+from machopt.data_types.effect_locations import format_joint_location
 from machopt.data_types.kinematic_corrections import KinematicCorrections
-from machopt.data_types.locations import format_joint_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.dynamics.gravity_torque import compute_gravity_torque
@@ -28,7 +28,10 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnkno
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
 from machopt.measurement.diagnosis.static import unknown_link_masses
-from machopt.measurement.diagnosis.static.measured_pose_hypotheses import compute_column_span, compute_remaining_share
+from machopt.measurement.diagnosis.static.measured_pose_hypothesis_catalogue import (
+    compute_column_span,
+    compute_remaining_share,
+)
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import (
     convert_quaternion_to_matrix,

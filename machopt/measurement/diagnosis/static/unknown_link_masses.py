@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.data_types.locations import format_link_location
+from machopt.data_types.effect_locations import format_link_location
 from machopt.effects import prior_scales
 from machopt.kinematics.robot import RobotMasses
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown

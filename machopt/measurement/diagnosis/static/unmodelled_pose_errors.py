@@ -16,12 +16,14 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location, format_link_location
+from machopt.data_types.effect_locations import format_joint_location, format_link_location
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
-from machopt.measurement.diagnosis.model_selection.unmodelled_interfaces import build_uncatalogued_hypothesis
+from machopt.measurement.diagnosis.model_selection.unmodelled_slip_and_external_forces import (
+    build_uncatalogued_hypothesis,
+)
 from machopt.numerics.array_types import Array
 
 REFRACTION_LAW, AXIS_WOBBLE_LAW, NEIGHBOUR_JOINT_LAW = (

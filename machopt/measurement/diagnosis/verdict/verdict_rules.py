@@ -14,7 +14,7 @@ from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EstimatedValue, Finding
-from machopt.measurement.diagnosis.verdict.unnamed_waves import SplitWaves, convert_to_unnamed, split_waves
+from machopt.measurement.diagnosis.verdict.transmission_error_naming import SplitWaves, convert_to_unnamed, split_waves
 from machopt.measurement.diagnosis.verdict.verdict_text import (
     describe_withdrawn_findings,
     format_error_size,

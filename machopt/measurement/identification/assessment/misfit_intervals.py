@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from machopt.data_types.discrepancy_names import AXES, format_body_name, format_joint_name
-from machopt.data_types.locations import format_link_location
+from machopt.data_types.effect_locations import format_link_location
 from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.measurement.identification import thresholds
 from machopt.numerics.array_types import Array

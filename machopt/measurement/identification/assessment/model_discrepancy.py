@@ -61,7 +61,10 @@ from machopt.measurement.estimation.error_clusters import (
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.variance_components import estimate_variance_components
 from machopt.measurement.identification import thresholds
-from machopt.measurement.identification.assessment.arrival_side import add_arrival_side, estimate_loop_half_widths
+from machopt.measurement.identification.assessment.hysteresis_half_width import (
+    add_arrival_side,
+    estimate_loop_half_widths,
+)
 from machopt.measurement.identification.assessment.sparse_discrepancy import generate_sparse_spreads, list_places
 from machopt.measurement.identification.assessment.unmodelled_pose_variance import DIRECTIONS, estimate_pose_variance
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit

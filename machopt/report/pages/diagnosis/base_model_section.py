@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from machopt.data_types.locations import parse_location
+from machopt.data_types.effect_locations import parse_location
 from machopt.effects.effect_wording import format_place
 from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoefficient, DiagnosisResult
 from machopt.report.page_shell import build_section

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from machopt.data_types.locations import JOINT, LINK, format_joint_location, format_link_location, parse_location
+from machopt.data_types.effect_locations import JOINT, LINK, format_joint_location, format_link_location, parse_location
 from machopt.effects.effect_wording import format_effect_at_place, format_effect_noun, format_place, join_with_commas
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DetectionLimit, DiagnosisResult
 from machopt.report.pages.report_tables import TableColumn, build_folded_block, build_table

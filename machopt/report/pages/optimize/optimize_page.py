@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from machopt.report.charts.optimize_charts import Spec, build_figure_specs
 from machopt.report.page_shell import build_page_html, build_section
 from machopt.report.page_types.display_units import QUANTITY_LABELS
-from machopt.report.page_types.optimize_report import ReportData
-from machopt.report.page_types.steering import PlanComparison, SteeringData, build_steering_spec
+from machopt.report.page_types.optimize_page_data import ReportData
+from machopt.report.page_types.steering_panel_data import PlanComparison, SteeringData, build_steering_spec
 from machopt.report.pages import report_tables
-from machopt.report.pages.optimize.joint_method_section import build_joint_method_section
+from machopt.report.pages.optimize.posture_feed_section import build_joint_method_section
 from machopt.report.pages.optimize.program_section import build_program_section
 from machopt.report.pages.optimize.tolerance_section import build_tolerance_section
 from machopt.report.pages.optimize.trade_off_section import build_trade_off_section

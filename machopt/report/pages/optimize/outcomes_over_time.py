@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from machopt.report.charts.isolines import choose_round_levels
-from machopt.report.page_types.optimize_report import TradeOffPoint
+from machopt.report.page_types.optimize_page_data import TradeOffPoint
 from machopt.report.svg.shapes import SvgShape, build_shape, render_svg
 
 if TYPE_CHECKING:

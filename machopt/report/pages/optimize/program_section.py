@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from machopt.report.page_shell import build_section
 from machopt.report.page_types.display_units import DisplayUnit
-from machopt.report.page_types.optimize_report import ProgramRow, ReportData
+from machopt.report.page_types.optimize_page_data import ProgramRow, ReportData
 from machopt.report.pages.report_tables import TableColumn, build_table
 from machopt.report.svg.shapes import build_shape, render_svg
 from machopt.report.template_rendering import render_macro, render_part

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from machopt.report.page_shell import build_section
-from machopt.report.page_types.optimize_report import ReportData, ToleranceData, TolerancePointRow
+from machopt.report.page_types.optimize_page_data import ReportData, ToleranceData, TolerancePointRow
 from machopt.report.pages.report_tables import TableColumn, build_folded_block, build_pair_table, build_table
 from machopt.report.svg.stability_picture import draw_stability_map
 from machopt.report.template_rendering import join_markup, render_macro, render_part

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from machopt.report.charts.isolines import choose_round_levels
 from machopt.report.page_shell import build_section
-from machopt.report.page_types.optimize_report import ReportData, TradeOffPoint
+from machopt.report.page_types.optimize_page_data import ReportData, TradeOffPoint
 from machopt.report.pages.optimize.outcomes_over_time import draw_outcomes
 from machopt.report.pages.report_tables import TableColumn, build_table
 from machopt.report.svg.shapes import Style, SvgShape, build_shape, render_svg

@@ -25,8 +25,8 @@ from machopt.toolpath.readers.apt.cycle_statements import (
     build_drilling_cycle,
     parse_cycle,
 )
+from machopt.toolpath.readers.apt.fast_goto_reader import is_plain_goto_mode, read_plain_gotos
 from machopt.toolpath.readers.apt.operation_statements import OperationStatementReader
-from machopt.toolpath.readers.apt.plain_gotos import is_plain_goto_mode, read_plain_gotos
 from machopt.toolpath.readers.apt.refused_words import REFUSED
 from machopt.toolpath.readers.apt.statement_parser import (
     COMMENT,

@@ -19,9 +19,9 @@ from machopt.path_building.drilling_cycles import DrillingCycleError
 from machopt.path_building.unknown_coordinates import fill_unknown
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.gcode import macro_flow as gcode_flow
+from machopt.toolpath.readers.gcode.fast_linear_move_reader import PLAIN, SIEMENS, is_plain_line_mode, read_plain_lines
 from machopt.toolpath.readers.gcode.g_words import GWordReader
 from machopt.toolpath.readers.gcode.macro_flow import MacroFlow
-from machopt.toolpath.readers.gcode.plain_lines import PLAIN, SIEMENS, is_plain_line_mode, read_plain_lines
 from machopt.toolpath.readers.gcode.siemens_calls import OPERATION
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader, ProgramBlock, refuse_exponent
 from machopt.toolpath.readers.gcode.syntax.missing_decimal_points import apply_decimals_option
@@ -35,10 +35,10 @@ from machopt.toolpath.readers.gcode.syntax.program_prescan import (
     is_siemens_program,
 )
 from machopt.toolpath.readers.gcode.syntax.word_meanings import ADDRESSES, PROGRAM_END, REFUSED_CALLS
-from machopt.toolpath.readers.option_questions import MAX_LINES, find_fault_behind
+from machopt.toolpath.readers.option_error_order import MAX_LINES, find_fault_behind
+from machopt.toolpath.readers.program_flow.execution_limits import ProgramFlowError
 from machopt.toolpath.readers.program_flow.linuxcnc_o_words import FlowItem
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 from machopt.toolpath.readers.siemens import siemens_flow
 from machopt.toolpath.readers.siemens.siemens_flow import SiemensFlow
 

@@ -12,6 +12,7 @@ import re
 from collections.abc import Hashable, Iterator, Sequence
 
 from machopt.toolpath.readers.gcode.syntax.blocks import refuse_exponent
+from machopt.toolpath.readers.program_flow.execution_limits import ProgramFlowError, StepGuard
 from machopt.toolpath.readers.program_flow.linuxcnc_o_words import (
     O_WITHIN,
     O_WORD,
@@ -20,7 +21,6 @@ from machopt.toolpath.readers.program_flow.linuxcnc_o_words import (
     normalise_label,
 )
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
 
 NEEDS_FLOW = re.compile(
     r"[#\[]|M\s*9[78](?![0-9])|G\s*6[56](?![0-9.])|M\s*73(?![0-9])|M\s*99\s*P|P\s*[0-9]+\s*M\s*99(?![0-9])|\bGOTO\b|\bWHILE\b|\bDO\s*[0-9]|[XYZABCFIJKPQR]\s*[-+]*\s*[A-Z]{2,5}\s*\["

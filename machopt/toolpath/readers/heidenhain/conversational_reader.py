@@ -13,12 +13,12 @@ from collections.abc import Callable
 from machopt.data_types.toolpath import Toolpath
 from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.toolpath.readers.gcode.block_motion import TANGENTIAL
-from machopt.toolpath.readers.gcode.plain_lines import HEIDENHAIN, read_plain_lines
+from machopt.toolpath.readers.gcode.fast_linear_move_reader import HEIDENHAIN, read_plain_lines
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_value
 from machopt.toolpath.readers.heidenhain.definition_sentences import DefinitionReader
 from machopt.toolpath.readers.heidenhain.number_notation import refuse_strange_numbers
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
+from machopt.toolpath.readers.program_flow.execution_limits import ProgramFlowError
 
 _M_WITH_WORDS = re.compile(r"\s*M(103|118|120)(?![0-9])(?:\s*(?:F|LA|[XYZABC])\s*[+-]?[0-9.]+)+")
 _NEEDS_FLOW = re.compile(r"\b(?:LBL|FN)\b|\bQ[0-9]+(?![0-9]*\s*=\s*[-+]?[0-9.])", re.IGNORECASE)

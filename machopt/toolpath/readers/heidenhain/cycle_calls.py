@@ -8,7 +8,7 @@ from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.path_building.drilling_cycles import DrillingCycleError
 from machopt.toolpath.readers.gcode.geometry.hole_patterns import MOST_HOLES, generate_hole_circle, generate_hole_grid
 from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
-from machopt.toolpath.readers.heidenhain.contour_ends import ContourEndReader
+from machopt.toolpath.readers.heidenhain.approach_departure_reader import ContourEndReader
 from machopt.toolpath.readers.heidenhain.drilling_cycles import SUPPORTED, build_old_cycle, build_q_cycle
 
 

@@ -17,7 +17,7 @@ from machopt.toolpath.readers.gcode.syntax.blocks import ProgramBlock
 from machopt.toolpath.readers.heidenhain.control_reader import HeidenhainControlReader
 from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_value
 from machopt.toolpath.readers.heidenhain.number_notation import refuse_strange_numbers
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
+from machopt.toolpath.readers.program_flow.execution_limits import ProgramFlowError
 
 _WORD = re.compile(r"\s*([A-Z])\s*" + NUMBER)
 _Q = re.compile(r"\s*Q([0-9]+)\s*=\s*" + NUMBER)

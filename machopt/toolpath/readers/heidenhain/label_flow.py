@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
+from machopt.toolpath.readers.program_flow.execution_limits import ProgramFlowError, StepGuard
 from machopt.toolpath.readers.program_flow.linuxcnc_o_words import MAX_CALLS, FlowItem
 from machopt.toolpath.readers.program_flow.macro_expressions import MacroExpressionError
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError, StepGuard
 from machopt.toolpath.readers.siemens.siemens_expressions import SiemensVariables
 
 _LABEL = re.compile(r"(?:LBL\s*|G98\s*L\s*)([0-9]+|\"[^\"]*\")\s*\*?")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from machopt.toolpath.readers.heidenhain.contour_approach import ContourApproach, Lead, LeadIn
+from machopt.toolpath.readers.heidenhain.approach_departure_geometry import ContourApproach, Lead, LeadIn
 from machopt.toolpath.readers.heidenhain.control_reader import HeidenhainControlReader
 from machopt.toolpath.readers.heidenhain.datums_and_planes import NUMBER, parse_value
 

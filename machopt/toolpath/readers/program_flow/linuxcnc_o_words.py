@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from machopt.toolpath.readers.program_flow.execution_limits import ProgramFlowError
 from machopt.toolpath.readers.program_flow.macro_expressions import FANUC_LOCAL, LINUXCNC_LOCAL, MacroParameters
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 
 FlowItem = tuple[int, str, list[str]]  # line, code in upper case, comments
 MAX_CALLS = 50  # nested

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from machopt.toolpath.readers.program_flow.execution_limits import ProgramFlowError
 from machopt.toolpath.readers.program_flow.linuxcnc_o_words import FlowItem
-from machopt.toolpath.readers.program_flow.step_guard import ProgramFlowError
 from machopt.toolpath.readers.siemens.siemens_expressions import VARIABLE, SiemensVariables
 from machopt.toolpath.readers.siemens.variable_types import NUMBER_TYPES, convert_to_type
 

@@ -27,7 +27,7 @@ from machopt.output.manifest_file import list_folder_files
 from machopt.verification import Verification
 from machopt.verification.checks import CheckName
 from machopt.verification.motion.motion_verification import read_tables
-from machopt.verification.motion.process.attached_forces import attach_recomputed_forces
+from machopt.verification.motion.process.recomputed_segment_forces import attach_recomputed_forces
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.motion.tool_changes import split_tables
 from machopt.verification.motion.worst_index_along_cuts import find_worst_index

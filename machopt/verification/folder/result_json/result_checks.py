@@ -42,7 +42,6 @@ from machopt.verification.folder.result_json.comparison_inputs import (
     format_json_value,
     require_number,
 )
-from machopt.verification.folder.result_json.joint_section import check_joint_section
 from machopt.verification.folder.result_json.objective_and_gains import (
     PRINTED_TOLERANCE,
     check_compensation,
@@ -51,6 +50,7 @@ from machopt.verification.folder.result_json.objective_and_gains import (
     limit_worst_index,
 )
 from machopt.verification.folder.result_json.position_error import check_position_error
+from machopt.verification.folder.result_json.posture_feed_section import check_joint_section
 from machopt.verification.folder.result_json.process_section import check_process_section
 from machopt.verification.folder.result_json.program_entries import check_program_entries
 from machopt.verification.folder.result_json.reentry_section import check_reentry_section

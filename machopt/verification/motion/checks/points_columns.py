@@ -201,7 +201,11 @@ class PointsTableCheck:
             )
 
         if share:
-            off, unit, limit = off / (limit + share * np.abs(wanted)), f"of {limit:g} {unit} and {share:g} of it", 1.0
+            off, unit, limit = (
+                off / (limit + share * np.abs(np.nan_to_num(wanted))),
+                f"of {limit:g} {unit} and {share:g} of it",
+                1.0,
+            )
         return replace(build_worst_value_check(f"points.csv {name}", unit, off, limit, told_and_wanted), instead=True)
 
     def _check_completeness(self) -> VerificationCheck:

@@ -5,12 +5,13 @@ column                                    recomputed as
 ========================================  =========================================================================
 f_travel_N, f_normal_N, f_axial_N,        :mod:`machopt.verification.motion.process.point_loads` at the largest feed
 m_axial_Nm                                of the samples on the way to the point
+f_peak_N                                  :mod:`machopt.verification.motion.process.peak_load` at the same feed
 ae_mm, ap_mm, phi_*                       :mod:`machopt.verification.motion.checks.contact_columns`
 error_*                                   C w of :mod:`machopt.verification.motion.stiffness.arm_compliance` at the
                                           joints of the motion, part and compensation counted in
 f1_Hz, a_lim_mm, chatter                  :mod:`machopt.verification.motion.checks.stability_columns`
 feed_max_mm_min                           :mod:`machopt.verification.motion.checks.largest_feeds`
-p_in, outcome                             20,000 plain random draws (:mod:`machopt.verification.motion.process.draws`)
+p_in, outcome                             20,000 draws (:mod:`machopt.verification.motion.process.random_draws`)
 ========================================  =========================================================================
 """
 
@@ -36,9 +37,10 @@ from machopt.verification.motion.checks.largest_feeds import LargestFeeds
 from machopt.verification.motion.checks.stability_columns import StabilityTables, check_stability
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
-from machopt.verification.motion.process.draws import find_unsupported_draws
+from machopt.verification.motion.process.peak_load import recompute_peaks
 from machopt.verification.motion.process.point_loads import RecomputedLoads, recompute_loads
 from machopt.verification.motion.process.predicted_errors import PredictedErrors, predict_errors
+from machopt.verification.motion.process.random_draws import find_unsupported_draws
 from machopt.verification.motion.stiffness import arm_compliance
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
@@ -80,6 +82,9 @@ def check_process_columns(
     driven = find_largest_feed(toolpath, motion)
     loads = recompute_loads(cell, toolpath, driven, toolpath.process_operation)
     checks = [*_check_forces(points, loads), *check_contact_columns(cell, toolpath, points, loads)]
+    if "f_peak_N" in points.numbers:
+        peaks = recompute_peaks(cell, toolpath, loads, points.numbers["f_peak_N"])
+        checks.append(compare_column(points, "f_peak_N", *peaks))
     name = "points.csv predicted errors"
     if cell.stiffness is None:
         return [*checks, build_skipped_check(name, "the cell names no stiffness")]

@@ -6,7 +6,8 @@ check                     condition
 chatter                   the word follows from a_lim_mm and ap_mm; unknown only where it cannot be computed
 f1_Hz is stated           at every cut that is driven, where the modes can be computed
 f1_Hz                     is that of :mod:`machopt.verification.motion.process.stability`, at 40 points
-a_lim_mm                  is not above the limit of the second law below ωT = 1, at 40 points
+a_lim_mm                  is not above the limit of the second law below ωT = 1, nor of the whole delay, at 40 points
+a_lim_mm is reached       one of these laws is unstable little above it, at these points without modes of the tool
 min_stability_ratio       a_lim_mm over ap_mm is not below it, at all milled points
 second law                the cut stays stable up to that ratio, at 40 points with the least a_lim_mm and 160 others
 ========================  ==========================================================================================
@@ -32,8 +33,10 @@ from machopt.verification.checks import (
 from machopt.verification.motion.checks.contact_columns import SIDES
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
+from machopt.verification.motion.process.delay_stability_sweep import DelaySweep
 from machopt.verification.motion.process.point_loads import RecomputedLoads
 from machopt.verification.motion.process.stability import (
+    DEPTHS,
     DelayLaw,
     ModeModel,
     PointModes,
@@ -50,6 +53,9 @@ MODE_HZ, MODE_SHARE, LIMIT_SHARE = (
     5e-3,
 )  # three decimals; of the frequency; by which a limit may be above that of the second law
 WIDEST_DEPTH = 10.0  # times the planned depth: a larger limit is not stated
+REACHED = (1.01, 1.03, 1.06, 1.1, 1.2, 1.35)  # of a limit: the law of second order is up to 15 % below the whole delay
+BELOW, LOWEST = 24, 0.03  # depths up to a limit at which nothing may grow; the lowest as a share of it
+PRINTED_MM = 5e-5  # half of the last decimal
 RATIO_SHARE = 1e-3  # four decimals of a_lim_mm; joints are interpolated between planning points
 Rows = NDArray[np.intp]
 
@@ -207,17 +213,53 @@ def _list_unknown(points: ExportedPoints) -> list[VerificationCheck]:
 
 def _check_limits(tables: StabilityTables, model: ModeModel, rows: Rows) -> list[VerificationCheck]:
     """Check f1_Hz and a_lim_mm at some rows."""
-    f1, limit = tables.points.numbers["f1_Hz"], tables.list_least_limits()
+    f1, limit, stated = tables.points.numbers["f1_Hz"], tables.list_least_limits(), tables.points.numbers["a_lim_mm"]
+    cutter, early = tables.cell.tool.cutter, []
+    has_tool_modes = cutter is not None and bool(cutter.modes)
     off, above, at = np.zeros(len(rows)), np.zeros(len(rows)), tables.points.point[rows]
     for n, (row, modes) in enumerate(zip(rows.tolist(), tables.compute_modes(model, rows), strict=True)):
         off[n] = abs(f1[row] - modes.lowest_hz) / (MODE_HZ + MODE_SHARE * modes.lowest_hz)
-        if tables.find_operation(row).kind == "milling" and np.isfinite(limit[row]):
-            own = tables.build_law(row, modes).find_limit()
-            above[n] = max(1e-3 * float(limit[row]) / own - 1.0, 0.0) if own > 0 else np.inf
+        if tables.find_operation(row).kind == "milling" and limit[row] > 0.0:
+            law = tables.build_law(row, modes)
+            above[n] = compute_excess(law, 1e-3 * max(float(limit[row]) - PRINTED_MM, 0.5 * float(limit[row])))
+            if not (has_tool_modes or np.isnan(stated[row]) or is_limit_reached(law, 1e-3 * float(limit[row]))):
+                early.append(f"point {at[n]}: {limit[row]:.4g} mm")
     return [
         build_worst_value_check("points.csv f1_Hz", "of its limit", off, 1.0, lambda n: f"point {at[n]}"),
         build_worst_value_check("points.csv a_lim_mm", "1 above", above, LIMIT_SHARE, lambda n: f"point {at[n]}"),
+        build_count_check("points.csv a_lim_mm is reached", early, "points"),
     ]
+
+
+def compute_excess(law: DelayLaw, stated: float) -> float:
+    """Return by which share a stated limit is above that of either law; inf where one is unstable at every depth.
+
+    Args:
+        law: Modes, directions and delay at the point.
+        stated: m, the limit.
+    """
+    if np.isnan(law.zeta).any():
+        return float("inf")
+    depths, own = stated * (1.0 - LIMIT_SHARE) * np.geomspace(LOWEST, 1.0, BELOW), float("inf")
+    if (law.find_eigenvalues(depths).real >= 0.0).any():
+        own = law.find_limit()
+    sweep = DelaySweep(law, stated)
+    if sweep.find_unstable(depths[-DEPTHS:]).any():
+        own = min(own, sweep.find_limit())
+    return max(stated / own - 1.0, 0.0) if own > 0 else float("inf")
+
+
+def is_limit_reached(law: DelayLaw, stated: float) -> bool:
+    """Return whether either law is unstable at one of some depths above a stated limit.
+
+    Args:
+        law: Modes, directions and delay at the point.
+        stated: m, the limit.
+    """
+    depths = stated * np.array(REACHED)
+    if DelaySweep(law, float(depths[-1])).find_unstable(depths).any():
+        return True
+    return law.find_limit() <= float(depths[-1])
 
 
 def _check_second_law(tables: StabilityTables, model: ModeModel, least: float) -> VerificationCheck:
@@ -228,9 +270,15 @@ def _check_second_law(tables: StabilityTables, model: ModeModel, least: float) -
     wrong = []
     for row, modes in zip(rows.tolist(), tables.compute_modes(model, rows), strict=True):
         depth = 1e-3 * float(tables.points.numbers["ap_mm"][row])
-        if not (depth > 0.0 and tables.build_law(row, modes).is_stable_to(least * depth * (1.0 - LIMIT_SHARE))):
+        if not (depth > 0.0 and _is_stable_to(tables.build_law(row, modes), least * depth * (1.0 - LIMIT_SHARE))):
             wrong.append(f"point {tables.points.point[row]}: unstable below {least:g} times its depth")
     return build_count_check("points.csv stability at min_stability_ratio", wrong, "points")
+
+
+def _is_stable_to(law: DelayLaw, depth: float) -> bool:
+    """Return whether neither law is unstable at any of DEPTHS depths up to one, m."""
+    depths = depth * np.arange(1, DEPTHS + 1) / DEPTHS
+    return law.is_stable_to(depth) and not DelaySweep(law, depth).find_unstable(depths).any()
 
 
 def _spread(rows: Rows, most: int) -> Rows:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.locations import parse_joint_location
+from machopt.data_types.effect_locations import parse_joint_location
 from machopt.numerics.array_types import Array
 
 GEOMETRY_EFFECT = "geometry"

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from machopt.data_types.effect_locations import parse_joint_location
 from machopt.data_types.kinematic_corrections import KinematicCorrections
-from machopt.data_types.locations import parse_joint_location
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import VerificationCheck, build_skipped_check
 from machopt.verification.motion.kinematics.as_built_frames import GEOMETRY_EFFECT

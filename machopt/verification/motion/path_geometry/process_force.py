@@ -140,10 +140,11 @@ def _compute_share(pieces: RunPieces, s: float, length: float) -> float:
     starts, ends = pieces.start[pieces.cut], pieces.end[pieces.cut]
     away = float(np.maximum(np.maximum(starts - s, s - ends), 0.0).min())
     share = 1.0 - away / length
-    if not pieces.cut[0]:
+    last = float(pieces.end[-1])
+    if not pieces.cut[0] and float(starts[0]) >= length:  # a shorter way in has no room for a ramp
         share = min(share, s / length)
-    if not pieces.cut[-1]:
-        share = min(share, (float(pieces.end[-1]) - s) / length)
+    if not pieces.cut[-1] and last - float(ends[-1]) >= length:
+        share = min(share, (last - s) / length)
     return min(max(share, 0.0), 1.0)
 
 

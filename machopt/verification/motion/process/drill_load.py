@@ -36,26 +36,39 @@ def measure_engagement(one: ProcessOperation, cutter: CutterGeometry, start: flo
     """
     inner, outer, kappa, lips = _get_lips(one, cutter)
     edges = np.linspace(inner, outer, RINGS + 1)
-    radius = 0.5 * (edges[1:] + edges[:-1])
-    width = np.diff(edges)
-    area = math.pi * (edges[1:] ** 2 - edges[:-1] ** 2)
-    lag = (radius - inner) / math.tan(kappa) if kappa < math.pi / 2 - 1e-9 else np.zeros(RINGS)
+    slope = math.tan(kappa) if kappa < math.pi / 2 - 1e-9 else math.inf
     point = (outer - inner) / math.tan(kappa) if kappa < math.pi / 2 - 1e-9 else 0.0
     tops = np.cumsum([0.0, *(layer.thickness for layer in one.layers)])
     last = min(end, tops[-1] + point)
     depths = np.linspace(start, last, DEPTHS)
     bends = [t + d for t in tops if math.isfinite(t) for d in (0.0, 1e-9, point)]
     depths = np.unique([*depths, *(b for b in bends if start < b < last)])
-    at = depths[:, None] - lag
-    inside = [(at > tops[n]) & (at <= tops[n + 1]) for n in range(len(one.layers))]
+    parts = [_cut_rings(edges, inner, slope, depths, (tops[n], tops[n + 1])) for n in range(len(one.layers))]
     tip = [(depths > tops[n]) & (depths <= tops[n + 1]) for n in range(len(one.layers))]
     return LipEngagement(
-        width=np.array([found @ width for found in inside]),
-        area=np.array([found @ area for found in inside]),
+        width=np.array([np.sum(b - a, axis=1) for a, b in parts]),
+        area=np.array([math.pi * np.sum(b**2 - a**2, axis=1) for a, b in parts]),
         tip=np.array(tip, float),
         kappa=kappa,
         lips=lips,
     )
+
+
+def _cut_rings(
+    edges: Array, inner: float, slope: float, depths: Array, layer: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Return (D, RINGS) inner and outer radius in m of the part of each ring that is in a layer.
+
+    A lip at radius r lies (r − inner) / slope above the tip: a ring may be in the layer with a part of its width.
+    """
+    top, bottom = layer
+    if math.isinf(slope):
+        is_in = ((depths > top) & (depths <= bottom))[:, None]
+        return np.where(is_in, edges[:-1], 0.0), np.where(is_in, edges[1:], 0.0)
+    low = (inner + (depths - bottom) * slope)[:, None]
+    high = (inner + (depths - top) * slope)[:, None]
+    a = np.clip(edges[:-1], low, high)
+    return a, np.maximum(np.clip(edges[1:], low, high), a)
 
 
 def compute_drill_load(

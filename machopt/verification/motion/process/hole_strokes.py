@@ -85,6 +85,6 @@ def _measure_hole(process: CuttingProcess, toolpath: Toolpath, operation: np.nda
             came = toolpath.position[max(point - 1, 0)]
             off = np.linalg.norm(np.cross(came - toolpath.position[point], axis))
             start = surface - float(came @ axis) if off <= MAX_OFF_AXIS_M else end
-            strokes.append(HoleStroke(point, k, max(start, 0.0), end))
+            strokes.append(HoleStroke(point, k, max(start, reached), end))  # reached: drilled by an earlier peck
             reached = end
     return HoleVisit(k, deepest, depth, tuple(strokes))

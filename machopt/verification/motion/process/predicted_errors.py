@@ -16,14 +16,7 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.process_force import compute_sideways_directions
 from machopt.verification.motion.process.contact_load import compute_contact_wall_force
-from machopt.verification.motion.process.draw_count import count_within
-from machopt.verification.motion.process.draws import (
-    DRAWS,
-    SEED,
-    draw_compliances,
-    draw_load_factors,
-    get_position_std,
-)
+from machopt.verification.motion.process.draws_in_tolerance import count_within
 from machopt.verification.motion.process.hole_strokes import HoleVisit
 from machopt.verification.motion.process.mill_load import compute_wall_force
 from machopt.verification.motion.process.point_loads import RecomputedLoads
@@ -32,6 +25,13 @@ from machopt.verification.motion.process.pose_compliance import (
     PoseCompliance,
     compute_components,
     list_hole_rows,
+)
+from machopt.verification.motion.process.random_draws import (
+    DRAWS,
+    SEED,
+    draw_compliances,
+    draw_load_factors,
+    get_position_std,
 )
 from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
@@ -195,10 +195,11 @@ class _Predictor:
             error[:, :-2] += draws.noise @ (sigma * rows[:-2, :3]).T
             if draws.part.any():
                 error += self._move_part(pose.place, pose.R, draws.part) @ rows.T
-            turn = error[:, -2:] + draws.tilt
-            good &= np.hypot(turn[:, 0], turn[:, 1]) <= limits.axis
+            if math.isfinite(limits.axis):
+                turn = error[:, -2:] + draws.tilt
+                good &= turn[:, 0] ** 2 + turn[:, 1] ** 2 <= limits.axis**2
             if n == 0:
-                good &= np.hypot(error[:, 0], error[:, 1]) <= limits.position
+                good &= error[:, 0] ** 2 + error[:, 1] ** 2 <= limits.position**2
             else:
                 good &= np.abs(error[:, 0]) <= limits.depth
         return float(np.mean(good))

@@ -130,12 +130,12 @@ class DelayLaw:
         Args:
             depths: (n,) m, depths of cut.
         """
-        a = depths[:, None, None]
-        inverse = np.linalg.inv(np.eye(6) + 0.5 * a * self.T**2 * self.G)
-        A = np.zeros((len(depths), 12, 12))
-        A[:, :6, 6:] = np.eye(6)
-        A[:, 6:, :6] = -inverse * self.omega**2
-        A[:, 6:, 6:] = -inverse @ (np.diag(2.0 * self.zeta * self.omega) - a * self.T * self.G)
+        a, n = depths[:, None, None], len(self.omega)
+        inverse = np.linalg.inv(np.eye(n) + 0.5 * a * self.T**2 * self.G)
+        A = np.zeros((len(depths), 2 * n, 2 * n))
+        A[:, :n, n:] = np.eye(n)
+        A[:, n:, :n] = -inverse * self.omega**2
+        A[:, n:, n:] = -inverse @ (np.diag(2.0 * self.zeta * self.omega) - a * self.T * self.G)
         values = np.linalg.eigvals(A)
         real = np.where(np.abs(values) * self.T < 1.0, values.real, -np.inf)
         worst = np.argmax(real, axis=1)

@@ -2,8 +2,9 @@
 
 A line through a point of the cutter's outline along the tool axis leaves the stock mesh at exact heights. What earlier
 moves left on it is the least surface height of the cutter over poses along those moves, ``STEP`` apart. The outline is
-sampled at ``BINS`` angles. The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part
-of the path: a stated force must lie between what these three give.
+sampled at ``BINS`` angles; where the tool axis turns between cut moves, it is sampled by :mod:`turning_contact`.
+The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part of the path, and moved by
+``AHEAD`` cells along travel and against it: a stated force must lie between what these give.
 """
 
 from __future__ import annotations
@@ -18,18 +19,27 @@ from machopt.data_types.cell import CutterGeometry
 from machopt.data_types.process import ProcessOperation
 from machopt.data_types.stock import StockBody, StockEngagement
 from machopt.data_types.tool_segments import ToolSegment
+from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import VerificationCheck, build_worst_value_check
 from machopt.verification.motion.process.contact_load import compute_contact_load
+from machopt.verification.motion.process.turning_contact import (
+    TurningCut,
+    TurningPoses,
+    find_turning_arcs,
+    list_turning_poses,
+)
 
-POINTS = 40
-BINS, CORNER_SLICES = 180, 24
+POINTS, TURNING_POINTS = 40, 24
+BINS, CORNER_SLICES = 180, 48
 STEP = 0.25e-3  # m
 SHIFT = 0.75  # cells
+AHEAD = 3.0  # cells: near an exit the planner leaves out chips thinner than a tenth of a cell
 LAG = 8.0  # shifts of path before a point that are not counted where the outline is moved
 SHARE, FORCE_N = 0.03, 1.0  # of the force, and N: angles in steps of 1°
 TYPICAL_BITE = 1e-4  # m, where a point has no feed
 TOUCHED = 5e-6  # m of height
+ONE_AXIS = math.cos(math.radians(0.05))  # of the angle between the tool axes of cut moves that count as one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +55,9 @@ class _Poses:
     begins: np.ndarray  # (N,) first pose of the move that ends at each point of the job
 
 
+_Scene = tuple[_Poses | TurningPoses, Array, Array]  # poses, corners of the stock, rows of the frame of both
+
+
 def check_stock_contact(segments: Sequence[ToolSegment]) -> list[VerificationCheck]:
     """Return the check of the stated contact against exact shapes; none where no contact comes from the stock.
 
@@ -54,22 +67,28 @@ def check_stock_contact(segments: Sequence[ToolSegment]) -> list[VerificationChe
     process = segments[0].cell.process
     if process is None or process.stock is None or all(s.toolpath.engagement is None for s in segments):
         return []
+    scene = _build_scene(segments, process.stock)
     rows = [(n, int(k)) for n, s in enumerate(segments) for k in _list_wanted(s)]
-    chosen = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, POINTS).round().astype(int))] if rows else []
+    most = TURNING_POINTS if isinstance(scene[0], TurningPoses) else POINTS
+    chosen = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, most).round().astype(int))] if rows else []
     if not chosen:
         return []
-    frame = _build_frame(segments[chosen[0][0]].toolpath.axis[chosen[0][1]])
-    poses = _list_poses(segments, frame)
-    lines = process.stock.vertices @ frame.T
-    triangles = lines[process.stock.faces]
     off, names = np.zeros(len(chosen)), []
     for n, (which, k) in enumerate(chosen):
         segment = segments[which]
         assert segment.toolpath.process_operation is not None
         one = process.operations[segment.toolpath.process_operation[k]]
-        off[n] = _compare_point(segment, k, one, (poses, triangles, frame), process.stock)
+        off[n] = _compare_point(segment, k, one, scene, process.stock)
         names.append(f"point {segment.first + k}")
     return [build_worst_value_check("engagement.csv against exact shapes", "of its limit", off, 1.0, names)]
+
+
+def _build_scene(segments: Sequence[ToolSegment], stock: StockBody) -> _Scene:
+    axes = np.concatenate([s.toolpath.axis[s.toolpath.move == MoveKind.CUT] for s in segments])
+    if (axes @ axes[0]).min() < ONE_AXIS:
+        return list_turning_poses(segments), stock.vertices[stock.faces], np.eye(3)
+    frame = _build_frame(axes[0])
+    return _list_poses(segments, frame), (stock.vertices @ frame.T)[stock.faces], frame
 
 
 def _list_wanted(segment: ToolSegment) -> np.ndarray:
@@ -110,7 +129,7 @@ def _compare_point(
     segment: ToolSegment,
     k: int,
     one: ProcessOperation,
-    scene: tuple[_Poses, Array, Array],
+    scene: _Scene,
     stock: StockBody,
 ) -> float:
     """Return how far the stated force lies outside of what the exact shapes allow, over its limit."""
@@ -123,8 +142,12 @@ def _compare_point(
     stated = path.engagement.take_range(k, k + 1)
     shift = SHIFT * stock.cell_size
     forces = []
-    for moved, lag in ((0.0, 0.0), (shift, LAG * shift), (-shift, LAG * shift)):
-        forces.append(_find_contact(segment, k, one, scene, moved, lag, stated))
+    ahead = AHEAD * stock.cell_size
+    for moved, lag, along in (
+        *((0.0, 0.0, 0.0), (shift, LAG * shift, 0.0), (-shift, LAG * shift, 0.0)),
+        *((0.0, 0.0, ahead), (0.0, 0.0, -ahead)),
+    ):
+        forces.append(_find_contact(segment, k, one, scene, (moved, lag, along), stated))
     loads = []
     for arcs in (stated, *forces):
         edge, slope = compute_contact_load(coefficients, cutter, one.spindle, arcs)
@@ -138,25 +161,12 @@ def _find_contact(
     segment: ToolSegment,
     k: int,
     one: ProcessOperation,
-    scene: tuple[_Poses, Array, Array],
-    moved: float,
-    lag: float,
+    scene: _Scene,
+    variant: tuple[float, float, float],
     stated: StockEngagement,
 ) -> StockEngagement:
-    """Return the arcs of one point, of an outline that is moved outwards."""
-    poses, triangles, frame = scene
-    cutter = segment.cell.tool.cutter
-    assert cutter is not None
-    tip = segment.toolpath.position[k] @ frame.T
-    step = tip - segment.toolpath.position[max(k - 1, 0)] @ frame.T
-    rows: list[tuple[float, float, float, float]] = []
-    if np.hypot(*step[:2]) > 1e-9:
-        travel = step[:2] / np.hypot(*step[:2])
-        before = poses.begins[segment.first + k]
-        reach = poses.length[before - 1] - lag if before else -math.inf
-        counted = slice(0, int(np.searchsorted(poses.length[:before], reach, side="right")))
-        for low, high, radius, is_corner in _divide_cutter(cutter):
-            rows += _find_arcs(tip, travel, radius + moved, (low, high), poses, counted, triangles, is_corner)
+    """Return the arcs of one point, of an outline that is moved outwards and along travel, without the last path."""
+    rows = _sample_arcs(segment, k, scene, variant, stated)
     table = np.array(rows).reshape(-1, 4)
     start, end = table[:, 2], table[:, 3]
     if one.spindle == "ccw":
@@ -171,6 +181,45 @@ def _find_contact(
         volume=np.zeros(1),
         edge_sigma=stated.edge_sigma,
     )
+
+
+def _sample_arcs(
+    segment: ToolSegment, k: int, scene: _Scene, variant: tuple[float, float, float], stated: StockEngagement
+) -> list[tuple[float, float, float, float]]:
+    """Return low, high, start and end of the contact, one row for each sample; the spindle turns clockwise."""
+    poses, triangles, frame = scene
+    moved, lag, along = variant
+    cutter = segment.cell.tool.cutter
+    assert cutter is not None
+    before = poses.begins[segment.first + k]
+    reach = poses.length[before - 1] - lag if before else -math.inf
+    counted = slice(0, int(np.searchsorted(poses.length[:before], reach, side="right")))
+    path = segment.toolpath
+    tip, step = path.position[k], path.position[k] - path.position[max(k - 1, 0)]
+    if isinstance(poses, TurningPoses):
+        axis = path.axis[k]
+        step = step - (step @ axis) * axis
+        if np.linalg.norm(step) <= 1e-9:
+            return []
+        travel = step / np.linalg.norm(step)
+        cut = TurningCut(
+            cutter=cutter,
+            tip=tip + along * travel,
+            axis=axis,
+            travel=travel,
+            poses=poses,
+            counted=counted,
+            triangles=triangles,
+        )
+        return find_turning_arcs(cut, moved, np.r_[stated.low, stated.high])
+    tip, step = tip @ frame.T, step @ frame.T
+    rows: list[tuple[float, float, float, float]] = []
+    if np.hypot(*step[:2]) > 1e-9:
+        travel = step[:2] / np.hypot(*step[:2])
+        tip = tip + along * np.array([*travel, 0.0])
+        for low, high, radius, is_corner in _divide_cutter(cutter):
+            rows += _find_arcs(tip, travel, radius + moved, (low, high), poses, counted, triangles, is_corner)
+    return rows
 
 
 def _divide_cutter(cutter: CutterGeometry) -> list[tuple[float, float, float, bool]]:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from machopt.data_types.discrepancy_names import COUPLING, LOADED, TERM, DiscrepancyName, parse_discrepancy_name
-from machopt.data_types.locations import format_link_location, parse_joint_location
+from machopt.data_types.effect_locations import format_link_location, parse_joint_location
 from machopt.data_types.stiffness import ModelDiscrepancy, StiffnessTerm
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.arm_configuration import ArmConfiguration

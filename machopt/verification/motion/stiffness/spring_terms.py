@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.data_types.locations import parse_joint_location, parse_link_location, parse_location
+from machopt.data_types.effect_locations import parse_joint_location, parse_link_location, parse_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.numerics.array_types import Array
 

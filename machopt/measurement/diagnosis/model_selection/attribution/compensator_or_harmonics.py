@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.data_types.locations import parse_joint_location
+from machopt.data_types.effect_locations import parse_joint_location
 from machopt.effects import registry
 from machopt.effects.joint.joint_angle_errors import WAVES
 from machopt.measurement.diagnosis import thresholds

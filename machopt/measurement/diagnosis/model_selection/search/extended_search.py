@@ -14,7 +14,7 @@ import numpy as np
 from machopt.effects.joint import joint_angle_errors
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
-from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, joint_selection
+from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, sparse_effect_selection
 from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import compute_set_score, get_required_gain
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
@@ -93,7 +93,7 @@ def _search_again(
     more = whiten_hypotheses(base, laws)
     if not more:
         return found
-    again = joint_selection.search_effects(base, (*found[0], *more), most, rng, fits)
+    again = sparse_effect_selection.search_effects(base, (*found[0], *more), most, rng, fits)
     if any(any(c.whitened is t for t in more) for c in again[1]):
         return again
     least = compute_set_score(base, found[1]) + get_required_gain()

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from machopt.data_types.locations import BASE, LINK, TOOL, parse_location
+from machopt.data_types.effect_locations import BASE, LINK, TOOL, parse_location
 from machopt.effects import registry
 from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds

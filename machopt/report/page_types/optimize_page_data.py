@@ -28,7 +28,8 @@ STATUS_NAMES = (
     "excluded by the rotation range, a pin or a zone",
     "below min_stability_ratio",
 )
-"""Meaning of the codes in :attr:`RotationMap.status`, by :class:`machopt.report.page_types.place_codes.PlaceCode`."""
+"""Meaning of the codes in :attr:`RotationMap.status`, by
+:class:`machopt.report.page_types.map_sample_states.PlaceCode`."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.locations import format_link_location
+from machopt.data_types.effect_locations import format_link_location
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import UNCATALOGUED, EffectHypothesis, Quantity, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.estimation.reading_covariance import compute_joint_sensitivity

@@ -11,8 +11,8 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
-from machopt.planning.external_axes.following_motion import AZIMUTHS, list_following_paths
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
+from machopt.planning.external_axes.positioner_azimuth_following import AZIMUTHS, list_following_paths
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes, prepare_planning
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 from machopt.toolpath.toolpath_reader import read_toolpath

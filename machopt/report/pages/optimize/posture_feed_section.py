@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from machopt.data_types.documents.optimize_document import JointMethodEntry
 from machopt.report.page_shell import build_section
-from machopt.report.page_types.optimize_report import ReportData
+from machopt.report.page_types.optimize_page_data import ReportData
 from machopt.report.pages.report_tables import TableColumn, build_folded_block, build_table
 
 if TYPE_CHECKING:

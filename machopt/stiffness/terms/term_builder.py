@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from machopt.data_types.locations import is_on_arm
+from machopt.data_types.effect_locations import is_on_arm
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import registry
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
@@ -14,7 +14,7 @@ from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array
 from machopt.spelling_suggestions import suggest_word
 from machopt.stiffness.terms import body_spring, gravity_compensator, joint_term
-from machopt.stiffness.terms.protocol import LinearTerm
+from machopt.stiffness.terms.term_interface import LinearTerm
 
 
 def list_effects_and_locations() -> dict[str, tuple[str, ...]]:

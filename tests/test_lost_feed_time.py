@@ -13,7 +13,7 @@ from machopt.data_types.cell import Cell, JointLimits
 from machopt.data_types.plan_options import PlanOptions
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import Robot, load_robot
-from machopt.planning.cost.held_feed import FeedMotion, compute_excess
+from machopt.planning.cost.lost_feed_time import FeedMotion, compute_excess
 from machopt.planning.cost.objective import AXIS_SPEED
 from machopt.planning.retiming.joint_derivatives import solve_joints_near_seeds
 from machopt.planning.retiming.run_retiming import RunFailure, RunInput, retime_run

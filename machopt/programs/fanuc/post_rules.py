@@ -13,11 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.programs.writing.coarse_feeds import SLOWEST, check_slowest_feed
 from machopt.programs.writing.feed_model import compute_line_acceleration
 from machopt.programs.writing.maker_rules import CornerPassing, MakerRules
 from machopt.programs.writing.orientation_angles import convert_to_abc_deg
 from machopt.programs.writing.post_errors import MissingControllerKeyError
+from machopt.programs.writing.slowest_printable_feed import SLOWEST, check_slowest_feed
 from machopt.programs.writing.template_fields import PostJob
 
 PRINTED = 4

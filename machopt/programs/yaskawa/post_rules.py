@@ -17,10 +17,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.programs.writing.coarse_feeds import check_slowest_feed
 from machopt.programs.writing.external_axes import build_external_fields
 from machopt.programs.writing.maker_rules import CornerPassing, MakerRules
 from machopt.programs.writing.post_errors import MissingControllerKeyError
+from machopt.programs.writing.slowest_printable_feed import check_slowest_feed
 from machopt.programs.writing.template_fields import PostJob
 
 PRINTED = 4

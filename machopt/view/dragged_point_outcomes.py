@@ -15,7 +15,7 @@ from machopt.errors import InputError
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.plan_output.collision_map import find_cut_stations
-from machopt.planning.tolerance.live_outcome import LiveOutcome, LiveOutcomes
+from machopt.planning.tolerance.outcome_at_other_rotation import LiveOutcome, LiveOutcomes
 
 
 def has_tolerances(cell: Cell) -> bool:

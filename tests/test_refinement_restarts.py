@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from machopt.planning.external_axis_optimization import sequence_leaps
-from machopt.planning.external_axis_optimization.sequence_leaps import has_stalled, refine_other_starts
+from machopt.planning.external_axis_optimization import refinement_restarts
+from machopt.planning.external_axis_optimization.refinement_restarts import has_stalled, refine_other_starts
 
 
 def plan(total: float, sequence: float | None, why: str = "") -> Any:
@@ -31,8 +31,8 @@ def test_a_plan_has_stalled_where_a_sequence_one_percent_better_is_known(
 def test_other_starts_are_refined_until_one_has_not_stalled(
     sequences: list[float], refined: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sequence_leaps, "OTHERS", 2)
-    monkeypatch.setattr(sequence_leaps, "refine_plan", lambda start, job, trust: start)
-    monkeypatch.setattr(sequence_leaps, "leap_to_better_sequences", lambda start, job: [start])
+    monkeypatch.setattr(refinement_restarts, "OTHERS", 2)
+    monkeypatch.setattr(refinement_restarts, "refine_plan", lambda start, job, trust: start)
+    monkeypatch.setattr(refinement_restarts, "leap_to_better_sequences", lambda start, job: [start])
     starts = [plan(1.0, s) for s in sequences]
     assert refine_other_starts(starts, job=None, trust=0.2) == starts[:refined]  # type: ignore[arg-type]

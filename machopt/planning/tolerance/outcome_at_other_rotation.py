@@ -16,7 +16,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.compensation.shifted_points import shift_points
-from machopt.planning.error_probability.targets import compute_tip_length, list_hole_targets
+from machopt.planning.error_probability.toleranced_points import compute_tip_length, list_hole_targets
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.sampling.joint_path import solve_joint_path

@@ -13,7 +13,7 @@ from machopt.numerics.array_types import Array
 from machopt.path_building.point_collector import Vector
 from machopt.toolpath.readers.gcode.arc_moves import ProgrammedArc
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourSegment
-from machopt.toolpath.readers.heidenhain.contour_approach import (
+from machopt.toolpath.readers.heidenhain.approach_departure_geometry import (
     ContourApproach,
     LeadIn,
     LeadPath,

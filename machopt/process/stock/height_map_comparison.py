@@ -11,19 +11,26 @@ import numpy as np
 
 from machopt.data_types.stock import StockBody, StockComparison
 from machopt.numerics.array_types import Array, Bools
+from machopt.process.stock.distance_field import DistanceField
+from machopt.process.stock.field_comparison import compare_field_with_part
 from machopt.process.stock.height_map import HeightMap
 from machopt.process.stock.mesh_columns import compute_columns
 
 NOTICED = 5e-6  # m; smaller differences are rounding of single precision
 
 
-def compare_with_finished_part(stock: HeightMap, part: StockBody) -> StockComparison:
+def compare_with_finished_part(stock: HeightMap | DistanceField, part: StockBody) -> StockComparison:
     """Return gouges and material left after a job.
 
     Args:
         stock: The stock after the job.
         part: The finished part, in the CAM frame.
+
+    Raises:
+        CuttingInputError: the part has more cells than memory allows.
     """
+    if isinstance(stock, DistanceField):
+        return compare_field_with_part(stock, part)
     corners = np.ascontiguousarray((part.vertices @ stock.rotation.T)[part.faces])
     nv, nu = stock.high.shape
     cell = np.array(stock.cell)

@@ -14,7 +14,7 @@ from test_view_command import DOTS, driven
 from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.errors import InputError
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.view.live_job import LiveJob
+from machopt.view.dragged_point_outcomes import LiveJob
 from machopt.view.run import SessionActions, ViewRequest, serve_view
 from machopt.view.session import ViewSession
 

@@ -18,7 +18,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.pipeline.plan import Plan, TiltBound
 from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
-from machopt.planning.tilt.joint_search_kernel import find_joint_sequence
+from machopt.planning.tilt.tilt_and_rotation_search_kernel import find_joint_sequence
 from machopt.planning.tilt.tilt_grid import TiltGrid
 
 CAPS = (np.inf, 0.6, 0.3, 0.1)  # of the way from the least possible worst index to that without a cap

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from machopt.collision.collision_model import MAX_BOUNDED_STEP_RAD, CollisionModel
-from machopt.data_types.measurements.poses_table import PosesTable
+from machopt.data_types.measurements.measurement_poses_table import PosesTable
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 from machopt.measurement.design.load_methods import LoadMethod
 from machopt.measurement.design.measurement_plan import MeasurementPlan

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection
-from machopt.effects.angle_range import RANGE_KEY
 from machopt.effects.joint.harmonic_functions import ARCSEC
 from machopt.effects.joint.joint_angle_errors import (
     CORRECTION,
@@ -23,6 +22,7 @@ from machopt.effects.joint.joint_angle_errors import (
     TransmissionError,
     UnnamedAngleError,
 )
+from machopt.effects.measured_angle_range import RANGE_KEY
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 

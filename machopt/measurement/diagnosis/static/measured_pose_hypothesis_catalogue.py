@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.data_types.locations import format_joint_location, parse_joint_location, parse_location
+from machopt.data_types.effect_locations import format_joint_location, parse_joint_location, parse_location
 from machopt.effects import registry
 from machopt.effects.joint import angle_dependent_stiffness
 from machopt.effects.joint import joint_angle_errors as joint_joint_angle_errors

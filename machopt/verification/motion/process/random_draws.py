@@ -40,7 +40,7 @@ def draw_compliances(stiffness: ArmStiffness, rng: np.random.Generator) -> np.nd
         stiffness: The stiffness.
         rng: Random numbers.
     """
-    if stiffness.covariance is not None and stiffness.grid is None:
+    if stiffness.covariance is not None:
         nominal = 1.0 / stiffness.joints
         drawn = rng.multivariate_normal(nominal, stiffness.covariance, size=2 * DRAWS, method="svd")
         drawn = drawn[(drawn > 0).all(axis=1)][:DRAWS]

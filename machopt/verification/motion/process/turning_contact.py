@@ -1,0 +1,206 @@
+"""Contact of a cutter whose axis turns against the stock, recomputed from the exact mesh and exact poses.
+
+The outline of the cutter is sampled at angles and heights. A sample is in contact where it lies inside of the mesh and
+in none of the poses along the earlier moves. A line from it crosses the triangles; their number shows whether it is
+inside. No cells are used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.data_types.cell import CutterGeometry
+from machopt.data_types.tool_segments import ToolSegment
+from machopt.numerics.array_types import Array
+
+STEP = 0.25e-3  # m, between poses, at the tip and at the upper end of the cutter
+ANGLES, CORNER_SLICES = 90, 40
+PASSES = (32, 80)  # slices of the cylindrical part
+BATCH = 64  # poses at a time
+TOUCHED = 1e-9  # m
+_RAY = np.array([0.31622, 0.50341, 0.80409])  # no direction of a plane that a part is likely to have
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurningPoses:
+    """Earlier poses of all tools in the CAM frame."""
+
+    tip: Array  # (P, 3) m
+    axis: Array  # (P, 3) unit
+    shape: Array  # (P, 4) radius m, corner radius m, slope of a drill's point, height m
+    length: Array  # (P,) m, path from the start of the job
+    begins: np.ndarray  # (N,) first pose of the move that ends at each point of the job
+
+
+def list_turning_poses(segments: Sequence[ToolSegment]) -> TurningPoses:
+    """Return poses along all moves of a job.
+
+    Args:
+        segments: Segments of the job; their tools have cutters.
+    """
+    tips, axes, shapes, lengths = [], [], [], []
+    begins: list[int] = []
+    count, before = 0, 0.0
+    for segment in segments:
+        cutter = segment.cell.tool.cutter
+        assert cutter is not None
+        cone = 0.0 if cutter.point_angle is None else 1.0 / math.tan(0.5 * cutter.point_angle)
+        shape = [0.5 * cutter.diameter, cutter.corner, cone, cutter.length]
+        p, a = segment.toolpath.position, segment.toolpath.axis
+        for k in range(len(p)):
+            begins.append(count)
+            last = max(k - 1, 0)
+            turn = math.acos(min(max(float(a[last] @ a[k]), -1.0), 1.0))
+            size = float(np.linalg.norm(p[k] - p[last]))
+            n = max(math.ceil(max(size, size + turn * cutter.length) / STEP), 1)
+            share = np.arange(1, n + 1)[:, None] / n
+            tips.append(p[last] + share * (p[k] - p[last]))
+            axes.append(_turn_axis(a[last], a[k], turn, share))
+            shapes.append(np.tile(shape, (n, 1)))
+            lengths.append(before + share[:, 0] * size)
+            count, before = count + n, before + size
+    return TurningPoses(
+        tip=np.concatenate(tips),
+        axis=np.concatenate(axes),
+        shape=np.concatenate(shapes),
+        length=np.concatenate(lengths),
+        begins=np.array(begins),
+    )
+
+
+def _turn_axis(a: Array, b: Array, turn: float, share: Array) -> Array:
+    if turn < 1e-9:
+        return np.tile(b, (len(share), 1))
+    if turn > math.pi - 1e-6:  # any plane
+        across = np.eye(3)[0 if abs(a[0]) < 0.9 else 1]
+        across = across - (across @ a) * a
+        across /= np.linalg.norm(across)
+        return np.asarray(np.cos(share * turn) * a + np.sin(share * turn) * across)
+    return np.asarray((np.sin((1.0 - share) * turn) * a + np.sin(share * turn) * b) / math.sin(turn))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurningCut:
+    """Cutter at one point, and what was removed before."""
+
+    cutter: CutterGeometry
+    tip: Array  # (3,) m, CAM frame
+    axis: Array  # (3,) unit
+    travel: Array  # (3,) unit, direction of travel across the axis
+    poses: TurningPoses
+    counted: slice  # poses that were removed before
+    triangles: Array  # (F, 3, 3) m, corners of the stock, CAM frame
+
+
+def find_turning_arcs(cut: TurningCut, moved: float, stated: Array) -> list[tuple[float, float, float, float]]:
+    """Return low, high, start and end of the contact, one row for each sampled angle and slice.
+
+    The range of heights is narrowed in ``PASSES``; heights of the stated contact are always looked at.
+
+    Args:
+        cut: The cutter and what was removed before.
+        moved: m, how far the outline is moved outwards.
+        stated: Heights of the stated contact, m; may be empty.
+    """
+    low, high = 0.0, cut.cutter.length
+    for slices in PASSES:
+        rows = _sample(cut, moved, _divide(cut.cutter, (low, high), slices))
+        ends = [*(row[0] for row in rows), *(row[1] for row in rows), *stated.tolist()]
+        if not ends:
+            break
+        room = (high - low) / slices
+        low, high = max(min(ends) - room, 0.0), min(max(ends) + room, cut.cutter.length)
+    return rows
+
+
+def _sample(
+    cut: TurningCut, moved: float, slices: tuple[Array, Array, Array]
+) -> list[tuple[float, float, float, float]]:
+    left = np.cross(cut.axis, cut.travel)
+    turn = math.pi / ANGLES
+    phi = (np.arange(ANGLES) + 0.5) * turn
+    low, high, radius = slices
+    middle = 0.5 * (low + high)
+    across = np.cos(phi)[:, None] * left + np.sin(phi)[:, None] * cut.travel
+    place = (cut.tip + middle[:, None, None] * cut.axis + (radius[:, None, None] + moved) * across).reshape(-1, 3)
+    inside = _find_inside(place, cut.triangles)
+    inside[inside] = _find_uncut(place[inside], cut.poses, cut.counted)
+    found = np.flatnonzero(inside)
+    which, angles = found // ANGLES, found % ANGLES
+    return [
+        (float(low[s]), float(high[s]), float(m * turn), float((m + 1) * turn))
+        for s, m in zip(which.tolist(), angles.tolist(), strict=True)
+    ]
+
+
+def _divide(cutter: CutterGeometry, heights: tuple[float, float], number: int) -> tuple[Array, Array, Array]:
+    """Return low, high and radius of slices: those of the corner, and some between two heights above it."""
+    R, rc = 0.5 * cutter.diameter, cutter.corner
+    edges: list[float] = []
+    if rc > 0.0:
+        angles = np.linspace(0.0, 0.5 * math.pi, CORNER_SLICES + 1)
+        edges += (rc * (1.0 - np.cos(angles))).tolist()
+    first, last = max(heights[0], rc), min(heights[1], cutter.length)
+    cylinder: list[float] = []
+    if last > first:
+        cylinder = np.linspace(first, last, number + 1).tolist()
+    low, high = np.array([*edges[:-1], *cylinder[:-1]]), np.array([*edges[1:], *cylinder[1:]])
+    x = np.clip(rc - 0.5 * (low + high), 0.0, rc)
+    return low, high, R - rc + np.sqrt(rc * rc - x * x)
+
+
+def _find_inside(place: Array, triangles: Array) -> np.ndarray:
+    """Return (n,) whether places lie inside of a closed mesh."""
+    count = np.zeros(len(place), int)
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    some = np.flatnonzero(((place >= low) & (place <= high)).all(axis=1))
+    if not len(some):
+        return np.zeros(len(place), bool)
+    u = np.cross(_RAY, [0.0, 0.0, 1.0])
+    u /= np.linalg.norm(u)
+    frame = np.stack([u, np.cross(_RAY, u) / np.linalg.norm(_RAY), _RAY / np.linalg.norm(_RAY)])
+    p, lines = place[some] @ frame.T, triangles @ frame.T
+    least, most = lines.min(axis=1), lines.max(axis=1)
+    is_near = (least[:, :2] <= p[:, :2].max(axis=0)).all(axis=1) & (most[:, :2] >= p[:, :2].min(axis=0)).all(axis=1)
+    for t in lines[is_near & (most[:, 2] >= p[:, 2].min())]:
+        a, e, f = t[0], t[1] - t[0], t[2] - t[0]
+        area = e[0] * f[1] - e[1] * f[0]
+        if abs(area) < 1e-18:
+            continue
+        g = p - a
+        s = (g[:, 0] * f[1] - g[:, 1] * f[0]) / area
+        v = (e[0] * g[:, 1] - e[1] * g[:, 0]) / area
+        hit = (s >= 0.0) & (v >= 0.0) & (s + v <= 1.0) & (a[2] + s * e[2] + v * f[2] > p[:, 2])
+        count[some[hit]] += 1 if area > 0.0 else -1
+    return count > 0
+
+
+def _find_uncut(place: Array, poses: TurningPoses, counted: slice) -> np.ndarray:
+    """Return (n,) whether places lie in none of the earlier poses."""
+    left = np.ones(len(place), bool)
+    tip, axis, shape = poses.tip[counted], poses.axis[counted], poses.shape[counted]
+    if not len(place) or not len(tip):
+        return left
+    low, high = place.min(axis=0), place.max(axis=0)
+    ends = tip + shape[:, 3:] * axis
+    room = shape[:, :1]
+    near = (np.minimum(tip, ends) - room <= high).all(axis=1) & (np.maximum(tip, ends) + room >= low).all(axis=1)
+    rows = np.flatnonzero(near)[::-1]  # the last ones first: they remove most
+    for first in range(0, len(rows), BATCH):
+        some = rows[first : first + BATCH]
+        open_places = np.flatnonzero(left)
+        if not len(open_places):
+            break
+        v = place[open_places, None] - tip[some]
+        z = np.einsum("npi,pi->np", v, axis[some])
+        r = np.sqrt(np.maximum(np.einsum("npi,npi->np", v, v) - z * z, 0.0))
+        R, rc, cone, height = shape[some].T
+        beyond = np.clip(r - R + rc, 0.0, rc)
+        surface = rc - np.sqrt(rc * rc - beyond**2) + cone * r
+        cut = (r < R - TOUCHED) & (z > surface) & (z < height)
+        left[open_places[cut.any(axis=1)]] = False
+    return left
