@@ -8,7 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from output_damage.damage_case import JOBS, Damage, Job, copy_job, edit_json, update_manifest_hashes
+from output_damage.damage_case import (
+    CELLS,
+    JOBS,
+    PASS,
+    Damage,
+    Job,
+    copy_job,
+    edit_json,
+    plan_table,
+    update_manifest_hashes,
+)
 
 from machopt.commands import verify as service
 from machopt.commands.input_hashes import build_manifest_file, list_cell_inputs, rename_duplicate_names
@@ -20,7 +30,7 @@ from machopt.output.file_hashes import compute_digest, compute_sha256
 from machopt.verification import Verification, VerificationCheck
 from machopt.verification.folder import folder_checks as contents
 from machopt.verification.folder.options_in_force import VerifyRequest
-from machopt.verification.folder.version_mismatch import KEYS_ADDED_SINCE
+from machopt.verification.folder.version_mismatch import FILES_ADDED_SINCE, KEYS_ADDED_SINCE
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 PARTS = sorted(
@@ -98,6 +108,13 @@ def test_the_intact_plan_passes(name: str, planned: Callable[[str], Job], tmp_pa
     assert found_in(job).failed == ()
 
 
+@pytest.fixture(scope="module")
+def stopping(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """The pass with a stop at each rapid corner, as version 0.1.0 drove it."""
+    folder = tmp_path_factory.mktemp("stopping")
+    return plan_table(folder, CELLS / "kr500_milling", PASS, overrides=("rapid_blend_mm=0",))
+
+
 def _write_as_first_version(job: Job) -> None:
     """Give a folder the form of version 0.1.0, which stated fewer keys in result.json."""
     with edit_json(job.out / "result.json") as result:
@@ -106,15 +123,16 @@ def _write_as_first_version(job: Job) -> None:
         for key in ("deflection_ci90_mm", "deflection_along_mm"):
             result["worst_point"].pop(key, None)
         result["version"] = "0.1.0"
+    assert not any((job.out / name).exists() for name in FILES_ADDED_SINCE["0.1.0"])
     with edit_json(job.out / "manifest.json") as manifest:
         manifest["versions"]["machopt"] = "0.1.0"
         manifest["not_recomputed"], manifest["checked"] = ["front"], []
     update_manifest_hashes(job.out)
 
 
-def test_a_folder_of_an_earlier_version_passes(planned: Callable[[str], Job], tmp_path: Path) -> None:
+def test_a_folder_of_an_earlier_version_passes(stopping: Job, tmp_path: Path) -> None:
     """Its tables and programs are recomputed; result.json states what it stated then."""
-    job = copy_job(planned("pass"), tmp_path)
+    job = copy_job(stopping, tmp_path)
     _write_as_first_version(job)
     found = found_in(job)
     assert found.failed == ()
@@ -133,15 +151,22 @@ def test_a_folder_of_an_earlier_version_passes(planned: Callable[[str], Job], tm
     ],
 )
 def test_a_damaged_folder_of_an_earlier_version_fails(
-    change: Callable[[dict[str, Any]], None], caught_by: str, planned: Callable[[str], Job], tmp_path: Path
+    change: Callable[[dict[str, Any]], None], caught_by: str, stopping: Job, tmp_path: Path
 ) -> None:
-    job = copy_job(planned("pass"), tmp_path)
+    job = copy_job(stopping, tmp_path)
     _write_as_first_version(job)
     with edit_json(job.out / "result.json") as result:
         change(result)
     update_manifest_hashes(job.out)
     failed = [c.name for c in found_in(job).failed]
     assert any(name.startswith(caught_by) for name in failed), failed
+
+
+def test_a_folder_with_newer_files_is_of_no_earlier_version(stopping: Job, tmp_path: Path) -> None:
+    job = copy_job(stopping, tmp_path)
+    _write_as_first_version(job)
+    (job.out / "tilt.csv").write_text("point,lead_deg,side_deg\n0,0,0\n")
+    assert any(c.name.startswith("result.json") for c in found_in(job).failed)
 
 
 def _says(damage: Damage) -> bool:

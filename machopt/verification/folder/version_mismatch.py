@@ -18,13 +18,15 @@ VERSION_REMEDY = "optimize again, or verify with the machopt that wrote it"
 KEYS_ADDED_SINCE = {  # of result.json, by version: a document that has one of them is not of that version
     "0.1.0": ("production_blockers", "process", "feed_stops", "tilt", "joint", "reentry"),
 }
+FILES_ADDED_SINCE = {"0.1.0": ("rapid_corners.csv", "tilt.csv", "engagement.csv")}  # of the folder, likewise
 
 
-def find_older_version(document: object, manifest: FolderManifest | None) -> str | None:
-    """Return the earlier version of machopt that wrote a result.json; None where this one did, or none that is known.
+def find_older_version(folder: Path, document: object, manifest: FolderManifest | None) -> str | None:
+    """Return the earlier version of machopt that wrote a folder; None where this one did, or none that is known.
 
     Args:
-        document: Content of result.json.
+        folder: The output folder.
+        document: Content of its result.json.
         manifest: Manifest of the folder; None where it has none that can be read.
     """
     if manifest is None or not isinstance(document, Mapping):
@@ -32,7 +34,9 @@ def find_older_version(document: object, manifest: FolderManifest | None) -> str
     stated = manifest.versions.get("machopt", "")
     if stated not in KEYS_ADDED_SINCE or document.get("version") != stated:
         return None
-    return None if any(key in document for key in KEYS_ADDED_SINCE[stated]) else stated
+    has_newer = any(key in document for key in KEYS_ADDED_SINCE[stated])
+    has_newer = has_newer or any((folder / name).exists() for name in FILES_ADDED_SINCE[stated])
+    return None if has_newer else stated
 
 
 def describe_older_result(folder: Path, manifest: FolderManifest | None) -> tuple[str, ...]:
@@ -46,7 +50,7 @@ def describe_older_result(folder: Path, manifest: FolderManifest | None) -> tupl
         document: Any = read_json(folder / "result.json")
     except InputError:
         return ()
-    version = find_older_version(document, manifest)
+    version = find_older_version(folder, document, manifest)
     if version is None:
         return ()
     return (

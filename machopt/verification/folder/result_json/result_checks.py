@@ -99,7 +99,7 @@ def check_result_document(
         value = read_json(file)
     except InputError as problem:
         return [_build_check("", [str(problem)])]
-    if find_older_version(value, manifest) is not None and manifest is not None:
+    if find_older_version(folder, value, manifest) is not None and manifest is not None:
         return [_build_check("older version", list(_compare_older_document(value, folder, manifest, contents)))]
     try:
         result = OptimizeDocument.model_validate(value)
