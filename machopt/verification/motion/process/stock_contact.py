@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -21,13 +22,15 @@ from machopt.data_types.stock import StockBody, StockEngagement
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_worst_value_check
+from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.process.contact_load import compute_contact_load
+from machopt.verification.motion.process.end_contact import EndDisc, list_wrong_forces
 from machopt.verification.motion.process.turning_contact import (
     TurningCut,
     TurningPoses,
     find_turning_arcs,
     list_turning_poses,
+    measure_turning_material,
 )
 
 POINTS, TURNING_POINTS = 40, 24
@@ -80,7 +83,38 @@ def check_stock_contact(segments: Sequence[ToolSegment]) -> list[VerificationChe
         one = process.operations[segment.toolpath.process_operation[k]]
         off[n] = _compare_point(segment, k, one, scene, process.stock)
         names.append(f"point {segment.first + k}")
-    return [build_worst_value_check("engagement.csv against exact shapes", "of its limit", off, 1.0, names)]
+    return [
+        build_worst_value_check("engagement.csv against exact shapes", "of its limit", off, 1.0, names),
+        _check_ends(segments, scene, process.stock.cell_size, most),
+    ]
+
+
+def _check_ends(segments: Sequence[ToolSegment], scene: _Scene, cell_size: float, most: int) -> VerificationCheck:
+    """Compare the points without a force with where the end of the cutter meets the exact stock."""
+    wrong: list[str] = []
+    for segment in segments:
+        cutter = segment.cell.tool.cutter
+        assert cutter is not None
+        measure = partial(_measure_material, segment, scene)
+        wrong += list_wrong_forces(segment.toolpath, segment.first, cutter, measure, (SHIFT * cell_size, most))
+    return build_count_check("points.csv forces of plunges and ramps", wrong, "points")
+
+
+def _measure_material(segment: ToolSegment, scene: _Scene, k: int, disc: EndDisc) -> Array:
+    """Return (P,) m of material that a move removes on lines through a disc, before its side does."""
+    poses, triangles, frame = scene
+    path, cutter = segment.toolpath, segment.cell.tool.cutter
+    assert cutter is not None
+    before = slice(0, poses.begins[segment.first + k])
+    tip, axis, places = disc.locate(path, k)
+    if isinstance(poses, TurningPoses):
+        ranges = disc.list_ranges(path, k, cutter)
+        return measure_turning_material(axis, places, ranges, (poses, before), triangles)
+    flat = places @ frame.T
+    bottom, top = _find_stock_heights(flat[:, :2], triangles)
+    top = _cut_by_poses(flat[:, :2], top, poses, before, ((tip @ frame.T)[:2], disc.radius))
+    low, high = disc.list_ranges(path, k, cutter) + float(tip @ frame[2])
+    return np.asarray(np.maximum(np.minimum(top, high) - np.maximum(bottom, low), 0.0))
 
 
 def _build_scene(segments: Sequence[ToolSegment], stock: StockBody) -> _Scene:
@@ -179,6 +213,7 @@ def _find_contact(
         end=end.copy(),
         is_computed=stated.is_computed,
         volume=np.zeros(1),
+        is_end_cut=np.zeros(1, bool),
         edge_sigma=stated.edge_sigma,
     )
 
@@ -250,17 +285,7 @@ def _find_arcs(
     phi = (np.arange(BINS) + 0.5) * turn
     outline = tip[:2] + radius * (np.cos(phi)[:, None] * left + np.sin(phi)[:, None] * travel)
     bottom, top = _find_stock_heights(outline, triangles)
-    place, w = poses.place[counted], poses.height[counted]
-    R, rc, cone = poses.radius[counted], poses.corner[counted], poses.cone[counted]
-    near = np.flatnonzero(np.hypot(*(place - tip[:2]).T) < radius + R)
-    for m in range(BINS):
-        d = np.hypot(*(place[near] - outline[m]).T)
-        inside = d < R[near] - 1e-9
-        if inside.any():
-            some = near[inside]
-            beyond = np.clip(d[inside] - R[some] + rc[some], 0.0, rc[some])
-            left_over = w[some] + rc[some] - np.sqrt(rc[some] ** 2 - beyond**2) + cone[some] * d[inside]
-            top[m] = min(top[m], float(left_over.min()))
+    top = _cut_by_poses(outline, top, poses, counted, (tip[:2], radius))
     out = []
     middle = 0.5 * (heights[0] + heights[1])
     for m in range(BINS):
@@ -269,6 +294,23 @@ def _find_arcs(
             out.append((*heights, m * turn, (m + 1) * turn))
         elif not is_corner and high - low > TOUCHED:
             out.append((low, high, m * turn, (m + 1) * turn))
+    return out
+
+
+def _cut_by_poses(places: Array, top: Array, poses: _Poses, counted: slice, disc: tuple[Array, float]) -> Array:
+    """Return the heights that poses leave of material up to ``top`` at places on a disc, (n,)."""
+    out = top.copy()
+    place, w = poses.place[counted], poses.height[counted]
+    R, rc, cone = poses.radius[counted], poses.corner[counted], poses.cone[counted]
+    near = np.flatnonzero(np.hypot(*(place - disc[0]).T) < disc[1] + R)
+    for m in range(len(places)):
+        d = np.hypot(*(place[near] - places[m]).T)
+        inside = d < R[near] - 1e-9
+        if inside.any():
+            some = near[inside]
+            beyond = np.clip(d[inside] - R[some] + rc[some], 0.0, rc[some])
+            left_over = w[some] + rc[some] - np.sqrt(rc[some] ** 2 - beyond**2) + cone[some] * d[inside]
+            out[m] = min(out[m], float(left_over.min()))
     return out
 
 
