@@ -75,7 +75,7 @@ JOBS = {
         [],
     ),
     "ramp above the block": (
-        np.concatenate([RAMP + [0, 0, 5.0], [[-75.0, 0, 3.0], [-75.0, 0, -5.0], [0, 0, -5.0]]]),
+        np.concatenate([RAMP + np.array([0, 0, 5.0]), [[-75.0, 0, 3.0], [-75.0, 0, -5.0], [0, 0, -5.0]]]),
         [],
     ),
     "heights rounded to 1 µm": (

@@ -3,15 +3,18 @@
 A line through a point of the cutter's outline along the tool axis leaves the stock mesh at exact heights. What earlier
 moves left on it is the least surface height of the cutter over poses along those moves, ``STEP`` apart. The outline is
 sampled at ``BINS`` angles; where the tool axis turns between cut moves, it is sampled by :mod:`turning_contact`.
-The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part of the path, and moved by
-``AHEAD`` cells along travel and against it: a stated force must lie between what these give.
+The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part of the path, and without
+chips thinner than ``THIN`` cells: a stated force must lie between what these give.
+
+The planner leaves out chips thinner than that. Where a cut ends at a face across travel, the chip x before it has the
+depth x² / 2R, so that the planner's cut ends √(2 THIN h R) early: 0.65 mm at R = 8.5 mm and cells of h = 0.25 mm.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -23,7 +26,7 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
-from machopt.verification.motion.process.contact_load import compute_contact_load
+from machopt.verification.motion.process.contact_load import compute_contact_load, find_slice_shapes
 from machopt.verification.motion.process.end_contact import EndDisc, list_wrong_forces
 from machopt.verification.motion.process.turning_contact import (
     TurningCut,
@@ -36,8 +39,9 @@ from machopt.verification.motion.process.turning_contact import (
 POINTS, TURNING_POINTS = 40, 24
 BINS, CORNER_SLICES = 180, 48
 STEP = 0.25e-3  # m
+SAME = 1e-9  # rad or m
 SHIFT = 0.75  # cells
-AHEAD = 3.0  # cells: near an exit the planner leaves out chips thinner than a tenth of a cell
+THIN = 0.1  # cells of depth: the planner leaves out contacts that are thinner
 LAG = 8.0  # shifts of path before a point that are not counted where the outline is moved
 SHARE, FORCE_N = 0.03, 1.0  # of the force, and N: angles in steps of 1°
 TYPICAL_BITE = 1e-4  # m, where a point has no feed
@@ -176,12 +180,9 @@ def _compare_point(
     stated = path.engagement.take_range(k, k + 1)
     shift = SHIFT * stock.cell_size
     forces = []
-    ahead = AHEAD * stock.cell_size
-    for moved, lag, along in (
-        *((0.0, 0.0, 0.0), (shift, LAG * shift, 0.0), (-shift, LAG * shift, 0.0)),
-        *((0.0, 0.0, ahead), (0.0, 0.0, -ahead)),
-    ):
-        forces.append(_find_contact(segment, k, one, scene, (moved, lag, along), stated))
+    for moved, lag in ((0.0, 0.0), (shift, LAG * shift), (-shift, LAG * shift)):
+        forces.append(_find_contact(segment, k, one, scene, (moved, lag), stated))
+    forces.append(_leave_out_thin_chips(forces[0], cutter, THIN * stock.cell_size, isinstance(scene[0], TurningPoses)))
     loads = []
     for arcs in (stated, *forces):
         edge, slope = compute_contact_load(coefficients, cutter, one.spindle, arcs)
@@ -196,10 +197,10 @@ def _find_contact(
     k: int,
     one: ProcessOperation,
     scene: _Scene,
-    variant: tuple[float, float, float],
+    variant: tuple[float, float],
     stated: StockEngagement,
 ) -> StockEngagement:
-    """Return the arcs of one point, of an outline that is moved outwards and along travel, without the last path."""
+    """Return the arcs of one point, of an outline that is moved outwards, without the last part of the path."""
     rows = _sample_arcs(segment, k, scene, variant, stated)
     table = np.array(rows).reshape(-1, 4)
     start, end = table[:, 2], table[:, 3]
@@ -218,12 +219,35 @@ def _find_contact(
     )
 
 
+def _leave_out_thin_chips(
+    found: StockEngagement, cutter: CutterGeometry, least: float, has_slices: bool
+) -> StockEngagement:
+    """Return sampled arcs without those that may be less deep than ``least`` in m, within one sample.
+
+    Without slices above the corner, the samples there belong to one slice.
+    """
+    radius = find_slice_shapes(cutter, found)[0]
+    own = has_slices | (found.low < cutter.corner - SAME)
+    group = np.where(own, found.low, cutter.corner)
+    order = np.lexsort((found.start, group))
+    keep, first = np.ones(len(order), bool), 0
+    for n in range(1, len(order) + 1):
+        last, begin = order[n - 1], order[first]
+        if n < len(order) and group[order[n]] == group[last] and found.start[order[n]] - found.end[last] < SAME:
+            continue
+        width = found.end[last] - found.end[begin]  # less one sample
+        is_side = found.start[begin] < SAME or found.end[last] > math.pi - SAME
+        keep[order[first:n]] = radius[begin] * (1.0 - math.cos(width if is_side else 0.5 * width)) >= least
+        first = n
+    return replace(found, **{name: getattr(found, name)[keep] for name in ("point", "low", "high", "start", "end")})
+
+
 def _sample_arcs(
-    segment: ToolSegment, k: int, scene: _Scene, variant: tuple[float, float, float], stated: StockEngagement
+    segment: ToolSegment, k: int, scene: _Scene, variant: tuple[float, float], stated: StockEngagement
 ) -> list[tuple[float, float, float, float]]:
     """Return low, high, start and end of the contact, one row for each sample; the spindle turns clockwise."""
     poses, triangles, frame = scene
-    moved, lag, along = variant
+    moved, lag = variant
     cutter = segment.cell.tool.cutter
     assert cutter is not None
     before = poses.begins[segment.first + k]
@@ -239,7 +263,7 @@ def _sample_arcs(
         travel = step / np.linalg.norm(step)
         cut = TurningCut(
             cutter=cutter,
-            tip=tip + along * travel,
+            tip=tip,
             axis=axis,
             travel=travel,
             poses=poses,
@@ -251,7 +275,6 @@ def _sample_arcs(
     rows: list[tuple[float, float, float, float]] = []
     if np.hypot(*step[:2]) > 1e-9:
         travel = step[:2] / np.hypot(*step[:2])
-        tip = tip + along * np.array([*travel, 0.0])
         for low, high, radius, is_corner in _divide_cutter(cutter):
             rows += _find_arcs(tip, travel, radius + moved, (low, high), poses, counted, triangles, is_corner)
     return rows
