@@ -4,7 +4,7 @@ A line through a point of the cutter's outline along the tool axis leaves the st
 moves left on it is the least surface height of the cutter over poses along those moves, ``STEP`` apart. The outline is
 sampled at ``BINS`` angles; where the tool axis turns between cut moves, it is sampled by :mod:`turning_contact`.
 The same is done with the outline moved in and out by ``SHIFT`` cells, without the last part of the path, and without
-chips thinner than ``THIN`` cells: a stated force must lie between what these give.
+chips thinner than ``THIN`` or narrower than ``NARROW`` cells: a stated force must lie between what these give.
 
 The planner leaves out chips thinner than that. Where a cut ends at a face across travel, the chip x before it has the
 depth x² / 2R, so that the planner's cut ends √(2 THIN h R) early: 0.65 mm at R = 8.5 mm and cells of h = 0.25 mm.
@@ -42,6 +42,7 @@ STEP = 0.25e-3  # m
 SAME = 1e-9  # rad or m
 SHIFT = 0.75  # cells
 THIN = 0.1  # cells of depth: the planner leaves out contacts that are thinner
+NARROW = 2.0  # cells along the outline: the planner samples it so, away from its sides
 LAG = 8.0  # shifts of path before a point that are not counted where the outline is moved
 SHARE, FORCE_N = 0.03, 1.0  # of the force, and N: angles in steps of 1°
 TYPICAL_BITE = 1e-4  # m, where a point has no feed
@@ -182,7 +183,7 @@ def _compare_point(
     forces = []
     for moved, lag in ((0.0, 0.0), (shift, LAG * shift), (-shift, LAG * shift)):
         forces.append(_find_contact(segment, k, one, scene, (moved, lag), stated))
-    forces.append(_leave_out_thin_chips(forces[0], cutter, THIN * stock.cell_size, isinstance(scene[0], TurningPoses)))
+    forces.append(_leave_out_thin_chips(forces[0], cutter, stock.cell_size, isinstance(scene[0], TurningPoses)))
     loads = []
     for arcs in (stated, *forces):
         edge, slope = compute_contact_load(coefficients, cutter, one.spindle, arcs)
@@ -220,9 +221,9 @@ def _find_contact(
 
 
 def _leave_out_thin_chips(
-    found: StockEngagement, cutter: CutterGeometry, least: float, has_slices: bool
+    found: StockEngagement, cutter: CutterGeometry, cell_size: float, has_slices: bool
 ) -> StockEngagement:
-    """Return sampled arcs without those that may be less deep than ``least`` in m, within one sample.
+    """Return sampled arcs without those that may be thinner or narrower than the planner finds, within one sample.
 
     Without slices above the corner, the samples there belong to one slice.
     """
@@ -237,7 +238,8 @@ def _leave_out_thin_chips(
             continue
         width = found.end[last] - found.end[begin]  # less one sample
         is_side = found.start[begin] < SAME or found.end[last] > math.pi - SAME
-        keep[order[first:n]] = radius[begin] * (1.0 - math.cos(width if is_side else 0.5 * width)) >= least
+        depth = radius[begin] * (1.0 - math.cos(width if is_side else 0.5 * width))
+        keep[order[first:n]] = depth >= THIN * cell_size and (is_side or radius[begin] * width >= NARROW * cell_size)
         first = n
     return replace(found, **{name: getattr(found, name)[keep] for name in ("point", "low", "high", "start", "end")})
 
