@@ -11,6 +11,7 @@ from math import acos, degrees, pi
 
 import numpy as np
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from machopt.data_types.stock import StockBody
 from machopt.process.stock.distance_field import build_distance_field
@@ -20,6 +21,7 @@ from machopt.process.stock.path_removal import remove_path
 
 CELL, POINTS, TURNING_POINTS = 0.25e-3, 100_000, 5_000
 UP = np.array([0.0, 0.0, 1.0])
+TURNS = ((0, 0, 0), (0.3, 0, 0), (0.2, -0.5, 0.3), (0.7, 0.4, 1.1), (pi / 4, 0, 0), (pi / 2, 0, 0))  # rad
 
 
 def build_stock(mesh: trimesh.Trimesh) -> HeightMap:
@@ -57,14 +59,40 @@ def measure_volumes() -> dict[str, float]:
             )
             worst = max(worst, abs(found / (section * length + ends) - 1))
         out[f"slot, {name}"] = worst
-    block = remove(build_block((0.1, 0.06, 0.02)), build_pass(5e-3, 10e-3, 0.5e-3), 10e-3)[0].sum()
-    out["block, one pass"] = abs(block / (0.1 * 5e-3 * 5e-3) - 1)
+    for ae in (1e-3, 2e-3, 5e-3, 10e-3):
+        worst = 0.0
+        for radius in (10e-3, 8e-3, 6e-3):
+            for step in (0.5e-3, 0.05e-3):
+                for turn in (1, -1):
+                    path = build_pass(ae, radius, step)[::turn]
+                    found = remove(build_block((0.1, 0.06, 0.02)), path, radius)[0].sum()
+                    worst = max(worst, abs(found / (0.1 * ae * 5e-3) - 1))
+        out[f"block, one pass, ae {1e3 * ae:g} mm"] = worst
     cylinder = trimesh.creation.cylinder(radius=0.025, height=0.03, sections=720)
     stock = build_stock(cylinder)
     out["cylinder, whole"] = abs(stock.volume / cylinder.volume - 1)
     turn = np.linspace(0, 2 * pi, 1441)
     ring = np.column_stack([0.01 * np.cos(turn), 0.01 * np.sin(turn), np.full_like(turn, 0.005)])
     out["cylinder, ring"] = abs(remove(stock, ring, 0.004)[0].sum() / (pi * (0.014**2 - 0.006**2) * 0.01) - 1)
+    return out
+
+
+def measure_turned_volumes() -> dict[str, float]:
+    """Return the relative error of the volume of a pass, of signed distances with the axis in six directions."""
+    out = {}
+    for ae in (1e-3, 2e-3, 5e-3, 10e-3):
+        worst = 0.0
+        for turn in TURNS:
+            Q = Rotation.from_rotvec(turn).as_matrix()
+            mesh = trimesh.creation.box((0.1, 0.06, 0.02))
+            mesh.apply_translation((0.05, 0.03, 0.01))
+            vertices, faces = np.array(mesh.vertices) @ Q.T, np.array(mesh.faces, np.int64)
+            stock = build_distance_field(StockBody(vertices=vertices, faces=faces, cell_size=CELL))
+            path = build_pass(ae, 10e-3, 0.5e-3)
+            axis, every = np.tile(Q[:, 2], (len(path), 1)), np.ones(len(path), bool)
+            volume = remove_field_path(stock, path @ Q.T, axis, every, (10e-3, 0.0, 0.0, 0.05))[0].sum()
+            worst = max(worst, abs(float(volume) / (0.1 * ae * 5e-3) - 1))
+        out[f"ae {1e3 * ae:g} mm"] = worst
     return out
 
 
@@ -135,7 +163,10 @@ def main() -> None:
     """Print all figures."""
     print("relative error of the removed volume")
     for name, error in measure_volumes().items():
-        print(f"  {name:20} {100 * error:.4f} %")
+        print(f"  {name:28} {100 * error:.4f} %")
+    print("the same for a pass 5 mm deep, signed distances, axis in six directions")
+    for name, error in measure_turned_volumes().items():
+        print(f"  {name:28} {100 * error:.4f} %")
     print("largest error of entry and exit angle")
     for name, error in measure_angles().items():
         print(f"  {name:20} {error:.2f}°")

@@ -34,10 +34,9 @@ def measure(folder: Path, job: TiltedWall) -> None:
     print(f"optimize {planned} ({seconds:.1f} CPU s), verify {verified}")
     with (folder / "out" / "points.csv").open() as table:
         rows = [row for row in csv.DictReader(table) if row["ae_mm"]][5:-5]
-    wanted = 180.0 - np.degrees(np.arccos(1.0 - job.allowance / job.radius))
-    for name, exact in (("ae_mm", 1e3 * job.allowance), ("phi_in_deg", wanted), ("phi_out_deg", 180.0)):
+    for name, (least, most) in job.find_contact().items():
         found = np.array([float(row[name]) for row in rows])
-        print(f"{name:12} {found.min():.3f} … {found.max():.3f}, exact {exact:.3f}")
+        print(f"{name:12} {found.min():.3f} … {found.max():.3f}, exact {least:.3f} … {most:.3f} over the height")
     found = np.array([float(row["ap_mm"]) for row in rows])
     print(f"ap_mm        {found.min():.3f} … {found.max():.3f}, wall {1e3 * job.height / np.cos(job.lean):.3f}")
     stock = json.loads((folder / "out" / "result.json").read_text())["process"]["stock"]

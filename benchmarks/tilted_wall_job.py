@@ -73,6 +73,21 @@ class TiltedWall:
         mean = self.foot - 0.5 * self.height * np.tan(self.lean) + 0.5 * more
         return float(self.sector * mean * more * self.height)
 
+    def find_contact(self) -> dict[str, tuple[float, float]]:
+        """Return the range of the exact width in mm and of both angles in degrees, over the height of the wall.
+
+        Across its generator the cone has the radius of curvature r / cos(lean). The allowance is a larger circle about
+        the same centre, and the cutter touches the smaller one.
+        """
+        out: dict[str, list[float]] = {"ae_mm": [], "phi_in_deg": [], "phi_out_deg": [180.0, 180.0]}
+        for r in (self.foot, self.foot - self.height * np.tan(self.lean)):
+            bend = r / np.cos(self.lean)
+            d = bend + self.radius
+            cosine = (d**2 + self.radius**2 - (bend + self.allowance) ** 2) / (2.0 * d * self.radius)
+            out["ae_mm"].append(1e3 * self.radius * (1.0 - cosine))
+            out["phi_in_deg"].append(180.0 - float(np.degrees(np.arccos(cosine))))
+        return {name: (float(min(values)), float(max(values))) for name, values in out.items()}
+
     def write_toolpath(self, file: Path, feed: float = 1500.0) -> None:
         """Write the pass with a rapid move before and after it.
 

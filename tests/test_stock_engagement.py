@@ -143,12 +143,43 @@ def test_a_cutter_that_turns_with_a_wall_has_the_contact_of_its_allowance(
 def test_wrong_arcs_of_a_turning_axis_fail_against_exact_shapes(tmp_path: Path) -> None:
     segments = attach(*write_wall(tmp_path)[:2])
     segment = segments[0]
-    assert [check.passed for check in check_stock_contact(segments)] == [True]
+    assert [check.passed for check in check_stock_contact(segments)] == [True, True]
     found = segment.toolpath.engagement
     assert found is not None
     for change in ({"start": found.start - 0.35}, {"high": 0.5 * (found.low + found.high)}):
         wrong = replace(segment, toolpath=replace(segment.toolpath, engagement=replace(found, **change)))
-        assert [check.passed for check in check_stock_contact((wrong,))] == [False]
+        assert [check.passed for check in check_stock_contact((wrong,))] == [False, True]
+
+
+@pytest.mark.parametrize("place", [0, 0.5, 1])
+@pytest.mark.parametrize("reverse", [False, True])
+def test_arcs_10_degrees_or_a_fifth_wrong_fail_anywhere_along_a_cut(
+    tmp_path: Path, place: float, reverse: bool
+) -> None:
+    path = build_pass(5e-3, 5e-3)
+    segment = attach(*write_job(tmp_path, path[::-1] if reverse else path))[0]
+    found = segment.toolpath.engagement
+    assert found is not None
+    points = np.unique(found.point)
+    wide = points[2:-3]  # at the last points of a cut a fifth of its width is a thin chip
+    k = int(wide[round(place * (len(wide) - 1))])
+    rows = found.point == k
+    name = "start" if reverse else "end"
+    angle = getattr(found, name)[rows]
+    inner = np.pi - angle if reverse else angle
+
+    def is_passed(changed: np.ndarray) -> bool:
+        value = getattr(found, name).copy()
+        value[rows] = np.pi - changed if reverse else changed
+        only = replace(found, is_computed=np.arange(len(found.volume)) == k, **{name: value})
+        wrong = replace(segment, toolpath=replace(segment.toolpath, engagement=only))
+        return bool(check_stock_contact((wrong,))[0].passed)
+
+    assert is_passed(inner)
+    for change in (-10.0, 10.0):
+        assert not is_passed(inner + np.radians(change))
+    for factor in (0.8, 1.2):
+        assert not is_passed(np.arccos(1.0 - factor * (1.0 - np.cos(inner))))
 
 
 def test_an_axis_that_turns_a_little_changes_the_contact_a_little(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ class StockEngagement:
     end: Array  # (M,) rad, φ of exit
     is_computed: NDArray[np.bool_]  # (N,) the contact is known: cut moves of operations with engagement from the stock
     volume: Array  # (N,) m³ removed by the move that ends at each point
+    is_end_cut: NDArray[np.bool_]  # (N,) the end of the cutter removes material too (plunge, ramp): force unknown
     edge_sigma: float  # m, 1 sigma of the place of a boundary, across it
     notes: tuple[str, ...] = ()  # limits of validity, for the report
 
@@ -61,6 +62,7 @@ class StockEngagement:
             start=self.start[rows],
             end=self.end[rows],
             is_computed=self.is_computed & wanted,
+            is_end_cut=self.is_end_cut & wanted,
         )
 
     def take_range(self, first: int, stop: int) -> StockEngagement:
@@ -79,6 +81,7 @@ class StockEngagement:
             end=self.end[a:b].copy(),
             is_computed=self.is_computed[first:stop].copy(),
             volume=self.volume[first:stop].copy(),
+            is_end_cut=self.is_end_cut[first:stop].copy(),
             edge_sigma=self.edge_sigma,
             notes=self.notes,
         )
@@ -127,4 +130,4 @@ def join_stock_engagements(parts: Sequence[StockEngagement | None]) -> StockEnga
     )
 
 
-_ARC_COLUMNS = ("low", "high", "start", "end", "is_computed", "volume")
+_ARC_COLUMNS = ("low", "high", "start", "end", "is_computed", "volume", "is_end_cut")

@@ -130,7 +130,7 @@ def _list_operation_loads(
                 is_known=True,
             )
             out.append((hole,))
-        mine = np.flatnonzero(surfaces.operation == k)
+        mine = np.flatnonzero((surfaces.operation == k) & ~loads.is_unknown[surfaces.row])
         if len(mine):
             size = np.linalg.norm(loads.arm_force[surfaces.row[mine]], axis=1)
             angle = _measure_directions(toolpath, surfaces.row[mine], R_frame_work)

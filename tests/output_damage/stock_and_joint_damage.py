@@ -59,6 +59,13 @@ def scale_first(name: str, factor: float, rows: Rows) -> None:
     row[name] = f"{factor * float(row[name]):.6f}"
 
 
+def fill_plunges(rows: Rows) -> None:
+    """Points without a force get one of zero."""
+    for row in rows:
+        for name in ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm"):
+            row[name] = row[name] or "0.000"
+
+
 def drop_first_point(rows: Rows) -> None:
     rows[:] = [row for row in rows if row["point"] != rows[0]["point"]]
 
@@ -85,6 +92,13 @@ EXACT, FEED, SECTION = "engagement.csv against exact shapes", "points.csv feed_a
 DAMAGES = [
     Damage("stock: arcs begin too early", "20°", in_arcs(partial(shift_column, "phi_in_deg", -20.0)), EXACT, "stock"),
     Damage("stock: arcs too high", "1 mm", in_arcs(partial(shift_column, "high_mm", 1.0)), EXACT, "stock"),
+    Damage(
+        "stock: a force of zero on plunges",
+        "0 N",
+        in_points(fill_plunges),
+        "points.csv forces of plunges and ramps",
+        "stock",
+    ),
     Damage("stock: a point without its arcs", "1 point", in_arcs(drop_first_point), "points.csv ae_mm", "stock"),
     *(
         Damage(

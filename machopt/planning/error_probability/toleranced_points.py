@@ -42,7 +42,7 @@ class SurfaceTargets:
     operation: NDArray[np.intp]  # (S,)
     row: NDArray[np.intp]  # (S,) toolpath point
     normal_sign: Array  # (S,) the wall's normal is this times (axis × travel); 0: the floor, whose normal is the axis
-    is_known: NDArray[np.bool_]  # (S,) False: no surface normal is known
+    is_known: NDArray[np.bool_]  # (S,) False: no surface normal is known, or the force is unknown
     stated_normal: Array  # (S, 3) unit in the CAM frame, of the toolpath's own columns; NaN where it has none
 
     def choose_normal(self, rows: NDArray[np.intp] | slice, cam_axes: Array, axis: Array, normal: Array) -> Array:
@@ -138,6 +138,7 @@ def list_surface_targets(
         stated = toolpath.surface_normal[rows]
     known = np.array([kinds[k] != "table" for k in mine], bool) & (not rounded)
     known |= np.isfinite(stated).all(axis=1)
+    known &= ~loads.is_unknown[rows]
     # up milling with M3: the material is left of travel, at axis × travel; the wall's normal points away from it
     sign = np.where(is_floor, 0.0, np.where(up == 0, 1.0, -up))
     return SurfaceTargets(

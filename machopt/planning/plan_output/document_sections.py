@@ -260,6 +260,9 @@ def build_worst_point_entry(the_plan: Plan, points: PointResults) -> optimize_do
         the_plan.chosen.assignment.reason == InfeasibilityReason.OK
     )  # one that collides has a cost, too
     cost = np.where(there, the_plan.chosen.cost, np.nan)[points.rows]
+    bend = points.table.deflection
+    if np.isfinite(bend).any():  # not where the force is unknown
+        cost = np.where(np.isfinite(bend), cost, np.nan)
     if not np.isfinite(cost).any():
         return None
     i = int(np.nanargmax(cost))

@@ -259,7 +259,7 @@ class _ErrorTable:
         names, parts = compute_contributions(self.plan, model.poses, wrench, model.normal)
         words = name_largest(names, parts, model.columns[:, 0] + model.tool)
         for row, word in zip(surfaces.row.tolist(), words, strict=True):
-            self.cause[row] = word
+            self.cause[row] = "" if self.loads.is_unknown[row] else word
         self._write_feeds(find_surface_feeds(self.plan, model, self.loads, self.spread, draws))
 
     def _add_surface_block(self, model: SurfaceErrorModel, some: slice, draws: UncertaintyDraws) -> None:
@@ -294,6 +294,8 @@ class _ErrorTable:
             why = missing[n]
             if not model.targets.is_known[some][n]:
                 why = "the surface normal is not known: columns nx, ny, nz of the toolpath"
+            if self.loads.is_unknown[row]:
+                why = "the force of plunges and ramps of a milling cutter is unknown"
             if not model.poses.is_reached[some][n]:
                 self._mark_unknown(row, "the point has no posture")
             elif why:
@@ -309,6 +311,7 @@ class _ErrorTable:
             factor = compute_load_factors(model, some, isolated)
             found = draw_surface_errors(model, some, isolated, factor, position=name == "position")
             variance = np.var(found, axis=1)
+            variance[self.loads.is_unknown[rows]] = np.nan
             self.variance[name][rows] = variance + (np.nan_to_num(std) ** 2 if name == "position" else 0.0)
 
     def _compute_surface_wrench(self, model: SurfaceErrorModel) -> Array:

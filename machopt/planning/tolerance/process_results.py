@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.process_columns import ProcessColumns, ProcessSummary, ToleranceSummary
 from machopt.data_types.toolpath import MoveKind, Toolpath
@@ -44,7 +45,18 @@ def add_process_results(
     found = compute_point_errors(plan, toolpath, loads, wall_force=dynamics.wall_force, is_full=True)
     columns = _build_columns(loads, found, dynamics)
     summary = _summarise(process, plan, toolpath, loads, found, dynamics)
-    return replace(points, table=replace(points.table, process=columns), process=(summary,))
+    table = _leave_out_deflections(points.table, loads)
+    return replace(points, table=replace(table, process=columns), process=(summary,))
+
+
+def _leave_out_deflections(table: PointsTable, loads: PointLoads) -> PointsTable:
+    """Return the points without a deflection where the force is unknown."""
+    unknown, std = loads.is_unknown, table.deflection_std
+    return replace(
+        table,
+        deflection=np.where(unknown, np.nan, table.deflection),
+        deflection_std=None if std is None else np.where(unknown, np.nan, std),
+    )
 
 
 def summarise_tolerances(
@@ -87,10 +99,11 @@ def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Arr
 
 
 def _build_columns(loads: PointLoads, found: PointErrors, dynamics: CuttingDynamics) -> ProcessColumns:
+    unknown = loads.is_unknown
     return ProcessColumns(
-        force=loads.force,
-        moment=loads.moment,
-        peak_force=dynamics.peak_force,
+        force=np.where(unknown[:, None], np.nan, loads.force),
+        moment=np.where(unknown, np.nan, loads.moment),
+        peak_force=np.where(unknown, np.nan, dynamics.peak_force),
         ae=loads.ae,
         ap=loads.ap,
         entry_angle=loads.entry_angle,

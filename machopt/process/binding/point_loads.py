@@ -54,6 +54,9 @@ class PointLoads:
     side: NDArray[np.int8]  # (N,) 1 up, −1 down, 0 slot or no milling
     contact_sigma: Array  # (N,) 1 sigma of the logarithm of the force from the stock's cells; 0 where ae is given
     holes: tuple[DrilledHole, ...]
+    is_unknown: NDArray[
+        np.bool_
+    ]  # (N,) plunges and ramps: forces count the side of the cutter alone, and are no result
     engagement: StockEngagement | None = None  # contact that comes from the stock
     notes: tuple[str, ...] = ()  # limits of validity
 
@@ -99,6 +102,7 @@ class _LoadBuilder:
         self.clamp = np.zeros(n)
         self.ae, self.ap, self.entry, self.exit, self.bite = (np.full(n, np.nan) for _ in range(5))
         self.side, self.contact_sigma = np.zeros(n, np.int8), np.zeros(n)
+        self.is_unknown = np.zeros(n, bool)
         self.notes: list[str] = []
 
     def build(self) -> PointLoads:
@@ -125,6 +129,7 @@ class _LoadBuilder:
             side=self.side,
             contact_sigma=self.contact_sigma,
             holes=holes,
+            is_unknown=self.is_unknown,
             engagement=self.toolpath.engagement,
             notes=tuple(dict.fromkeys(self.notes)),
         )
@@ -213,6 +218,7 @@ class _LoadBuilder:
         self.ae[rows], self.ap[rows] = contact.ae[rows], contact.ap[rows]
         self.entry[rows], self.exit[rows] = contact.entry[rows], contact.exit[rows]
         self.side[rows], self.contact_sigma[rows] = contact.side[rows], contact.sigma[rows]
+        self.is_unknown[rows] = found.is_end_cut[rows]
         cuts = rows[np.isfinite(contact.ae[rows])]
         if len(cuts):
             self._note_chip_range(one, cuts, coefficients.h_range_m)

@@ -149,7 +149,18 @@ def _carry_back(
             near = there - sign * step
             inside, outside = (there, near) if sign == into else (near, there)
             far = _find_crossing(grid, origin, cell, p, cu, cv, outer, w, inside, outside)
-            return extrapolate_boundary(phi, reach, far, outer, radius)
+            carried = extrapolate_boundary(phi, reach, far, outer, radius)
+            if abs(carried - phi) * radius < size:
+                return carried
+            near_cutter, step = radius + 0.25 * size, 0.25 * size / radius
+            there = 0.25 * phi + 0.75 * carried + into * step
+            if _is_inside(grid, origin, cell, p, cu, cv, near_cutter, there, w):
+                return carried
+            for _ in range(_SEARCH):  # a corner of the stock lies between: the boundary is no straight line
+                if _is_inside(grid, origin, cell, p, cu, cv, near_cutter, there + into * step, w):
+                    return _find_crossing(grid, origin, cell, p, cu, cv, near_cutter, w, there + into * step, there)
+                there += into * step
+            return phi
     return phi
 
 

@@ -11,6 +11,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.contact_kernels import CORNER_SLICES, SPACING
 from machopt.process.stock.distance_field import MOST_BLOCKS, DistanceField, build_memory_error
+from machopt.process.stock.end_cutting import SHORT, measure_field_end
 from machopt.process.stock.field_contact import SLICES, find_field_contact
 from machopt.process.stock.field_removal import remove_step
 from machopt.process.stock.field_types import Cutter, FieldArrays, Frame, Step
@@ -18,11 +19,15 @@ from machopt.process.stock.path_removal import ARCS, IDLE, LEAST_SAMPLES, NOTHIN
 
 STEP = 2.0  # cells that a place of the cutter moves in one step at most
 _ROWS = ARCS * (CORNER_SLICES + SLICES)
-_SHORT = 1e-9  # m, a move without travel across the axis
 
 
 def remove_field_path(
-    stock: DistanceField, position: Array, axis: Array, wanted: NDArray[np.bool_], cutter: Cutter
+    stock: DistanceField,
+    position: Array,
+    axis: Array,
+    wanted: NDArray[np.bool_],
+    cutter: Cutter,
+    end: Array | None = None,
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Remove a cutter along a path from the stock, which changes, and return its contact at the end of each move.
 
@@ -32,6 +37,7 @@ def remove_field_path(
         axis: (N, 3) unit, from tip to shank.
         wanted: (N,) whether the contact of a point is wanted.
         cutter: radius m, corner radius m, slope of the cone of its tip, height m.
+        end: (N,) m³, above zero where what the flat end removes is wanted, which is written there.
 
     Returns:
         volume (N,) m³ removed by the move that ends at each point, point (M,) and low, high, start, end (M, 4) in m and
@@ -51,6 +57,7 @@ def remove_field_path(
         wanted,
         cutter,
         circle,
+        np.zeros(len(position)) if end is None else end,
     )
     missing = int(stock.arrays[3][2])
     if missing:
@@ -127,7 +134,7 @@ def _set_axes(axes: Array, ends: Array) -> bool:
         axes[2, n] = ends[2, n] - ends[0, n] - along * ends[3, n]
         size += axes[2, n] * axes[2, n]
     size = sqrt(size)
-    if size <= _SHORT:
+    if size <= SHORT:
         return False
     axes[2] /= size
     axes[1] = np.cross(axes[3], axes[2])
@@ -169,6 +176,7 @@ def _remove_path(
     wanted: NDArray[np.bool_],
     cutter: Cutter,
     circle: Array,
+    end: Array,
 ) -> tuple[Array, NDArray[np.int64], Array]:
     volume = np.zeros(len(position))
     heights = np.zeros(max(ceil(cutter[3] / frame[1]), 1))
@@ -179,6 +187,8 @@ def _remove_path(
     for k in range(len(position)):
         before = k - 1 if k else k
         ends[0], ends[1], ends[2], ends[3] = position[before], axis[before], position[k], axis[k]
+        if end[k] > 0.0:
+            end[k] = measure_field_end(arrays, frame, ends, cutter[0] - cutter[1])
         volume[k] = _remove_move(arrays, frame, ends, k == 0, cutter, heights)
         if volume[k] <= NOTHING or not wanted[k] or not _set_axes(axes, ends):
             continue

@@ -16,13 +16,14 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
+from machopt.process.stock.contact_kernels import THIN
 from machopt.process.stock.distance_field import DistanceField, build_distance_field
+from machopt.process.stock.end_cutting import THROUGH, find_end_cuts, measure_descents
 from machopt.process.stock.field_path import remove_field_path
 from machopt.process.stock.height_map import HeightMap, build_height_map
 from machopt.process.stock.path_removal import NOTHING, remove_path
 
 SAME_AXIS = np.cos(np.radians(0.05))
-THROUGH = 1e-12  # m³ (0.001 mm³); rapid moves that remove less touch the stock by rounding
 _UNIFORM = 1.0 / sqrt(12.0)  # 1 sigma of a place that is known to one cell
 
 
@@ -95,10 +96,14 @@ def _remove_segment(
         )
     wanted = find_wanted_points(process, path)
     tip = _build_tip(cutter)
+    descends = wanted & (measure_descents(path.position, path.axis, path.cutting)[2] > THIN)
+    by_end = descends.astype(float)
     if isinstance(stock, HeightMap):
-        volume, point, rows = remove_path(stock, stock.convert_points(path.position), wanted, tip, cutter.length)
+        volume, point, rows = remove_path(
+            stock, stock.convert_points(path.position), wanted, tip, cutter.length, by_end
+        )
     else:
-        volume, point, rows = remove_field_path(stock, path.position, path.axis, wanted, (*tip, cutter.length))
+        volume, point, rows = remove_field_path(stock, path.position, path.axis, wanted, (*tip, cutter.length), by_end)
     start, end = rows[:, 2].copy(), rows[:, 3].copy()
     assert path.process_operation is not None
     ccw = np.array([*(one.spindle == "ccw" for one in process.operations), False])[path.process_operation[point]]
@@ -111,8 +116,10 @@ def _remove_segment(
         end=end,
         is_computed=wanted,
         volume=volume,
+        is_end_cut=np.zeros(len(path), bool),
         edge_sigma=_UNIFORM * cell_size,
     )
+    found = replace(found, is_end_cut=find_end_cuts(path.position, path.axis, path.cutting, found, by_end, tip[0]))
     return replace(found, notes=tuple(_list_notes(path, found, stock)))
 
 
@@ -128,7 +135,6 @@ def _list_notes(path: Toolpath, found: StockEngagement, stock: StockModel) -> li
     cuts, removes = found.is_computed, found.volume > THROUGH
     if not cuts.any():
         return out
-    touches = np.bincount(found.point, minlength=len(path)) > 0
     air = cuts & (found.volume <= NOTHING)
     out.append(
         f"engagement from the stock at {1e3 * stock.size:.3g} mm cells: 1 sigma of a boundary is "
@@ -136,11 +142,10 @@ def _list_notes(path: Toolpath, found: StockEngagement, stock: StockModel) -> li
     )
     if air.any():
         out.append(f"{int(air.sum())} of {int(cuts.sum())} cut moves remove nothing: they have no force")
-    plunges = cuts & removes & ~touches
-    if plunges.any():
+    if found.is_end_cut.any():
         out.append(
-            f"{int(plunges.sum())} cut moves remove material with the tip only (first at point "
-            f"{int(np.argmax(plunges))}): the force of a plunge is not modelled and counts as zero"
+            f"{int(found.is_end_cut.sum())} cut moves remove material with the end of the cutter (first at point "
+            f"{int(np.argmax(found.is_end_cut))}): the force of plunges and ramps is unknown"
         )
     rapid = ~path.cutting & removes
     if rapid.any():

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.contact_kernels import CORNER_SLICES, MOST_LEVELS, SPACING, find_contact
+from machopt.process.stock.end_cutting import SHORT, measure_map_end
 from machopt.process.stock.height_map import HeightMap
 from machopt.process.stock.kernel_types import Grid, Pair, Tip
 from machopt.process.stock.removal_kernels import remove_move
@@ -19,11 +20,15 @@ ARCS = 6  # arcs of one slice
 _ROWS = ARCS * (MOST_LEVELS + CORNER_SLICES)
 IDLE = 3e-3  # of the volume that an arc removes in a steady cut; a slice that removes less is idle
 NOTHING = 1e-13  # m³ (0.0001 mm³); a move that removes less cuts air: rounding of single precision
-_SHORT = 1e-9  # m, a move without travel across the axis
 
 
 def remove_path(
-    stock: HeightMap, position: Array, wanted: NDArray[np.bool_], cutter: Tip, height: float
+    stock: HeightMap,
+    position: Array,
+    wanted: NDArray[np.bool_],
+    cutter: Tip,
+    height: float,
+    end: Array | None = None,
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Remove a cutter along a path from the stock, which changes, and return its contact before each move.
 
@@ -33,6 +38,7 @@ def remove_path(
         wanted: (N,) whether the contact of a point is wanted.
         cutter: radius m, corner radius m, slope of the cone of its tip.
         height: m, usable height of the cutter.
+        end: (N,) m³, above zero where what the flat end removes is wanted, which is written there.
 
     Returns:
         volume (N,) m³ removed by the move that ends at each point, point (M,) and low, high, start, end (M, 4) in m and
@@ -43,7 +49,15 @@ def remove_path(
     angle = np.linspace(0.0, np.pi, samples + 1)
     circle = np.column_stack([np.sin(angle), np.cos(angle)])
     return _remove_path(
-        grid, stock.origin, stock.cell, np.ascontiguousarray(position), wanted, cutter, float(height), circle
+        grid,
+        stock.origin,
+        stock.cell,
+        np.ascontiguousarray(position),
+        wanted,
+        cutter,
+        float(height),
+        circle,
+        np.zeros(len(position)) if end is None else end,
     )
 
 
@@ -81,6 +95,7 @@ def _remove_path(
     cutter: Tip,
     height: float,
     circle: Array,
+    end: Array,
 ) -> tuple[Array, NDArray[np.int64], Array]:
     n = len(position)
     volume = np.zeros(n)
@@ -94,10 +109,12 @@ def _remove_path(
         x, y = p1[0] - p0[0], p1[1] - p0[1]
         length = sqrt(x * x + y * y)
         number = 0
-        if wanted[k] and length > _SHORT:
+        if wanted[k] and length > SHORT:
             number = find_contact(
                 grid, origin, cell, p1, x / length, y / length, cutter, height, circle, levels, arcs, rows
             )
+        if end[k] > 0.0:
+            end[k] = measure_map_end(grid, origin, cell, p0, p1, cutter[0] - cutter[1])
         bands[:number, :2] = rows[:number, :2]
         bands[:number, 2], peak[0] = 0.0, 0.0
         volume[k] = remove_move(grid, origin, cell, p0, p1, cutter, k == 0, bands[: number if number > 1 else 0], peak)

@@ -295,6 +295,7 @@ def read_engagement(file: Path, points: int) -> StockEngagement:
         end=np.deg2rad(end),
         is_computed=np.zeros(points, bool),
         volume=np.zeros(points),
+        is_end_cut=np.zeros(points, bool),
         edge_sigma=0.0,
     )
 

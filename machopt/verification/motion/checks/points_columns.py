@@ -201,11 +201,8 @@ class PointsTableCheck:
             )
 
         if share:
-            off, unit, limit = (
-                off / (limit + share * np.abs(np.nan_to_num(wanted))),
-                f"of {limit:g} {unit} and {share:g} of it",
-                1.0,
-            )
+            room = limit + share * np.nan_to_num(np.abs(wanted))
+            off, unit, limit = off / room, f"of {limit:g} {unit} and {share:g} of it", 1.0
         return replace(build_worst_value_check(f"points.csv {name}", unit, off, limit, told_and_wanted), instead=True)
 
     def _check_completeness(self) -> VerificationCheck:
@@ -446,12 +443,13 @@ class PointsTableCheck:
                 soft.compute_jiao_stiffness(e),
             )
             other[some] = soft.compute_stiffness_along(rotate_vectors(T, np.cross(axis, self.directions.other[k])))
+            unknown = self._has_unknown_force(k)
             if o.given:
-                bend[some] = np.linalg.norm(soft.compute_displacement(force), axis=1)
+                bend[some] = np.where(unknown, np.nan, np.linalg.norm(soft.compute_displacement(force), axis=1))
             if law.has_uncertainty:
                 axial_std[some] = law.compute_axial_std(soft, e)
                 if o.given:
-                    bend_std[some] = law.compute_deflection_std(soft, force)
+                    bend_std[some] = np.where(unknown, np.nan, law.compute_deflection_std(soft, force))
         stated = self.points.numbers.get("k_normal_N_mm", np.full(len(self.k), np.nan))[rows] * 1e3
         return _PointStiffness(
             axial=axial,
@@ -461,6 +459,11 @@ class PointsTableCheck:
             axial_std=axial_std,
             deflection_std=bend_std,
         )
+
+    def _has_unknown_force(self, k: NDArray[np.intp]) -> Bools:
+        """Return (n,) whether the end of a milling cutter cuts at toolpath points."""
+        found = self.toolpath.engagement
+        return np.zeros(len(k), bool) if found is None else np.asarray(found.is_end_cut[k])
 
     def _check_grid(self, law: arm_compliance.ComplianceModel) -> VerificationCheck:
         """Which rows rest on a cell of the grid: all rows, whether or not they have a configuration."""

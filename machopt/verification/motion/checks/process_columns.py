@@ -149,6 +149,7 @@ def find_largest_feed(toolpath: Toolpath, motion: ExportedMotion) -> Array:
 
 def _check_forces(points: ExportedPoints, loads: RecomputedLoads) -> list[VerificationCheck]:
     wanted = np.column_stack([loads.force, loads.moment])
+    wanted[loads.is_unknown] = np.nan
     size = np.nan_to_num(np.linalg.norm(loads.force, axis=1))
     size_of = (size, size, size, np.abs(np.nan_to_num(loads.moment)))
     limits = (FORCE_N, FORCE_N, FORCE_N, 1e-3)

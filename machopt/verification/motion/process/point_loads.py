@@ -37,6 +37,7 @@ class RecomputedLoads:
     bite: Array  # (N,) m, feed per tooth of milling; NaN elsewhere
     speed: Array  # (N,) rev/s, NaN where none is stated
     contact_sigma: Array  # (N,) 1 sigma of the logarithm of a milling force from the cells of the stock
+    is_unknown: np.ndarray  # (N,) the end of a milling cutter cuts: forces count its side alone
     holes: tuple[HoleVisit, ...]
 
 
@@ -121,6 +122,7 @@ def recompute_loads(cell: Cell, toolpath: Toolpath, feed: Array, operation: np.n
         bite=bite,
         speed=speed,
         contact_sigma=sigma,
+        is_unknown=np.zeros(n, bool) if toolpath.engagement is None else toolpath.engagement.is_end_cut,
         holes=tuple(holes),
     )
 

@@ -219,7 +219,7 @@ class _Predictor:
             table = self._locate_poses(rows.astype(float))
             found = self._deflect_surfaces(one, rows, table)
             out.size[rows] = np.linalg.norm(found.twist[:, :3], axis=1) + np.abs(found.tool)
-            known = self._has_normal(one, rows)
+            known = self._has_normal(one, rows) & ~self.loads.is_unknown[rows]
             nominal = np.sum(found.normal * (found.twist[:, :3] + table.offset), axis=1) + found.tool
             out.normal[rows] = np.where(known, nominal, np.nan)
             sigma = get_position_std(self.cell, one.tolerance.reference)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process import CuttingProcess
@@ -15,7 +16,10 @@ from machopt.data_types.stock import StockEngagement
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.verification.motion.process.point_loads import find_operations, recompute_loads
+from machopt.verification.tables.csv_columns import read_table
 from machopt.verification.tables.exported_tables import read_engagement
+
+FORCE_COLUMN = "f_travel_N"
 
 
 def attach_recomputed_forces(
@@ -59,4 +63,17 @@ def _read_contact(
     if process.stock is None or not wanted.any():
         return None
     stated = read_engagement(folder / "engagement.csv", len(toolpath))
-    return replace(stated, is_computed=wanted, edge_sigma=process.stock.cell_size / math.sqrt(12.0))
+    return replace(
+        stated,
+        is_computed=wanted,
+        is_end_cut=wanted & _find_points_without_force(folder, len(toolpath)),
+        edge_sigma=process.stock.cell_size / math.sqrt(12.0),
+    )
+
+
+def _find_points_without_force(folder: Path, count: int) -> NDArray[np.bool_]:
+    """Return (N,) where points.csv states no force; nowhere where it has other points or no such column."""
+    table = read_table(folder / "points.csv")
+    if FORCE_COLUMN not in table or len(table.read_numbers("point")) != count:
+        return np.zeros(count, bool)
+    return np.isnan(table.read_numbers(FORCE_COLUMN, empty=True))

@@ -20,6 +20,7 @@ from machopt.numerics.array_types import Array
 STEP = 0.25e-3  # m, between poses, at the tip and at the upper end of the cutter
 ANGLES, CORNER_SLICES = 90, 40
 PASSES = (32, 80)  # slices of the cylindrical part
+HEIGHTS = 24  # along the axis, where the material beneath the end is measured
 BATCH = 64  # poses at a time
 TOUCHED = 1e-9  # m
 _RAY = np.array([0.31622, 0.50341, 0.80409])  # no direction of a plane that a part is likely to have
@@ -115,6 +116,26 @@ def find_turning_arcs(cut: TurningCut, moved: float, stated: Array) -> list[tupl
         room = (high - low) / slices
         low, high = max(min(ends) - room, 0.0), min(max(ends) + room, cut.cutter.length)
     return rows
+
+
+def measure_turning_material(
+    axis: Array, places: Array, ranges: Array, removed: tuple[TurningPoses, slice], triangles: Array
+) -> Array:
+    """Return (P,) m of material on lines along an axis, between two heights above the tip.
+
+    Args:
+        axis: (3,) unit, from tip to shank.
+        places: (P, 3) m, across the axis at the height of the tip.
+        ranges: (2, P) m, lower and upper height.
+        removed: Poses, and which of them were removed before.
+        triangles: (F, 3, 3) m, corners of the stock.
+    """
+    share = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
+    heights = ranges[0] + share[:, None] * (ranges[1] - ranges[0])  # (H, P)
+    at = (places + heights[..., None] * axis).reshape(-1, 3)
+    inside = _find_inside(at, triangles)
+    inside[inside] = _find_uncut(at[inside], *removed)
+    return np.asarray(inside.reshape(heights.shape).mean(axis=0) * (ranges[1] - ranges[0]))
 
 
 def _sample(
