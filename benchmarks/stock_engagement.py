@@ -63,8 +63,8 @@ def measure_volumes() -> dict[str, float]:
         worst = 0.0
         for radius in (10e-3, 8e-3, 6e-3):
             for step in (0.5e-3, 0.05e-3):
-                for turn in (1, -1):
-                    path = build_pass(ae, radius, step)[::turn]
+                for way in (1, -1):
+                    path = build_pass(ae, radius, step)[::way]
                     found = remove(build_block((0.1, 0.06, 0.02)), path, radius)[0].sum()
                     worst = max(worst, abs(found / (0.1 * ae * 5e-3) - 1))
         out[f"block, one pass, ae {1e3 * ae:g} mm"] = worst
