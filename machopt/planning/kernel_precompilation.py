@@ -111,13 +111,13 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     (
         "process.stock.path_removal",
         "_remove_path",
-        f"UniTuple(f4[:,::1],4),UniTuple(f8,2),UniTuple(f8,2),{_F2},b1[::1],UniTuple(f8,3),f8,{_F2}",
+        f"UniTuple(f4[:,::1],4),UniTuple(f8,2),UniTuple(f8,2),{_F2},b1[::1],UniTuple(f8,3),f8,{_F2},{_F1}",
     ),
     ("process.stock.field_mesh", "fill_blocks", f"{_F3},{_FIELD}"),
     (
         "process.stock.field_path",
         "_remove_path",
-        f"{_FIELD},Tuple(({_F1},f8)),{_F2},{_F2},b1[::1],UniTuple(f8,4),{_F2}",
+        f"{_FIELD},Tuple(({_F1},f8)),{_F2},{_F2},b1[::1],UniTuple(f8,4),{_F2},{_F1}",
     ),
     ("process.stock.field_differences", "compare_volumes", f"{_FIELD},{_FIELD}"),
     ("process.stock.field_differences", "measure_depths", f"{_FIELD},Tuple(({_F1},f8)),{_F2},{_F2}"),
