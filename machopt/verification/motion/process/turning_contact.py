@@ -179,7 +179,8 @@ def _divide(
     R, rc = 0.5 * cutter.diameter, cutter.corner
     edges: list[float] = []
     if heights[0] < rc:
-        angles = np.linspace(*(math.acos(1.0 - min(h, rc) / rc) for h in heights), numbers[0] + 1)
+        a, b = (math.acos(1.0 - min(h, rc) / rc) for h in heights)
+        angles = np.linspace(a, b, numbers[0] + 1)
         edges += (rc * (1.0 - np.cos(angles))).tolist()
     first, last = max(heights[0], rc), min(heights[1], cutter.length)
     cylinder: list[float] = []
