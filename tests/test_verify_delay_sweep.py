@@ -95,3 +95,10 @@ def test_the_limit_of_one_mode_is_that_of_the_real_part() -> None:
         found.append(sweep.find_limit())
     assert min(found) == pytest.approx(least, rel=0.01)
     assert min(found) >= least * 0.999
+
+
+def test_a_stated_limit_with_unknown_damping_is_wrong() -> None:
+    law = draw_cuts(1, 1)[0].law
+    unknown = DelayLaw(np.append(law.zeta[:-1], np.nan), law.omega, law.G, law.T)
+    assert compute_excess(unknown, 1e-3) == math.inf
+    assert not is_limit_reached(unknown, 1e-3)

@@ -22,6 +22,7 @@ from machopt.process.stock.kernel_types import Grid, Pair
 END_SHARE = 0.01  # of the removed material; less by the end changes the force by less than verify's 3 %
 THROUGH = 1e-12  # m³ (0.001 mm³); moves that remove less touch the stock by rounding
 SHORT = 1e-9  # m, a move without travel across the axis
+ROUNDING = 1e-9  # m, of heights: a move that descends less is level
 _RINGS, _ANGLES, _DEPTHS = 8, 32, 4  # of places beneath the end
 
 
@@ -40,7 +41,7 @@ def measure_descents(position: Array, axis: Array, cutting: NDArray[np.bool_]) -
     along = np.sum(step * axis, axis=1)
     across = np.linalg.norm(step - along[:, None] * axis, axis=1)
     total = np.zeros(len(position))
-    for k in np.flatnonzero(cutting & (along < 0.0)).tolist():
+    for k in np.flatnonzero(cutting & (along < -ROUNDING)).tolist():
         before = total[k - 1] if k and cutting[k - 1] else 0.0
         total[k] = before - along[k]
     return -along, across, total
@@ -65,8 +66,9 @@ def find_end_cuts(
     down, across, total = measure_descents(position, axis, cutting)
     side = np.zeros(len(position))
     np.add.at(side, found.point, (found.high - found.low) * radius * (np.cos(found.start) - np.cos(found.end)))
-    ramps = (total > THIN) & (end > np.maximum(THROUGH, END_SHARE * (end + side * across)))
-    steep = (across <= SHORT) | ((total > THIN) & (down >= across))
+    descends = total > THIN + ROUNDING
+    ramps = descends & (end > np.maximum(THROUGH, END_SHARE * (end + side * across)))
+    steep = (across <= SHORT) | (descends & (down >= across - ROUNDING))
     return found.is_computed & (ramps | (steep & (found.volume > THROUGH)))
 
 

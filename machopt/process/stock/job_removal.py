@@ -18,7 +18,7 @@ from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
 from machopt.process.stock.contact_kernels import THIN
 from machopt.process.stock.distance_field import DistanceField, build_distance_field
-from machopt.process.stock.end_cutting import THROUGH, find_end_cuts, measure_descents
+from machopt.process.stock.end_cutting import ROUNDING, THROUGH, find_end_cuts, measure_descents
 from machopt.process.stock.field_path import remove_field_path
 from machopt.process.stock.height_map import HeightMap, build_height_map
 from machopt.process.stock.path_removal import NOTHING, remove_path
@@ -96,7 +96,7 @@ def _remove_segment(
         )
     wanted = find_wanted_points(process, path)
     tip = _build_tip(cutter)
-    descends = wanted & (measure_descents(path.position, path.axis, path.cutting)[2] > THIN)
+    descends = wanted & (measure_descents(path.position, path.axis, path.cutting)[2] > THIN + ROUNDING)
     by_end = descends.astype(float)
     if isinstance(stock, HeightMap):
         volume, point, rows = remove_path(
@@ -163,6 +163,12 @@ def _check_contact(body: StockBody, segments: Sequence[ToolSegment], found: Sequ
     """Refuse a stock that no cut with engagement from the stock touches: it lies elsewhere, or has another unit."""
     if any(len(part.point) for part in found):
         return
+    if any(part.is_end_cut.any() for part in found):
+        raise CuttingInputError(
+            "every cut move that meets the stock is a plunge or a ramp, whose force is unknown; an operation of "
+            "kind: force with force_N would work",
+            key="engagement",
+        )
     points = np.concatenate([s.toolpath.position[e.is_computed] for s, e in zip(segments, found, strict=True)])
     raise CuttingInputError(
         f"no cut move meets the stock {'' if body.file is None else body.file.name}: the stock lies at "

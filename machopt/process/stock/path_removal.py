@@ -62,24 +62,32 @@ def remove_path(
 
 
 @jit_compile
-def _drop_idle_arcs(rows: Array, bands: Array, number: int, cutter: Tip, length: float, peak: float) -> int:
+def _drop_idle_arcs(rows: Array, bands: Array, number: int, cutter: Tip, size: tuple[float, float], peak: float) -> int:
     """Leave out the arcs of slices that remove nothing: the cutter lies against a wall there; returns their number.
 
     Nothing is cut above the highest material that the move removes.
 
-    A slice with arcs from a to b removes about length × height × r (cos a − cos b) on its way.
+    A slice with arcs from a to b removes about length × height × r (cos a − cos b) on its way. Slices at the tip of a
+    ball that are smaller than a cell may pass between columns: they count where the one above does.
+
+    ``size`` is the length of the move across the axis, and the size of a cell, m.
     """
     radius, corner = cutter[0], cutter[1]
-    last = 0
-    for m in range(number):
+    length, cell = size
+    last, is_above = 0, False
+    keeps = np.zeros(number, np.bool_)
+    for m in range(number - 1, -1, -1):
         low, high = rows[m, 0], rows[m, 1]
         r = radius
         if low < corner:
             x = corner - 0.5 * (low + high)
             r = radius - corner + np.sqrt(max(corner * corner - x * x, 0.0))
         expected = length * (high - low) * r * (np.cos(rows[m, 2]) - np.cos(rows[m, 3]))
-        if bands[m, 2] > IDLE * expected and low < peak:
-            rows[m, 1] = min(high, peak)
+        is_above = low < peak and (bands[m, 2] > IDLE * expected or (is_above and r < cell))
+        keeps[m] = is_above
+    for m in range(number):
+        if keeps[m]:
+            rows[m, 1] = min(rows[m, 1], peak)
             rows[last] = rows[m]
             last += 1
     return last
@@ -122,7 +130,7 @@ def _remove_path(
             bands[0, 2] = volume[k]
         if volume[k] <= NOTHING:
             continue
-        number = _drop_idle_arcs(rows, bands, number, cutter, length, peak[0])
+        number = _drop_idle_arcs(rows, bands, number, cutter, (length, max(cell[0], cell[1])), peak[0])
         if count + number > len(point):
             room = 2 * len(point) + number
             more_point, more_found = np.zeros(room, np.int64), np.zeros((room, 4))

@@ -250,12 +250,14 @@ def compute_excess(law: DelayLaw, stated: float) -> float:
 
 
 def is_limit_reached(law: DelayLaw, stated: float) -> bool:
-    """Return whether either law is unstable at one of some depths above a stated limit.
+    """Return whether either law is unstable at one of some depths above a stated limit; never with unknown damping.
 
     Args:
         law: Modes, directions and delay at the point.
         stated: m, the limit.
     """
+    if np.isnan(law.zeta).any():
+        return False
     depths = stated * np.array(REACHED)
     if DelaySweep(law, float(depths[-1])).find_unstable(depths).any():
         return True

@@ -18,7 +18,7 @@ from machopt.numerics.array_types import Array, Bools
 
 LEAST_DESCENT, LEAST_VOLUME, LEAST_SHARE = 5e-6, 1e-12, 0.01  # m, m³, of what end and side remove
 DOUBT = 2.0  # factor of the share within which either statement may follow
-NO_TRAVEL = 1e-9  # m
+NO_TRAVEL, ROUNDING = 1e-9, 1e-9  # m
 RADII, DIRECTIONS = 9, 40
 
 
@@ -103,10 +103,10 @@ def find_descents(path: Toolpath) -> Descents:
     for k in np.flatnonzero(path.move == MoveKind.CUT).tolist():
         (down, across[k]), _ = _split_move(path, k)
         follows = k > 0 and path.move[k - 1] == MoveKind.CUT
-        total = (total if follows else 0.0) + down if down > 0.0 else 0.0
+        total = (total if follows else 0.0) + down if down > ROUNDING else 0.0
         still = across[k] <= NO_TRAVEL
-        may[k] = found.is_computed[k] and (still or total > LEAST_DESCENT)
-        steep[k] = may[k] and (still or down >= across[k])
+        may[k] = found.is_computed[k] and (still or total > LEAST_DESCENT + ROUNDING)
+        steep[k] = may[k] and (still or down >= across[k] - ROUNDING)
     return Descents(may, steep, across)
 
 

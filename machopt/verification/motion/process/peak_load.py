@@ -104,6 +104,7 @@ def recompute_peaks(cell: Cell, toolpath: Toolpath, loads: RecomputedLoads, stat
         for side in np.unique(loads.side[rows]).tolist():
             mine = rows[loads.side[rows] == side]
             wanted[mine] = _find_given_peaks(cell, one, _SIDES[int(side)], loads.bite[mine])
+    wanted[loads.is_unknown] = np.nan
     return wanted, PEAK_N + share * np.abs(np.nan_to_num(wanted))
 
 

@@ -263,6 +263,8 @@ def _sample_arcs(
         if np.linalg.norm(step) <= 1e-9:
             return []
         travel = step / np.linalg.norm(step)
+        if not lag:  # a rounded end that rises along its axis has left places in the same move
+            counted = slice(0, poses.find_end(segment.first + k))
         cut = TurningCut(
             cutter=cutter,
             tip=tip,
@@ -277,18 +279,18 @@ def _sample_arcs(
     rows: list[tuple[float, float, float, float]] = []
     if np.hypot(*step[:2]) > 1e-9:
         travel = step[:2] / np.hypot(*step[:2])
-        for low, high, radius, is_corner in _divide_cutter(cutter):
-            rows += _find_arcs(tip, travel, radius + moved, (low, high), poses, counted, triangles, is_corner)
+        for low, high, radius in _divide_cutter(cutter):
+            rows += _find_arcs(tip, travel, radius + moved, (low, high), poses, counted, triangles)
     return rows
 
 
-def _divide_cutter(cutter: CutterGeometry) -> list[tuple[float, float, float, bool]]:
-    """Return low, high and radius of slices, thin ones in the corner and one above it, and whether it is a corner."""
+def _divide_cutter(cutter: CutterGeometry) -> list[tuple[float, float, float]]:
+    """Return low, high and radius of slices, thin ones in the corner and one above it."""
     R, rc, out = 0.5 * cutter.diameter, cutter.corner, []
     for n in range(CORNER_SLICES if rc > 0 else 0):
         a, b = (0.5 * math.pi * m / CORNER_SLICES for m in (n, n + 1))
-        out.append((rc * (1 - math.cos(a)), rc * (1 - math.cos(b)), R - rc + rc * math.sin(0.5 * (a + b)), True))
-    return [*out, (rc, cutter.length, R, False)]
+        out.append((rc * (1 - math.cos(a)), rc * (1 - math.cos(b)), R - rc + rc * math.sin(0.5 * (a + b))))
+    return [*out, (rc, cutter.length, R)]
 
 
 def _find_arcs(
@@ -299,12 +301,8 @@ def _find_arcs(
     poses: _Poses,
     counted: slice,
     triangles: Array,
-    is_corner: bool,
 ) -> list[tuple[float, float, float, float]]:
-    """Return low, high, start and end of the contact of one slice, one row for each sampled angle.
-
-    A slice of the corner counts as a whole where its middle is in contact.
-    """
+    """Return low, high, start and end of the contact of one slice, one row for each sampled angle."""
     left = np.array([-travel[1], travel[0]])
     turn = math.pi / BINS
     phi = (np.arange(BINS) + 0.5) * turn
@@ -312,12 +310,10 @@ def _find_arcs(
     bottom, top = _find_stock_heights(outline, triangles)
     top = _cut_by_poses(outline, top, poses, counted, (tip[:2], radius))
     out = []
-    middle = 0.5 * (heights[0] + heights[1])
+    least = min(TOUCHED, 0.5 * (heights[1] - heights[0]))  # the lowest slices of a corner are thinner
     for m in range(BINS):
         low, high = max(bottom[m] - tip[2], heights[0]), min(top[m] - tip[2], heights[1])
-        if is_corner and low <= middle <= high:
-            out.append((*heights, m * turn, (m + 1) * turn))
-        elif not is_corner and high - low > TOUCHED:
+        if high - low > least:
             out.append((low, high, m * turn, (m + 1) * turn))
     return out
 

@@ -18,8 +18,8 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.numerics.array_types import Array
 
 STEP = 0.25e-3  # m, between poses, at the tip and at the upper end of the cutter
-ANGLES, CORNER_SLICES = 90, 40
-PASSES = (32, 80)  # slices of the cylindrical part
+ANGLES = 90
+PASSES = ((40, 32), (80, 80))  # slices of the corner and of the cylindrical part
 HEIGHTS = 24  # along the axis, where the material beneath the end is measured
 BATCH = 64  # poses at a time
 TOUCHED = 1e-9  # m
@@ -35,6 +35,14 @@ class TurningPoses:
     shape: Array  # (P, 4) radius m, corner radius m, slope of a drill's point, height m
     length: Array  # (P,) m, path from the start of the job
     begins: np.ndarray  # (N,) first pose of the move that ends at each point of the job
+
+    def find_end(self, point: int) -> int:
+        """Return the pose at the end of a move.
+
+        Args:
+            point: Point of the job at which the move ends.
+        """
+        return int(self.begins[point + 1] if point + 1 < len(self.begins) else len(self.length)) - 1
 
 
 def list_turning_poses(segments: Sequence[ToolSegment]) -> TurningPoses:
@@ -109,13 +117,19 @@ def find_turning_arcs(cut: TurningCut, moved: float, stated: Array) -> list[tupl
     """
     low, high = 0.0, cut.cutter.length
     for slices in PASSES:
-        rows = _sample(cut, moved, _divide(cut.cutter, (low, high), slices))
+        parts = _divide(cut.cutter, (low, high), slices)
+        rows = _sample(cut, moved, parts)
         ends = [*(row[0] for row in rows), *(row[1] for row in rows), *stated.tolist()]
         if not ends:
             break
-        room = (high - low) / slices
-        low, high = max(min(ends) - room, 0.0), min(max(ends) + room, cut.cutter.length)
+        low, high = _widen(min(ends), max(ends), parts)
     return rows
+
+
+def _widen(low: float, high: float, parts: tuple[Array, Array, Array]) -> tuple[float, float]:
+    """Return a range of heights with one slice more at either end."""
+    below, above = parts[0][parts[0] < low - TOUCHED], parts[1][parts[1] > high + TOUCHED]
+    return float(below.max(initial=parts[0][0])), float(above.min(initial=parts[1][-1]))
 
 
 def measure_turning_material(
@@ -158,17 +172,20 @@ def _sample(
     ]
 
 
-def _divide(cutter: CutterGeometry, heights: tuple[float, float], number: int) -> tuple[Array, Array, Array]:
-    """Return low, high and radius of slices: those of the corner, and some between two heights above it."""
+def _divide(
+    cutter: CutterGeometry, heights: tuple[float, float], numbers: tuple[int, int]
+) -> tuple[Array, Array, Array]:
+    """Return low, high and radius of slices between two heights: of equal angle in the corner, and above it."""
     R, rc = 0.5 * cutter.diameter, cutter.corner
     edges: list[float] = []
-    if rc > 0.0:
-        angles = np.linspace(0.0, 0.5 * math.pi, CORNER_SLICES + 1)
+    if heights[0] < rc:
+        a, b = (math.acos(1.0 - min(h, rc) / rc) for h in heights)
+        angles = np.linspace(a, b, numbers[0] + 1)
         edges += (rc * (1.0 - np.cos(angles))).tolist()
     first, last = max(heights[0], rc), min(heights[1], cutter.length)
     cylinder: list[float] = []
     if last > first:
-        cylinder = np.linspace(first, last, number + 1).tolist()
+        cylinder = np.linspace(first, last, numbers[1] + 1).tolist()
     low, high = np.array([*edges[:-1], *cylinder[:-1]]), np.array([*edges[1:], *cylinder[1:]])
     x = np.clip(rc - 0.5 * (low + high), 0.0, rc)
     return low, high, R - rc + np.sqrt(rc * rc - x * x)
