@@ -81,7 +81,7 @@ Key = tuple[float, float]  # points lost and breaks; ranking value: less is bett
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Asked:
+class _SearchRequest:
     """Planning request."""
 
     cell: Cell
@@ -136,7 +136,9 @@ def find_best_external_axis_plan(
     clock = timings or StageTimings()
     axes = resolve_axis_options(cell, options)
     check_known_axes_and_places(cell, options.steer)
-    request = _Asked(cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale)
+    request = _SearchRequest(
+        cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale
+    )
     if not options.is_searched or options.rotation_step >= STEP or _stand_still(request):
         return _refined(request)
     coarse = _refined(replace(request, options=replace(options, rotation_step=STEP)))
@@ -150,7 +152,7 @@ def find_best_external_axis_plan(
     return min(found, other, key=_key_of(found.setup, axes))
 
 
-def _refined(request: _Asked) -> Plan:
+def _refined(request: _SearchRequest) -> Plan:
     """The best plan on one grid of rotations."""
     toolpath, clock, before = request.toolpath, request.clock, request.before
     starts = _coarse_to_fine(request)
@@ -193,7 +195,7 @@ def _refined(request: _Asked) -> Plan:
     return found
 
 
-def _led_on(found: Plan, request: _Asked) -> Plan:
+def _led_on(found: Plan, request: _SearchRequest) -> Plan:
     """Return the improvement by sequences of a plan that a finer rotation grid has made better."""
     toolpath, clock = request.toolpath, request.clock
     groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
@@ -206,7 +208,7 @@ def _led_on(found: Plan, request: _Asked) -> Plan:
     return led[0]
 
 
-def _stand_still(request: _Asked) -> bool:
+def _stand_still(request: _SearchRequest) -> bool:
     options = resolve_steering(request.options, request.toolpath)
     path = build_planning_path(request.toolpath, list_constrained_points(options))
     return _locked(build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer))
@@ -230,7 +232,7 @@ class _Starts:
     others: tuple[Plan, ...] = ()  # further ones with moving joints, best first
 
 
-def _coarse_to_fine(request: _Asked) -> _Starts:
+def _coarse_to_fine(request: _SearchRequest) -> _Starts:
     """Return the best plan over grids of values, and along a curve between them where the joints may move."""
     request = replace(request, options=resolve_steering(request.options, request.toolpath))
     options, before = request.options, request.before
@@ -244,7 +246,7 @@ def _coarse_to_fine(request: _Asked) -> _Starts:
     with request.clock.stage("external"):
         search = FixedValueSearch(setup, options, path, groups, request.axes, request.scale)
         search.judge()
-    tries = _Tries(asked=request, setup=setup, path=path, groups=groups, search=search)
+    tries = _Tries(request=request, setup=setup, path=path, groups=groups, search=search)
     moves = any(g.moves.any() for g in groups)
     return tries.moving() if moves else _Starts(tries.fixed(TRIED)[1])
 
@@ -253,14 +255,14 @@ def _coarse_to_fine(request: _Asked) -> _Starts:
 class _Tries:
     """Full plans of candidate values, and the selection of the best."""
 
-    asked: _Asked
+    request: _SearchRequest
     setup: PlanningSetup
     path: PlanningPath
     groups: list[OperationGroup]
     search: FixedValueSearch
 
     def _planned(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
-        request = self.asked if options is None else replace(self.asked, options=options)
+        request = self.request if options is None else replace(self.request, options=options)
         found = request.planned(self.search.scale, self.setup, external)
         return (count_lost_points(found), self.search.worth.plan(found)), found
 
@@ -302,11 +304,11 @@ class _Tries:
         search = self.search
         best = None if search.out_of_reach else self.fixed(MOVES_TRIED)
         if best is None:
-            with self.asked.clock.stage("external"):
+            with self.request.clock.stage("external"):
                 fixed_values = search.chain() or search.at_home()
         else:
             fixed_values = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
-        ways = list_moving_subsets(self.groups, fixed_values, self.asked.cell.external_home)
+        ways = list_moving_subsets(self.groups, fixed_values, self.request.cell.external_home)
         (key, found), *others = self._along(ways, fixed_values)
         if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
             wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], fixed_values, turns=True)[0]
@@ -322,8 +324,8 @@ class _Tries:
         if not key < best[0]:
             return _Starts(best[1], fixed, (found, *complete) if key[0] == 0 else complete)
         if fixed:  # there is an alternative if this one cannot be driven
-            with self.asked.clock.stage("external"):
-                drives = has_motion(found, self.asked.toolpath)
+            with self.request.clock.stage("external"):
+                drives = has_motion(found, self.request.toolpath)
             if not drives:
                 return _Starts(best[1], fixed, complete)
         return _Starts(found, fixed, complete)
@@ -337,9 +339,9 @@ class _Tries:
         without a contact, which free poses would not remove.
         """
         search = self.search
-        with self.asked.clock.stage("external"):
-            curves = AxisCurveSearch(self.setup, self.asked.options, search.scale, clear=True)
-            way = compute_moving_axis_path(curves, self.path, self.groups, self.asked.axes, stands)
+        with self.request.clock.stage("external"):
+            curves = AxisCurveSearch(self.setup, self.request.options, search.scale, clear=True)
+            way = compute_moving_axis_path(curves, self.path, self.groups, self.request.axes, stands)
         return self._planned(way)
 
     def _along(
@@ -354,12 +356,15 @@ class _Tries:
         Curves whose estimate is far from the best are not examined further, the others at 15°.
         """
         search = self.search
-        with self.asked.clock.stage("external"):
-            scaled = [[replace(axis, weight=w * axis.weight) for axis in self.asked.axes] for w in WEIGHTS]
-            curves = AxisCurveSearch(self.setup, self.asked.options, search.scale, turns=turns)
+        with self.request.clock.stage("external"):
+            scaled = [[replace(axis, weight=w * axis.weight) for axis in self.request.axes] for w in WEIGHTS]
+            curves = AxisCurveSearch(self.setup, self.request.options, search.scale, turns=turns)
             ways = [
                 compute_moving_axis_path(curves, self.path, some, axes, stands)
-                for some, axes in [*((some, self.asked.axes) for some in tries), *((tries[0], axes) for axes in scaled)]
+                for some, axes in [
+                    *((some, self.request.axes) for some in tries),
+                    *((tries[0], axes) for axes in scaled),
+                ]
             ]
             following = list_following_paths(self.setup, self.path, self.groups, stands)
             following += list_following_paths(self.setup, self.path, self.groups, search.at_home())
@@ -368,11 +373,11 @@ class _Tries:
                 estimates = [search.estimate_along(at) for at in ways]
                 near = AS_NEAR * min(estimates)
                 ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
-        looks = replace(self.asked.options, rotation_step=max(self.asked.options.rotation_step, STEP))
+        looks = replace(self.request.options, rotation_step=max(self.request.options.rotation_step, STEP))
         if len(ways) > 1:
             assessed = [self._planned(at, looks) for at in ways]
             order = sorted(range(len(ways)), key=lambda k: assessed[k][0])
-            if looks.rotation_step == self.asked.options.rotation_step:
+            if looks.rotation_step == self.request.options.rotation_step:
                 return [assessed[k] for k in order]
             ways = [ways[order[0]]]
         return [self._planned(ways[0])]

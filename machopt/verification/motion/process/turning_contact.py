@@ -108,7 +108,7 @@ class TurningCut:
 def find_turning_arcs(cut: TurningCut, moved: float, stated: Array) -> list[tuple[float, float, float, float]]:
     """Return low, high, start and end of the contact, one row for each sampled angle and slice.
 
-    The range of heights is narrowed in ``PASSES``; heights of the stated contact are always looked at.
+    The range of heights is narrowed in ``PASSES``; heights of the stated contact are always compared.
 
     Args:
         cut: The cutter and what was removed before.
