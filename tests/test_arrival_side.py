@@ -51,7 +51,7 @@ def test_a_loop_is_a_mode_of_its_own() -> None:
         parts=("joint 1", "play 3"), torque=np.ones(6), shift=np.ones(2), modes=np.eye(2), left=0.0, noise=0.0
     )
     more = add_arrival_side(doubt, np.array([0.0, 2e-5, 4e-5, 0.0, 0.0, 0.0]))
-    assert more.parts == ("joint 1", "play 3", "play 2")
-    np.testing.assert_allclose(np.sum(more.modes**2, axis=0), [1.0, 1.0 + 16e-10, 4e-10])
-    np.testing.assert_allclose(more.shift, [1.0, 1.0, 0.0])
+    assert more.parts == ("joint 1", "play 3", "loop 2", "loop 3")
+    np.testing.assert_allclose(np.sum(more.modes**2, axis=0), [1.0, 1.0, 2.0 * 4e-10, 2.0 * 16e-10])
+    np.testing.assert_allclose(more.shift, [1.0, 1.0, 0.0, 0.0])
     assert add_arrival_side(doubt, np.zeros(6)) is doubt

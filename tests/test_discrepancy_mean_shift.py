@@ -21,18 +21,20 @@ from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
 from machopt.planning.plan_output.plan_remarks import describe_model_misfit
 from machopt.stiffness.arm_stiffness import ArmElasticity
-from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, list_elastic_columns, list_gear_columns
+from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, LOOP_COLUMN, list_elastic_columns, list_gear_columns
 
 LINK = StiffnessTerm("link_compliance", "link:2", {"EI_Nm2": 2e6, "GJ_Nm2": 1e6})
 MASSES = RobotMasses(
     np.array([2, 3, 6]), np.array([80.0, 60.0, 20.0]), np.full((3, 3), 0.2), np.array([0.0, 0.0, -9.8])
 )
+LOOPS = tuple(f"{LOOP_COLUMN} {j}" for j in range(1, 7))
 NAMES = (
     *(f"joint {j}" for j in range(1, 7)),
     "term 0 0",
     "term 0 1",
     *list_elastic_columns(),
     *list_gear_columns(),
+    *LOOPS,
     LOADED,
 )
 
@@ -40,7 +42,7 @@ NAMES = (
 def doubt(*, counted: bool = True) -> ModelDiscrepancy:
     """A little of everything."""
     rng = np.random.default_rng(3)
-    size = np.where([n.split(" ")[0] in CURVE_SMOOTHING for n in NAMES], 1e-4, 3e-8)
+    size = np.where([n.split(" ")[0] in (*CURVE_SMOOTHING, LOOP_COLUMN) for n in NAMES], 1e-4, 3e-8)
     size[[" x" in n or " y" in n or " z" in n for n in NAMES]] = 1e-9
     size[-1] = 0.7
     shift = size * rng.uniform(-1.0, 1.0, len(NAMES))

@@ -17,7 +17,7 @@ from machopt.kinematics.robot import load_masses, load_robot
 from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel, compute_reported_std
 from machopt.stiffness.arm_stiffness import ArmElasticity
-from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, list_elastic_columns, list_gear_columns
+from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, LOOP_COLUMN, list_elastic_columns, list_gear_columns
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
@@ -38,15 +38,17 @@ TERMS = (
     (StiffnessTerm("joint_pose_dependent_stiffness", "joint:1", {"cos_rad_per_Nm": 1e-8, "sin_rad_per_Nm": -1e-8}), 2),
 )
 
+LOOPS = tuple(f"{LOOP_COLUMN} {j}" for j in range(1, 7))
+
 
 def stiffness(*, counted: bool, geometric: bool = False) -> ArmStiffness:
     """A file with a little of everything missing; ``geometric``: that counts what the load does to levers."""
     rng = np.random.default_rng(4)
     own = [f"term {n} {p}" for n, (_, count) in enumerate(TERMS) for p in range(count)]
-    names = (*(f"joint {j}" for j in range(1, 7)), *own, *list_elastic_columns(), *list_gear_columns(), LOADED)
+    names = (*(f"joint {j}" for j in range(1, 7)), *own, *list_elastic_columns(), *list_gear_columns(), *LOOPS, LOADED)
     size = np.full(len(names), 3e-8)
     for n, name in enumerate(names):
-        if name.split(" ")[0] in CURVE_SMOOTHING or name == "term 3 0":
+        if name.split(" ")[0] in (*CURVE_SMOOTHING, LOOP_COLUMN) or name == "term 3 0":
             size[n] = 1e-4
         elif name.endswith((" x", " y", " z")) or name in ("term 1 0", "term 1 1", "term 1 2"):
             size[n] = 1e-9

@@ -11,6 +11,7 @@ name               effect                                                       
 ``coupling i-j``   the torque of one joint rotates the other                                   rad/(N·m)
 ``cos j, sin j``   a compliance of joint j that changes with its angle                         rad/(N·m)
 ``play j``, …      tanh of the joint's whole torque over 0.05 … 1 of ``torque`` j              rad
+``loop j``         tanh of the load's torque at the joint over 0.05 of ``torque`` j                 rad
 ``base a``, …      compliance of base, link end or tool along (x y z), about (rx …)            m/N, rad/(N·m)
 ``loaded``         share of the effect of weight and load on posture and lever arms            1
 =================  ==========================================================================  ===============
@@ -55,6 +56,8 @@ TYPICAL_PLAY_RAD = 0.34 * np.pi / 10800.0  # rad, half the play of a gear that h
 # Share of a joint's torque at which its tanh has gone over. Evenly apart (2.7 times), so that a law that bends anywhere
 # between lies near their sum: with two of them a knee between passed for known, and its interval for too narrow.
 CURVE_SMOOTHING = {PLAY_COLUMN: 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
+LOOP_COLUMN = "loop"  # hysteresis loop of a gear: an angle towards the load's torque, whatever the weight does
+LOOP_SMOOTHING = 0.05  # share of the joint's torque at which the loop is open
 COUPLED_JOINTS = ((2, 3), (4, 5), (5, 6), (4, 6))
 
 
@@ -105,6 +108,7 @@ class DiscrepancyColumns:
             *list_elastic_columns(joints),
             *list_gear_columns(joints),
             *(format_joint_name(JOINT, j) for j in range(1, joints + 1)),
+            *(format_joint_name(LOOP_COLUMN, j) for j in range(1, joints + 1)),
             LOADED,
         }
         known |= {format_term_name(n, p) for n, t in enumerate(self.terms) for p in range(len(t.coefficients))}
@@ -133,7 +137,7 @@ class DiscrepancyColumns:
         for n, name in enumerate(self.names):
             part = parse_discrepancy_name(name)
             word = part.kind
-            if word in (JOINT, COS, SIN, *CURVE_SMOOTHING):
+            if word in (JOINT, COS, SIN, LOOP_COLUMN, *CURVE_SMOOTHING):
                 (j,) = part.numbers
                 out[:, :, n] = (
                     J[:, :, j] * self._compute_joint_rotation(word, j, load, weight, state.q, small=small)[:, None]
@@ -187,7 +191,10 @@ class DiscrepancyColumns:
         return np.asarray(np.einsum("mci,mi->mc", J, turn) - rotated)
 
     def _compute_joint_rotation(self, word: str, j: int, load: Array, weight: Array, q: Array, *, small: bool) -> Array:
-        """Return the (M,) rotation of joint j in rad per unit."""
+        """Return the (M,) rotation of joint j in rad per unit; an infinitesimal load opens no loop."""
+        if word == LOOP_COLUMN:
+            open_loop = np.tanh(load[:, j] / (LOOP_SMOOTHING * self.torque[j]))
+            return np.zeros_like(open_loop) if small else np.asarray(open_loop)
         if word not in CURVE_SMOOTHING:
             if word == JOINT:
                 return np.asarray(load[:, j])

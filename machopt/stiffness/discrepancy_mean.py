@@ -19,7 +19,7 @@ from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import cross_product
-from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, DiscrepancyColumns, locate_compliance
+from machopt.stiffness.discrepancy_columns import CURVE_SMOOTHING, LOOP_COLUMN, DiscrepancyColumns, locate_compliance
 from machopt.stiffness.terms.term_interface import LinearTerm, LoadedArm
 
 MIN_RETAINED_SHARE = 0.1  # minimum remaining share of a compliance, because the extrapolated mean may be too stiff
@@ -162,7 +162,7 @@ def _sort_shifts(found: ModelDiscrepancy) -> _SortedShifts:
             (cosines if word == COS else sines)[numbers[0]] += value
         elif word in CURVE_SMOOTHING:
             gears.append((numbers[0], float(CURVE_SMOOTHING[word] * found.torque[numbers[0]]), value))
-        elif word in (TERM, LOADED):
+        elif word in (TERM, LOADED, LOOP_COLUMN):
             rest[name] = value
         else:
             bodies.setdefault(word, np.zeros(6))[part.axis] += value

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy, PositionError
+from machopt.data_types.stiffness import ArmStiffness, PositionError
 from machopt.effects import registry
 from machopt.effects.protocol import is_time_dependent
 from machopt.kinematics.robot import Robot, RobotMasses, load_robot
@@ -20,8 +20,13 @@ from machopt.measurement.diagnosis.static import load_test_channel
 from machopt.measurement.estimation.error_clusters import VarianceComponents, build_error_clusters
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 from machopt.measurement.estimation.reading_covariance import compute_reading_covariance
+from machopt.measurement.identification.assessment.hysteresis_half_width import (
+    add_arrival_side,
+    estimate_loop_half_widths,
+)
 from machopt.measurement.identification.assessment.model_discrepancy import (
     UNKNOWN_COMPLIANCE_SIGMA,
+    DiscrepancyEstimate,
     ResidualReadings,
     estimate_model_discrepancy,
     list_coefficient_suspects,
@@ -51,10 +56,8 @@ def add_model_uncertainty(cell: Cell, found: DiagnosedRecording, stiffness: ArmS
     out = replace(stiffness, covariance=_compute_spring_covariance(cell, found.diagnosis, stiffness))
     if found.recording.kind != "deflection":
         return out
-    discrepancy = _estimate_load_test_discrepancy(cell, found, stiffness)
-    return (
-        out if discrepancy is None else replace(out, covariance=_build_covariance(discrepancy), discrepancy=discrepancy)
-    )
+    estimate = _estimate_load_test_discrepancy(cell, found, stiffness)
+    return replace(out, covariance=estimate.spring_error, discrepancy=estimate.discrepancy)
 
 
 def estimate_position_error(found: DiagnosedRecording) -> PositionError | None:
@@ -90,16 +93,9 @@ def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmSti
     return np.diag(variance)
 
 
-def _build_covariance(doubt: ModelDiscrepancy) -> Array:
-    """Return the covariance (n, n) of the joints including the model discrepancy."""
-    at = [doubt.parts.index(f"joint {j}") for j in range(1, len(doubt.torque) + 1)]
-    ways = np.vstack([doubt.shift[at], doubt.modes[:, at]])
-    return np.asarray(ways.T @ ways)
-
-
 def _estimate_load_test_discrepancy(
     cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness
-) -> ModelDiscrepancy | None:
+) -> DiscrepancyEstimate:
     """Return the model discrepancy of the load tests with the model as a plan evaluates it."""
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = read_stated_masses(cell)
@@ -124,7 +120,9 @@ def _estimate_load_test_discrepancy(
         stated=stated[: len(V)],
     )
     suspects = list_coefficient_suspects(arm, tests, masses)
-    return estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
+    estimate = estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
+    loops = estimate_loop_half_widths(tests, readings.robust)
+    return replace(estimate, discrepancy=add_arrival_side(estimate.discrepancy, loops))
 
 
 def _predict_planned_deflection(

@@ -5,8 +5,10 @@ gears. Half of that difference is explained by an angle h of each joint towards 
 
     (δ_falling − δ_rising) / 2 = Σ_j J_j h_j sign(τ_j),   h_j ≥ 0.
 
-A job may reach its load from either side. Each loop that the readings show is therefore added to the discrepancy as an
-independent angle of zero mean, in the direction of the joint's torque.
+A job may reach its load from either side, and the state without load too. Each loop that the readings show is
+therefore added to the discrepancy as an angle of zero mean in the direction of the load's torque, once for either
+state: together √2 of the half width. The weight does not count: it holds a gear with play on one flank, but a loop is
+passed at any torque.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from machopt.data_types.stiffness import ModelDiscrepancy
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.identification import thresholds
 from machopt.numerics.array_types import Array, Ints
-from machopt.stiffness.discrepancy_columns import PLAY_COLUMN
+from machopt.stiffness.discrepancy_columns import LOOP_COLUMN
+
+STATES = 2  # loaded and unloaded, each reached from either side
 
 
 def estimate_loop_half_widths(tests: LoadTestExperiment, robust: Array) -> Array:
@@ -81,18 +85,18 @@ def find_branch_pairs(tests: LoadTestExperiment) -> tuple[Ints, Ints]:
 
 
 def add_arrival_side(doubt: ModelDiscrepancy, half: Array) -> ModelDiscrepancy:
-    """Add the loops of the gears to a discrepancy, so that intervals hold for both sides of arrival.
+    """Add the loops of the gears to a discrepancy, so that intervals hold for any side of arrival and departure.
 
     Args:
         doubt: Model discrepancy.
         half: (6,) half widths, rad.
     """
-    names = [format_joint_name(PLAY_COLUMN, j + 1) for j in np.flatnonzero(half > 0).tolist()]
+    names = [format_joint_name(LOOP_COLUMN, j + 1) for j in np.flatnonzero(half > 0).tolist()]
     if not names:
         return doubt
     parts = (*doubt.parts, *(n for n in names if n not in doubt.parts))
     more = len(parts) - len(doubt.parts)
     modes = np.pad(doubt.modes, ((0, len(names)), (0, more)))
     for row, (name, size) in enumerate(zip(names, half[half > 0], strict=True), start=len(doubt.modes)):
-        modes[row, parts.index(name)] = size
+        modes[row, parts.index(name)] = STATES**0.5 * size
     return replace(doubt, parts=parts, shift=np.pad(doubt.shift, (0, more)), modes=modes)

@@ -78,6 +78,7 @@ from machopt.stiffness.discrepancy_columns import (
     list_elastic_columns,
     list_gear_columns,
 )
+from machopt.stiffness.terms.term_interface import LinearTerm
 
 GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as compliant as the adjacent joints
 UNKNOWN_COMPLIANCE_SIGMA = 1.0  # relative 1 sigma of an unobserved joint's compliance
@@ -131,9 +132,17 @@ def _average_models(equations: NormalEquations, near: Sequence[LambdaLikelihood]
     return mean, second - np.outer(mean, mean)
 
 
+@dataclass(frozen=True, kw_only=True)
+class DiscrepancyEstimate:
+    """Model discrepancy, and what it says of the joint springs."""
+
+    discrepancy: ModelDiscrepancy
+    spring_error: Array  # (n, n) mean square error of the joint compliances, (rad/(N·m))²
+
+
 def estimate_model_discrepancy(
     suspects: DiscrepancyColumns, state: ArmState, k: Array, readings: ResidualReadings
-) -> ModelDiscrepancy:
+) -> DiscrepancyEstimate:
     """Estimate the model discrepancy; if the readings show none, that of the model's own coefficients.
 
     Args:
@@ -143,7 +152,8 @@ def estimate_model_discrepancy(
         readings: Residuals of the model.
 
     Returns:
-        The discrepancy.
+        The discrepancy. Its modes leave out what moves no TCP, such as torsion of the base against joint 1; the error
+        of the springs contains that.
     """
     own = len(suspects.names)
     weighed = suspects.masses is not None
@@ -182,7 +192,7 @@ def estimate_model_discrepancy(
     keep = np.abs(covariance).sum(axis=0) > 0
     likeliest = max(best, key=lambda b: b[0])[1]
     left = readings.residual[:, :3][readings.robust[:, :3] > thresholds.IDENTIFIED.out]
-    return ModelDiscrepancy(
+    discrepancy = ModelDiscrepancy(
         parts=tuple(n for n, used in zip(whole.names, keep, strict=True) if used),
         torque=suspects.torque,
         shift=((mean + known) * unit)[keep],
@@ -195,6 +205,11 @@ def estimate_model_discrepancy(
         )
         if misfit or named
         else 0.0,
+    )
+    springs = np.s_[:joints]
+    return DiscrepancyEstimate(
+        discrepancy=discrepancy,
+        spring_error=(covariance + np.outer(mean, mean))[springs, springs] * np.outer(unit[springs], unit[springs]),
     )
 
 
@@ -238,7 +253,7 @@ def _select_possible_columns(H: Array, spread: Array) -> tuple[NDArray[np.intp],
 
 
 def _compute_prior_sigma(suspects: DiscrepancyColumns, k: Array) -> Array:
-    """Return the prior standard deviations (P,) of the model's own coefficients; zero for a zero coefficient."""
+    """Return the prior standard deviations (P,) of the model's own coefficients."""
     c = 1.0 / np.asarray(k, float)
     out = []
     for name in suspects.names:
@@ -247,8 +262,21 @@ def _compute_prior_sigma(suspects: DiscrepancyColumns, k: Array) -> Array:
             out.append(c[part.numbers[0]])
         else:
             n, p = part.numbers
-            out.append(FITTED_COEFFICIENT_SIGMA * abs(float(suspects.terms[n].values[p])))
+            out.append(_compute_coefficient_scale(suspects.terms[n], p))
     return np.array(out)
+
+
+def _compute_coefficient_scale(term: LinearTerm, p: int) -> float:
+    """Return the prior standard deviation of a term's coefficient.
+
+    A compliance that is zero in a body with other compliances of the same unit is not known to be zero: torsion of a
+    soft base about z is inseparable from joint 1, whose spring contains it then.
+    """
+    own, values = term.coefficients[p], np.abs(term.values)
+    if values[p] > 0 or own.lower < 0:
+        return FITTED_COEFFICIENT_SIGMA * float(values[p])
+    alike = [float(v) for c, v in zip(term.coefficients, values, strict=True) if c.unit == own.unit and c.lower == 0]
+    return max(alike)
 
 
 def _robustify_information(equations: NormalEquations, use: NDArray[np.intp], S: Array, x: Array) -> Array:
@@ -374,8 +402,8 @@ def estimate_identification_discrepancy(
         components=w.components,
         stated=(told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
     )
-    doubt = estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
-    return add_arrival_side(doubt, estimate_loop_half_widths(tests, w.robust))
+    found = estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
+    return add_arrival_side(found.discrepancy, estimate_loop_half_widths(tests, w.robust))
 
 
 def list_coefficient_suspects(

@@ -5,6 +5,7 @@ Each of ``parts`` is one thing that may give way by a coefficient x (SI), τ = J
 * ``joint j``: x τ_j; ``coupling i-j``: x τ_j and x τ_i; ``cos j``, ``sin j``: x cos(q_j) τ_j, x sin(q_j) τ_j;
 * ``play j``, ``slack j``, ``knee j``, ``bow j``: x (tanh((g + τ)/s) − tanh(g/s)), s = 0.05, 0.13, 0.35 and 1 of the
   joint's entry of ``torques_Nm``;
+* ``loop j``: x tanh(τ/s), s = 0.05 of the same, nothing for a small load: a gear is reached from either side;
 * ``base``, ``link:i``, ``tool`` with an axis: one compliance on the diagonal, axes of the body at q = 0, where link i
   ends (base: its frame, tool: the flange);
 * ``term n p``: coefficient p of the n-th term of the file;
@@ -38,6 +39,7 @@ Z_90_PERCENT = 1.6448536269514722  # σ on either side
 FAR_RATIO = 30.0  # b/s from which only the nearer end of the interval counts
 DIFFERENCE_STEP_RAD = 1e-4  # rad, of ∂g/∂q
 CURVE_SMOOTHING = {"play": 0.05, "slack": 0.13, "knee": 0.35, "bow": 1.0}
+LOOP_SMOOTHING = 0.05
 BEAM_KEYS = ("EI_Nm2", "EI_across_Nm2", "GJ_Nm2", "EA_N")
 ARCMIN_PER_RAD = 10800.0 / np.pi  # a rad
 UNIT_PARAMETERS = {
@@ -183,6 +185,8 @@ class DiscrepancyState:
         if word == COUPLING:
             j = other[0]
             out[:, i], out[:, j] = tau[:, j], tau[:, i]
+        elif word == "loop":
+            out[:, i] = 0.0 if small else np.tanh(tau[:, i] / (LOOP_SMOOTHING * self.discrepancy.found.torque[i]))
         elif word in CURVE_SMOOTHING:
             s = CURVE_SMOOTHING[word] * self.discrepancy.found.torque[i]
             g = self.weight[:, i]
