@@ -16,12 +16,13 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.cell import Cell, CollisionShape
+from machopt.data_types.cell import Cell, CollisionShape, list_geometry_files, select_geometry
 from machopt.errors import CellError
 from machopt.kinematics import prismatic_arm, product_of_exponentials
 from machopt.kinematics.as_built_geometry import BEHIND_FLANGE, compute_link_displacements
 from machopt.kinematics.mimic_joints import compute_coupling_matrix, compute_rest_configuration, list_chain_joints
 from machopt.numerics.array_types import Array
+from machopt.numerics.content_cache import ContentCache
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 
 GRAVITY = 9.80665  # m/s², standard gravity
@@ -210,6 +211,10 @@ def load_robot(cell: Cell) -> Robot:
     return _build_as_built_robot(cell, _read_chain(cell)[0])[0]
 
 
+SHAPES: ContentCache[tuple[LinkShape, ...]] = ContentCache()
+"""Bodies of the last arms at q = 0, as drawn; pinocchio loads every mesh of an arm to tell its shapes."""
+
+
 def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     """Return the arm's kinematics and its collision bodies, both read from the URDF at q = 0.
 
@@ -217,7 +222,8 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
         cell: cell with the URDF.
     """
     robot, model, data, T_base_world, ids = _read_chain(cell)
-    shapes = _read_link_shapes(cell, model, data, T_base_world, ids)
+    bodies = str(cell.folder), select_geometry(cell), cell.urdf_text, list_geometry_files(cell)
+    shapes = SHAPES.get(bodies, lambda: _read_link_shapes(cell, model, data, T_base_world, ids))
     robot, moved = _build_as_built_robot(cell, robot)
     if moved is not None:
         shapes = tuple(_move_link_shape(s, moved[s.link]) for s in shapes)
