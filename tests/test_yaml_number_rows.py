@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from property_example_count import scale_example_count
 
 from machopt.errors import FileFormatError
-from machopt.file_formats import strict_yaml, yaml_composition
+from machopt.file_formats import strict_yaml, yaml_composition, yaml_rows
 from machopt.file_formats.strict_yaml import YamlDocument, parse_yaml
 from machopt.file_formats.yaml_composition import ComposedText, compose_text
+from machopt.file_formats.yaml_rows import format_yaml
 
 PIECES = (
     "[1, 2]",
@@ -111,3 +112,26 @@ def test_many_values_are_refused_in_rows_too(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(strict_yaml, "_MAX_NODES", 50)
     with pytest.raises(FileFormatError, match="too many values"):
         parse_yaml("a: [" + ", ".join("1" * 60) + "]", "file")
+
+
+NUMBERS = st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.integers(-(10**12), 10**12))
+VALUES = st.recursive(
+    st.one_of(
+        st.lists(NUMBERS, max_size=12), NUMBERS, st.booleans(), st.none(), st.text("aé: [1,]\ue0000\"'-", max_size=8)
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(st.text("abc", min_size=1), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=scale_example_count(100))
+@given(st.dictionaries(st.text("abc", min_size=1), VALUES, max_size=4))
+@example({"a": [[1.5, 2, -3e-7], [4.0, 5]], "b": [], "c": [True, 1.0], "d": {"e": [1e300], "f": 2}})
+@example({"a": "\ue0000\ue000", "b": [1.0]})
+@example({"a": [0.1 + 1e-9 * n for n in range(40)]})
+def test_rows_are_written_as_by_the_library(data: dict[str, object]) -> None:
+    plain = yaml_rows._dump(data)
+    assert format_yaml(data) == plain
+    assert parse_yaml(plain, "file").value == data
