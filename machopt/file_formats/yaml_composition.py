@@ -72,7 +72,7 @@ def _compose_with_marks(text: str) -> ComposedText | None:
 
 def _list_nodes(node: Any) -> Iterator[tuple[Any, bool]]:
     """Every node once, and whether it is a key."""
-    seen, waiting = set[int](), [(node, False)]
+    seen, waiting = set[tuple[int, bool]](), [(node, False)]
     while waiting:
         one, is_key = waiting.pop()
         if one is None or (id(one), is_key) in seen:
