@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib
 import os
 import re
 from collections import Counter, defaultdict
@@ -120,6 +121,27 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help=f"write tests/{SLOW.name} and {SECONDS.name} anew for the modules of this run",
     )
     parser.addoption("--strict-skips", action="store_true", help="fail where a test is skipped for no expected reason")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """``make quick`` does not import modules of which it runs no test."""
+    if not config.getoption("markexpr").startswith("not slow"):
+        return None
+    known = SLOW.read_text(encoding="utf-8").split()
+    return True if collection_path.relative_to(ROOT).as_posix() in known else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Every second process imports the modules from the last to the first: after a change of all of them, as in a new
+    checkout, two processes rewrite the assertions of half of them each and find what the other one stored."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+    if int(worker.removeprefix("gw")) % 2 == 0 or session.config.args != session.config.getini("testpaths"):
+        return
+    for file in sorted(Path(__file__).parent.glob("test_*.py"), reverse=True):
+        if not pytest_ignore_collect(file, session.config):
+            with contextlib.suppress(Exception, pytest.skip.Exception):  # the collection tells it
+                importlib.import_module(file.stem)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -166,10 +166,12 @@ def test_laws_of_the_catalogue_answer_as_a_users_must() -> None:
 
 
 def test_a_package_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, group in ((user_effects, user_effects.GROUP), (user_effects, user_hypotheses.GROUP)):
+    for group in (user_effects.GROUP, user_hypotheses.GROUP):
         broken = EntryPoint("x", "nothere.at_all:EFFECTS", group)
         monkeypatch.setattr(
-            module, "entry_points", lambda group, broken=broken: [broken] if broken.group == group else []
+            user_effects,
+            "_list_entry_points",
+            lambda group, _path, broken=broken: [broken] if broken.group == group else [],
         )
         with pytest.raises(InputError, match=r"nothere.at_all.*does not load: ModuleNotFoundError"):
             user_effects.find_entry_points(group)

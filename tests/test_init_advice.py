@@ -63,9 +63,16 @@ def follow_advice(robot: Path, folder: Path) -> int:
     return count
 
 
+AXES = ("0 0 1", "0 1 0", "1 0 0")
+SEVENTH_JOINTS = [  # each place and each axis are tried in every run, all together among the proofs
+    pytest.param(before, axis, marks=() if (before - 1) % 3 == k else pytest.mark.proof)
+    for before in range(1, 7)
+    for k, axis in enumerate(AXES)
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("axis", ["0 0 1", "0 1 0", "1 0 0"])
-@pytest.mark.parametrize("before", range(1, 7))
+@pytest.mark.parametrize(("before", "axis"), SEVENTH_JOINTS)
 def test_advice_for_seven_joints_leads_to_a_cell(before: int, axis: str, tmp_path: Path) -> None:
     robot = tmp_path / "robot.urdf"
     robot.write_text(add_joint(before, axis))

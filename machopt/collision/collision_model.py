@@ -17,6 +17,7 @@ bodies move with the links of the machine's chain (:mod:`machopt.kinematics.mach
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -67,8 +68,7 @@ class CollisionModel:
     """Machine, tool, cutter, workpiece and obstacles of a cell, checked at joint positions.
 
     Joint positions x are (S, 6 + E): the joints of the arm in rad, then the external joints in rad or m in the order of
-    the
-    cell.
+    the cell.
     ``cutting`` (S,) marks moves in which the cutter may touch the workpiece; entry n refers to the move that
     ends in row n. In the other moves the cutter, reduced by 0.1 mm at radius and tip, must not touch the
     workpiece: a rapid move may start or end where the cutter just touches. ``clearance`` applies to every
@@ -132,6 +132,12 @@ class CollisionModel:
             if hit
         )
 
+    def copy_unused(self) -> CollisionModel:
+        """Return a model of the same bodies and pairs that has measured no distance yet."""
+        model = copy(self)
+        model.surfaces, model._memory = FclSurfaces(self._bodies), model._build_memory()
+        return model
+
     @property
     def bodies(self) -> tuple[CollisionBody, ...]:
         """Checked bodies; a cutter occurs twice, the second time reduced."""
@@ -159,8 +165,7 @@ class CollisionModel:
     def check_motion(
         self, q: Array, cutting: Bools, step: float, *, first_only: bool = False, starts: Bools | None = None
     ) -> CollisionContacts:
-        """Check rows like :meth:`check_configurations`, and the motion from each row to the next, linear in joint
-        space.
+        """Check rows like :meth:`check_configurations`, and the motion from each to the next, linear in joint space.
 
         Row n refers to the motion from row n − 1 to row n and to row n itself. A contact shallower than half of
         0.1 mm between rows may be missed; nothing deeper.
@@ -169,8 +174,7 @@ class CollisionModel:
             q: (S, 6 + E) rad or m.
             cutting: (S,) the cutter may touch the workpiece in the move to the row.
             step: rad, greatest joint step at which the bounds are renewed (0.1 rad at most is used); for a sliding
-                joint
-                the displacement equivalent to the motion of a body by such a rotation.
+                joint the displacement equivalent to the motion of a body by such a rotation.
             first_only: stop at the first pair that hits (for planners that only need yes or no).
             starts: (S,) the row begins another motion: the row itself is checked, not the way to it; None: the first.
         """
@@ -270,10 +274,8 @@ class CollisionModel:
 
         :func:`machopt.verification.motion.collision.clearance_column.list_varying_pairs` implements the same rule
         independently: the joint is placed at both ends of its range and at 1/48 steps in between. A pair is constant if
-        it
-        never touches, is always within the cap and varies by less than UNCHANGED. The places are fixed, because random
-        ones
-        would find an end stop in one program and miss it in the other.
+        it never touches, is always within the cap and varies by less than UNCHANGED. The places are fixed, because
+        random ones would find an end stop in one program and miss it in the other.
         """
         lines, out = self._lines, np.zeros(len(self.pairs), bool)
         if lines.fixed_external_joints is not None:
@@ -307,15 +309,16 @@ class CollisionModel:
         self._required = np.array([pair.clearance for pair in self.pairs])  # (P,) m
         self._spared = np.array(touch, bool)  # (P,) not checked in moves that cut
         self.stack = BodyPairs(self._lines, bodies, indices)
-        self._memory: list[DistanceMemory | None] = [
-            DistanceMemory(self._lines, i, bodies[pair[1]]) if j - i <= 2 else None
-            for pair, (i, j) in zip(indices, self.stack.links, strict=True)
+        self._memory = self._build_memory()
+
+    def _build_memory(self) -> list[DistanceMemory | None]:
+        return [
+            DistanceMemory(self._lines, i, self._bodies[pair[1]]) if j - i <= 2 else None
+            for pair, (i, j) in zip(self.stack.index, self.stack.links, strict=True)
         ]
 
     def _exclude(self, wanted: list[tuple[int, int, bool]]) -> tuple[ExcludedCollisionPair, ...]:
-        """Remove pairs that touch by construction, and return them; they are found by sampling, without a manual
-        list.
-        """
+        """Remove pairs that touch by construction, found by sampling without a manual list, and return them."""
         lines, bodies = self._lines, self._bodies
         sampled = [
             n

@@ -20,7 +20,7 @@ from machopt.cell_setup.workpiece_placement import (
     find_place_or_middle,
     report_last_axis,
 )
-from machopt.collision.collision_model import CollisionModel
+from machopt.collision.collision_model_cache import load_collision_model
 from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.kinematics.machine import load_machine
@@ -68,7 +68,7 @@ def _place_workpiece(
     """The workpiece where the arm reaches it well, and home above it."""
     options = load_options(None)
     robot, shapes = load_chain(cell)
-    arm, bodies = build_reaching_arm(cell, robot, options), CollisionModel(cell, robot, shapes, options.clearance)
+    arm, bodies = build_reaching_arm(cell, robot, options), load_collision_model(cell, robot, shapes, options.clearance)
     rest = cell.external_home
 
     def free(q: Array) -> bool:

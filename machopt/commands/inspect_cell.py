@@ -9,7 +9,7 @@ from typing import Any
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.robot_summary import describe_mounting, list_joint_limits, summarise_robot
 from machopt.cell.urdf import read_standalone_description
-from machopt.collision.collision_model import CollisionModel
+from machopt.collision.collision_model_cache import load_collision_model
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.inspect_documents import (
     IgnoredPairEntry,
@@ -89,7 +89,7 @@ def _describe_model(cell: Cell) -> dict[str, Any]:
         out["moving_mass_kg"] = round(float(load_masses(cell).mass.sum()), 3)
         options = load_options(cell.plan, None, [])
         if options.collision:
-            model = CollisionModel(cell, robot, shapes, options.clearance)
+            model = load_collision_model(cell, robot, shapes, options.clearance)
             out["pairs_checked"] = len(model.pairs)
             out["pairs_ignored"] = tuple(
                 IgnoredPairEntry(a=e.a, b=e.b, why=e.reason) for e in (*model.excluded, *model.adjacent)

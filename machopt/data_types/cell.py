@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -190,6 +190,35 @@ class Cell:
     def tools_on(self) -> tuple[Tool, ...]:
         """The tools of the job: ``tool``, or the whole table where the job takes several."""
         return tuple(self.tools.values()) if self.tools and self.tool_name is None else (self.tool,)
+
+
+def select_geometry(cell: Cell) -> Cell:
+    """Return the cell without what has no influence on its bodies and their motion, and without the list of files.
+
+    Args:
+        cell: The robot cell.
+    """
+    return replace(
+        cell,
+        name="",
+        stiffness=None,
+        plan={},
+        controller=RobotController(),
+        files=(),
+        warnings=(),
+        notes=(),
+        process=None,
+        accuracy=None,
+    )
+
+
+def list_geometry_files(cell: Cell) -> tuple[Path, ...]:
+    """Return every file read for the cell but its tables; the COLLADA originals of converted meshes are among them.
+
+    Args:
+        cell: The robot cell.
+    """
+    return tuple(file for file in cell.files if file.suffix.lower() not in (".yaml", ".yml", ".json"))
 
 
 def describe_fixed_external_joints(cell: Cell) -> tuple[str, ...]:

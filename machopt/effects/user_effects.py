@@ -12,7 +12,8 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
 from os.path import isfile
 from pathlib import Path
 from types import ModuleType
@@ -148,7 +149,7 @@ def find_entry_points(group: str) -> list[tuple[str, Any]]:
         InputError: A package does not load.
     """
     out = []
-    for e in entry_points(group=group):
+    for e in _list_entry_points(group, tuple(sys.path)):
         try:
             out.append((e.value, e.load()))
         except USER_CODE_ERRORS as problem:
@@ -158,6 +159,11 @@ def find_entry_points(group: str) -> list[tuple[str, Any]]:
                 file=e.value,
             ) from problem
     return out
+
+
+@lru_cache(maxsize=8)  # reading the metadata of all installed packages takes longer than a short verification
+def _list_entry_points(group: str, _path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    return tuple(entry_points(group=group))
 
 
 def _refuse_taken(e: Effect, known: Iterable[Effect], source: str) -> None:

@@ -21,6 +21,7 @@ from pydantic_core import ErrorDetails
 
 from machopt.errors import ConfigurationKeyError, FileFormatError, InputError, suggest_nearest_word
 from machopt.file_formats.file_reading import YAML, read_text
+from machopt.file_formats.yaml_composition import ComposedText, compose_text
 
 KeyPath = tuple[str | int, ...]
 M = TypeVar("M", bound=BaseModel)
@@ -37,7 +38,6 @@ _CONSTANTS = {
 _MAX_NODES = 500_000  # an alias bomb expands beyond any real cell or stiffness grid
 _SHORT_TEXT = 20_000  # characters of a text whose nodes are kept, some MB
 _MAX_INT = 2**63
-MAX_DEPTH = 100  # levels of lists and mappings; a cell has six
 _TOO_DEEP = "MaxDepthExceededError"  # error of ruamel.yaml that older versions lack
 _SHOWN_PROBLEMS = 4
 _DEEPEST = 2  # levels of keys that are searched for a misplaced one
@@ -116,7 +116,7 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
     from ruamel.yaml.error import YAMLError
 
     try:
-        node = (_compose_short_text if len(text) <= _SHORT_TEXT else _compose_nodes)(text)
+        composed = (_compose_short_text if len(text) <= _SHORT_TEXT else compose_text)(text)
     except RecursionError:
         raise FileFormatError("is nested too deeply", file=file) from None
     except YAMLError as err:
@@ -126,22 +126,13 @@ def parse_yaml(text: str, file: Path | str) -> YamlDocument:
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else None
         words = [w for w in (getattr(err, "context", None), getattr(err, "problem", None)) if w]
         raise FileFormatError(f"is not YAML: {', '.join(words) or err}", file=file, where=where) from None
-    builder = _YamlValueBuilder(file)
-    value = None if node is None else builder.build(node, (), ())
+    builder = _YamlValueBuilder(composed, file)
+    value = None if composed.node is None else builder.build(composed.node, (), ())
     return YamlDocument(value, builder.lines, file)
 
 
-def _compose_nodes(text: str) -> typing.Any:
-    from ruamel import yaml as ruamel
-
-    yaml = ruamel.YAML(typ="safe", pure=True)
-    yaml.version = (1, 2)
-    yaml.max_depth = MAX_DEPTH  # from ruamel.yaml 0.18.7 on; before, Python's own limit ends the parser
-    return yaml.compose(text)
-
-
 # A run reads many files twice: as it writes them and as it checks them. The nodes are only read, values are built anew.
-_compose_short_text = lru_cache(maxsize=64)(_compose_nodes)
+_compose_short_text = lru_cache(maxsize=64)(compose_text)
 
 
 def validate_document(model: type[M], document: YamlDocument, prefix: KeyPath = ()) -> M:
@@ -233,8 +224,8 @@ def format_found_value(value: object) -> str:
 class _YamlValueBuilder:
     """Plain Python values from ruamel's nodes."""
 
-    def __init__(self, file: Path | str) -> None:
-        self.file, self.lines, self.count = file, dict[KeyPath, int](), 0
+    def __init__(self, composed: ComposedText, file: Path | str) -> None:
+        self.composed, self.file, self.lines, self.count = composed, file, dict[KeyPath, int](), 0
 
     def build(self, node: typing.Any, loc: KeyPath, parents: tuple[int, ...]) -> object:
         from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
@@ -248,7 +239,8 @@ class _YamlValueBuilder:
             raise self.error(line, loc, f"tag {node.tag} is not accepted; plain values would work")
         inside = (*parents, id(node))
         if isinstance(node, ScalarNode):
-            return self.scalar(node, line, loc)
+            row = self.composed.find_row(node)
+            return self.scalar(node.value, node.style, line, loc) if row is None else self.row(row, line, loc)
         if isinstance(node, SequenceNode):
             return [self.build(child, (*loc, n), inside) for n, child in enumerate(node.value)]
         assert isinstance(node, MappingNode)  # ruamel knows three kinds of node
@@ -265,9 +257,16 @@ class _YamlValueBuilder:
             out[key] = self.build(child, (*loc, key), inside)
         return out
 
-    def scalar(self, node: typing.Any, line: int, loc: KeyPath) -> object:
-        text: str = node.value
-        if node.style is not None:  # quoted or block text
+    def row(self, words: tuple[str, ...], line: int, loc: KeyPath) -> list[object]:
+        self.count += len(words)
+        if self.count > _MAX_NODES:
+            raise self.error(line, loc, "too many values")
+        for n in range(len(words)):
+            self.lines.setdefault((*loc, n), line)
+        return [self.scalar(word, None, line, (*loc, n)) for n, word in enumerate(words)]
+
+    def scalar(self, text: str, style: str | None, line: int, loc: KeyPath) -> object:
+        if style is not None:  # quoted or block text
             return text
         if text in _CONSTANTS:
             return _CONSTANTS[text]

@@ -16,12 +16,13 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.cell import Cell, CollisionShape
+from machopt.data_types.cell import Cell, CollisionShape, list_geometry_files, select_geometry
 from machopt.errors import CellError
 from machopt.kinematics import prismatic_arm, product_of_exponentials
 from machopt.kinematics.as_built_geometry import BEHIND_FLANGE, compute_link_displacements
 from machopt.kinematics.mimic_joints import compute_coupling_matrix, compute_rest_configuration, list_chain_joints
 from machopt.numerics.array_types import Array
+from machopt.numerics.content_cache import ContentCache
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 
 GRAVITY = 9.80665  # m/s², standard gravity
@@ -198,6 +199,10 @@ def _copy_array(array: Array) -> Array:
     return np.array(array, float, order="C")
 
 
+ROBOTS: ContentCache[Robot] = ContentCache(4)
+"""Arms by all that they depend on: one command needs the same one at several places, with and without corrections."""
+
+
 def load_robot(cell: Cell) -> Robot:
     """Reduce the cell's URDF to a :class:`Robot` with as-built geometry; no mesh is read.
 
@@ -207,7 +212,14 @@ def load_robot(cell: Cell) -> Robot:
     Raises:
         InputError: the chain from base_link to flange_link does not consist of the six arm joints.
     """
-    return _build_as_built_robot(cell, _read_chain(cell)[0])[0]
+    tool, part = replace(cell.tool, geometry=()), replace(cell.workpiece, geometry=())
+    drawn = replace(select_geometry(cell), tool=tool, tools={}, workpiece=part, obstacles=())
+    inputs = drawn, cell.urdf_text
+    return ROBOTS.get(inputs, lambda: _build_as_built_robot(cell, _read_chain(cell)[0])[0])
+
+
+CHAINS: ContentCache[tuple[Robot, tuple[LinkShape, ...]]] = ContentCache()
+"""Arms with their bodies; pinocchio loads every mesh of an arm to tell its shapes."""
 
 
 def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
@@ -216,6 +228,11 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     Args:
         cell: cell with the URDF.
     """
+    inputs = str(cell.folder), select_geometry(cell), cell.urdf_text, list_geometry_files(cell)
+    return CHAINS.get(inputs, lambda: _read_robot_with_shapes(cell))
+
+
+def _read_robot_with_shapes(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     robot, model, data, T_base_world, ids = _read_chain(cell)
     shapes = _read_link_shapes(cell, model, data, T_base_world, ids)
     robot, moved = _build_as_built_robot(cell, robot)

@@ -9,6 +9,8 @@ from pathlib import Path
 from machopt.data_types.manifest import ManifestFile
 from machopt.errors import OutputFolderError
 
+SMALL_BYTES = 1 << 18  # a file up to this size is read at once: the buffer for parts costs more than to hash it
+
 
 def compute_sha256(file: Path) -> str:
     """Return SHA-256 of a file's bytes as lower-case hexadecimal.
@@ -20,8 +22,11 @@ def compute_sha256(file: Path) -> str:
         InputError: the file cannot be read.
     """
     try:
-        if not stat.S_ISREG(file.stat().st_mode):  # opening a named pipe waits for whoever writes into it
+        found = file.stat()
+        if not stat.S_ISREG(found.st_mode):  # opening a named pipe waits for whoever writes into it
             raise OutputFolderError("is not a plain file", file=file)
+        if found.st_size <= SMALL_BYTES:
+            return compute_digest(file.read_bytes())
         with file.open("rb") as data:
             return hashlib.file_digest(data, "sha256").hexdigest()
     except OSError as problem:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.collision.collision_model import CollisionModel
+from machopt.collision.collision_model_cache import load_collision_model
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.errors import OptionError
@@ -142,7 +142,7 @@ def build_collision_check(
     if options.collision == "self":
         part = replace(cell.workpiece, link="world", geometry=())
         cell = replace(cell, obstacles=(), workpiece=part)
-    model = CollisionModel(cell, robot, shapes, plan.clearance, still=True)
+    model = load_collision_model(cell, robot, shapes, plan.clearance, still=True)
     return lambda q: (
         model.check_configurations(q, np.ones(len(q), bool)).hit
     )  # the cutter may touch the workpiece everywhere

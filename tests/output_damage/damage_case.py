@@ -133,7 +133,7 @@ def edit_json(file: Path) -> Iterator[dict[str, Any]]:
         yield {"files": {}}
         return
     yield value
-    file.write_text(json.dumps(value, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
+    file.write_text(json.dumps(value, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
 
 
 def build_json_change(name: str, change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:

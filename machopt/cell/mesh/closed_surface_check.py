@@ -15,10 +15,15 @@ from numpy.typing import NDArray
 from machopt.cell.mesh.collada_reader import read_collada
 from machopt.cell.mesh.file_integrity import read_whole_mesh
 from machopt.cell.mesh.mesh_errors import ErrorFactory
-from machopt.cell.mesh.second_library_check import compare_with_collada, compare_with_second_library
+from machopt.cell.mesh.second_library_check import (
+    compare_with_collada,
+    compare_with_second_library,
+    find_collada_original,
+)
 from machopt.errors import InputError
 from machopt.numerics import mesh_construction
 from machopt.numerics.array_types import Array
+from machopt.numerics.content_cache import ContentCache
 from machopt.numerics.mesh_construction import TriangleMesh
 
 _LEAST_TRIANGLES = 4  # a tetrahedron; fewer enclose nothing
@@ -51,6 +56,10 @@ class MeshSurface:
     inward: bool  # closed, with the triangles facing inwards
 
 
+SURFACES: ContentCache[MeshSurface] = ContentCache(64)
+"""Of STL files that were found whole, by name and content: jobs in one process mostly use the same cell."""
+
+
 def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
     """Read a mesh.
 
@@ -63,7 +72,12 @@ def read_surface(path: Path, fail: ErrorFactory) -> MeshSurface:
             finite, fewer than four triangles, flat or without volume, or seen differently by the verifier.
     """
     data = read_whole_mesh(path, fail)
-    return _check_surface(path, read_triangles(path, data, fail), fail)
+
+    def check() -> MeshSurface:
+        return _check_surface(path, read_triangles(path, data, fail), fail)
+
+    alone = path.suffix.lower() == ".stl" and find_collada_original(path) is None  # the check reads no other file
+    return SURFACES.get((path.name, data), check) if alone else check()
 
 
 def read_collada_surface(path: Path, fail: ErrorFactory) -> tuple[MeshSurface, str]:

@@ -31,6 +31,7 @@ from machopt.file_formats.strict_yaml import (
     read_yaml,
     validate_document,
 )
+from machopt.file_formats.yaml_rows import format_yaml
 from machopt.numerics.array_types import Array
 
 _ROW = "one stiffness per joint of the arm in N·m/rad, joint 1 first"
@@ -178,8 +179,6 @@ def write_stiffness(path: Path | str, stiffness: ArmStiffness) -> None:
         path: Path of the file.
         stiffness: The stiffness, SI units.
     """
-    from ruamel.yaml import YAML
-
     data: dict[str, object] = {"machopt_stiffness": 1, "joints_Nm_per_rad": _convert_to_rows(stiffness.joints)}
     if stiffness.covariance is not None:
         data["covariance"] = _convert_to_rows(stiffness.covariance)
@@ -211,14 +210,8 @@ def write_stiffness(path: Path | str, stiffness: ArmStiffness) -> None:
         data["discrepancy"] = _format_discrepancy(stiffness.discrepancy)
     if stiffness.position is not None:
         data["position_error"] = _format_position_error(stiffness.position)
-    yaml = YAML(typ="safe", pure=True)
-    yaml.representer.add_representer(float, _represent_float)
-    yaml.default_flow_style = None  # lists of numbers on one line
-    yaml.width = 200  # a row of six stays on one line
-    yaml.allow_unicode = True
-    yaml.representer.sort_base_mapping_type_on_output = False
     with Path(path).open("w", encoding="utf-8", newline="\n") as out:
-        yaml.dump(data, out)
+        out.write(format_yaml(data))
 
 
 def _format_discrepancy(d: ModelDiscrepancy) -> dict[str, object]:
@@ -377,14 +370,6 @@ def _copy_read_only(values: object) -> Array:
 
 def _convert_to_rows(array: Array) -> list[Any]:
     return np.asarray(array, float).tolist()  # type: ignore[no-any-return]
-
-
-def _represent_float(representer: Any, value: float) -> Any:
-    """Shortest exact decimal; ``1.0e-07`` and not ``1e-07``, which YAML 1.1 readers take for text."""
-    text = repr(value)
-    if "e" in text and "." not in text:
-        text = text.replace("e", ".0e")
-    return representer.represent_scalar("tag:yaml.org,2002:float", text)
 
 
 def _convert_to_plain_yaml(value: object) -> object:

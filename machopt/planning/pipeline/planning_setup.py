@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from machopt.collision.collision_model import CollisionModel
+from machopt.collision.collision_model_cache import load_collision_model
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
@@ -167,7 +168,7 @@ def prepare_planning(cell: Cell, options: PlanOptions, toolpath: Toolpath | None
     if toolpath is not None:
         stability = StabilityLimit.build(cell, toolpath, arm, robot, elasticity, options)
         arm = replace(arm, stability=stability)
-    collision = CollisionModel(driven, robot, shapes, options.clearance) if options.collision else None
+    collision = load_collision_model(driven, robot, shapes, options.clearance) if options.collision else None
     return PlanningSetup(
         cell=cell, robot=robot, arm=arm, elasticity=elasticity, collision=collision, correction=correction
     )

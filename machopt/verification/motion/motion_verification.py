@@ -48,12 +48,12 @@ from machopt.verification.motion.checks.reentries import check_reentries
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.motion.checks.tilt_columns import TiltTables, check_tilt
 from machopt.verification.motion.checks.time_and_joint_limits import check_limits
-from machopt.verification.motion.collision.bodies import CoalBody, build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.bodies import CoalBody, list_checked_pairs
+from machopt.verification.motion.collision.cell_bodies import CellBodies, load_cell_bodies
 from machopt.verification.motion.collision.clearance_column import (
     CLEARANCE_TOLERANCE_M,
     check_clearances,
     find_cutting_points,
-    list_varying_pairs,
 )
 from machopt.verification.motion.collision.contact_search import PlacedBodies, find_contacts, find_leap
 from machopt.verification.motion.collision.cutter_contact_depth import (
@@ -62,7 +62,6 @@ from machopt.verification.motion.collision.cutter_contact_depth import (
     measure_depth_outside_cuts,
 )
 from machopt.verification.motion.collision.gouge_check import check_gouges
-from machopt.verification.motion.collision.touching_pairs import list_checked_pairs as verification_list_checked_pairs
 from machopt.verification.motion.collision.urdf_inventory import check_inventory
 from machopt.verification.motion.kinematics.encoder_correction import (
     check_correction_range,
@@ -182,7 +181,7 @@ def verify_single_tool(
         touching: Pairs of body names that may touch.
     """
     context = _VerifiedTool.build(cell, toolpath, tables, options)
-    kept, unfounded = verification_list_checked_pairs(cell, context.arm, context.bodies, options.clearance, touching)
+    kept, unfounded = context.cell_bodies.list_checked_pairs(cell, context.arm, options.clearance, touching)
     wanted = kept if touching is not None else list_checked_pairs(cell, context.arm, context.bodies)
     of_motion = context.check_motion()
     failed = {row.name for row in of_motion if isinstance(row, VerificationCheck) and row.passed is False}
@@ -202,7 +201,7 @@ class _VerifiedTool:
     tables: ExportedTables
     options: PlanOptions
     arm: UrdfKinematics
-    bodies: list[CoalBody]
+    cell_bodies: CellBodies
     motion: ExportedMotion  # with true angles
     points: ExportedPoints  # with true angles
     corners: tuple[Array, Array]  # index (P,) and position (P, 3) m of the commanded path in the workpiece
@@ -228,13 +227,18 @@ class _VerifiedTool:
             tables=tables,
             options=options,
             arm=arm,
-            bodies=build_bodies(cell, arm),
+            cell_bodies=load_cell_bodies(cell, arm),
             motion=true_motion,
             points=replace(points, q=compute_true_angles(cell.kinematics, points.q)),
             corners=corners,
             tilt=tilt,
             locations=locate_samples(motion, toolpath, corners[0], corners[1], tool, options, tilt),
         )
+
+    @property
+    def bodies(self) -> list[CoalBody]:
+        """All collision bodies of the cell."""
+        return self.cell_bodies.bodies
 
     def check_motion(self) -> list[VerificationRow]:
         """Return the checks of path, labels, feed and stops of the motion."""
@@ -279,7 +283,7 @@ class _VerifiedTool:
             )
         of_points = [
             *table.check_all(motion, self.locations),
-            *_check_clearance(table, self.points, self.bodies, pairs, options),
+            *_check_clearance(table, self.points, self.cell_bodies, pairs, options),
             *check_process_columns(cell, toolpath, points, motion, arm, options),
             *check_advised_feeds(toolpath, points, options),
         ]
@@ -350,7 +354,7 @@ def _check_clearance_is_stated(
 def _check_clearance(
     table: PointsTableCheck,
     stood: ExportedPoints,
-    bodies: list[CoalBody],
+    cell_bodies: CellBodies,
     wanted: list[tuple[CoalBody, CoalBody]],
     options: PlanOptions,
 ) -> list[VerificationCheck]:
@@ -374,11 +378,11 @@ def _check_clearance(
             )
         ]
     graze, at = find_cutting_points(table.toolpath)[table.k[rows]], table.describe_row(rows)
-    wanted = list_varying_pairs(table.arm, wanted)
+    wanted = cell_bodies.list_varying_pairs(table.arm, wanted)
     short, beyond, pair = np.zeros(len(rows)), np.zeros(len(rows)), [""] * len(rows)
     for first in range(0, len(rows), BLOCK_ROWS):
         some = slice(first, first + BLOCK_ROWS)
-        scene = PlacedBodies(table.arm, bodies, np.hstack([stood.q, stood.external])[rows[some]])
+        scene = PlacedBodies(table.arm, cell_bodies.bodies, np.hstack([stood.q, stood.external])[rows[some]])
         found = check_clearances(scene, wanted, stated[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
         short[some], beyond[some], pair[some] = found.too_small, found.too_large, found.pair
     return [

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from machopt.collision.collision_model import CollisionModel
+from machopt.collision.collision_model_cache import load_collision_model
 from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.kinematics.robot import LinkShape, Robot, RobotMasses, load_chain, load_masses
@@ -177,7 +178,9 @@ def _build_screen(request: PosesRequest, cell: Cell, models: _MeasurementModels)
         T_world_base=models.placed_cell.T_world_base,
         length=compute_characteristic_length(robot, T).length,
         criteria=convert_to_pose_criteria(request),
-        collision=None if request.no_collision else CollisionModel(bare, robot, models.shapes, clearance, still=True),
+        collision=None
+        if request.no_collision
+        else load_collision_model(bare, robot, models.shapes, clearance, still=True),
     )
 
 

@@ -324,13 +324,14 @@ def _cut_by_poses(places: Array, top: Array, poses: _Poses, counted: slice, disc
     place, w = poses.place[counted], poses.height[counted]
     R, rc, cone = poses.radius[counted], poses.corner[counted], poses.cone[counted]
     near = np.flatnonzero(np.hypot(*(place - disc[0]).T) < disc[1] + R)
-    for m in range(len(places)):
-        d = np.hypot(*(place[near] - places[m]).T)
-        inside = d < R[near] - 1e-9
-        if inside.any():
-            some = near[inside]
-            beyond = np.clip(d[inside] - R[some] + rc[some], 0.0, rc[some])
-            left_over = w[some] + rc[some] - np.sqrt(rc[some] ** 2 - beyond**2) + cone[some] * d[inside]
+    x, y, least = *place[near].T.copy(), (R[near] - 1e-9) ** 2
+    for m, (a, b) in enumerate(places.tolist()):
+        square = (x - a) ** 2 + (y - b) ** 2
+        inside = np.flatnonzero(square < least)
+        if len(inside):
+            some, d = near[inside], np.sqrt(square[inside])
+            beyond = np.clip(d - R[some] + rc[some], 0.0, rc[some])
+            left_over = w[some] + rc[some] - np.sqrt(rc[some] ** 2 - beyond**2) + cone[some] * d
             out[m] = min(out[m], float(left_over.min()))
     return out
 
