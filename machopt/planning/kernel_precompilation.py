@@ -136,7 +136,7 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     (
         "planning.external_axes.moving_axis_kernels",
         "compute_transition_costs",
-        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
+        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
     ),
     (
         "planning.external_axis_optimization.value_grid_search_kernels",

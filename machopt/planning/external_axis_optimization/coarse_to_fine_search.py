@@ -359,13 +359,10 @@ class _Tries:
         with self.request.clock.stage("external"):
             scaled = [[replace(axis, weight=w * axis.weight) for axis in self.request.axes] for w in WEIGHTS]
             curves = AxisCurveSearch(self.setup, self.request.options, search.scale, turns=turns)
-            ways = [
-                compute_moving_axis_path(curves, self.path, some, axes, stands)
-                for some, axes in [
-                    *((some, self.request.axes) for some in tries),
-                    *((tries[0], axes) for axes in scaled),
-                ]
-            ]
+            asked = [(tries[0], self.request.axes), *((tries[0], axes) for axes in scaled)]
+            asked += [(some, self.request.axes) for some in tries[1:]]
+            ways = [compute_moving_axis_path(curves, self.path, some, axes, stands) for some, axes in asked]
+            curves.tables.clear()
             following = list_following_paths(self.setup, self.path, self.groups, stands)
             following += list_following_paths(self.setup, self.path, self.groups, search.at_home())
             ways += sorted(following, key=search.rate_along)[:FOLLOWING]
