@@ -202,11 +202,13 @@ class CollisionModel:
         rows = MotionRows(self.stack, dense)
         for p, doubt in self._find_unproven_pairs(rows, cutting, starts):
             walk = self._check_pair_motion(rows, p, starts)
-            for m in np.flatnonzero(doubt):
-                n = owner[m]
+            open_rows = walk.select_unproven(np.flatnonzero(doubt))
+            ways, k = walk.list_ways(open_rows), -1
+            while (k := walk.skip_proven(ways, k)) < len(ways):
+                n = owner[open_rows[k]]
                 if contacts.hit[n]:
                     continue
-                where = walk.find_first_contact(int(m))
+                where = walk.find_first_contact(int(open_rows[k]))
                 if not np.isnan(where):
                     low = int(np.floor(where))
                     place = at[low] + (where - low) * (at[min(low + 1, len(at) - 1)] - at[low])
