@@ -29,7 +29,6 @@ from machopt.collision.bodies import (
     build_cutter_body,
     build_robot_bodies,
     count_links_between,
-    is_possibly_contained,
     list_adjacent_pairs,
     list_allowed_contacts,
     list_candidate_pairs,
@@ -384,8 +383,7 @@ class CollisionModel:
         i, j = self.stack.index[p]
         out = is_nearer_than(self.outlines[i], self.outlines[j], T, self.pairs[p].clearance)
         free = np.flatnonzero(~out)
-        for n in free[is_possibly_contained(self._bodies[i], self._bodies[j], T[free])].tolist():
-            out[n] = self.surfaces.is_contained((i, j), T[n])
+        out[free] = self.surfaces.find_contained((i, j), T[free])
         return out
 
     def _check_pairs(self, q: Array, asked: list[int] | None = None) -> Bools:

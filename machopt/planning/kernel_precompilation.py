@@ -66,6 +66,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
         "_compute_placed_distance",
         f"{_MESHES},{_F2},i8,i8",
     ),
+    ("collision.bodies", "_sum_solid_angles", f"{_F2},i8[:,::1],{_F2}"),
     ("collision.distance_bounds", "_find_farther", f"{_F2},{_F1},{_F2},{_F1},{_F1}"),
     (
         "collision.proximity_test",

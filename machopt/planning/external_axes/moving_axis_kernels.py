@@ -17,7 +17,7 @@ from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 def _measure_step(
     q: Array, v: int, before: Array, u: int, winds: Bools, slowness: Array, slow: float
 ) -> tuple[float, float, float]:
-    """Return travel in rad, time in s and largest joint step in rad of a step of the arm from ``before[u]`` to ``q[v]``.
+    """Return travel in rad, time in s and largest joint step in rad of a step of the arm from row u to row v.
 
     The time ``slow`` of the external joints is included. An unreachable place adds nothing: it has its own price.
     """
@@ -204,9 +204,7 @@ def find_cheapest_value_sequence(
                     row, shift = edges[s, 3 * k + dr + 1], (dr % R) * B
                     middle = to + size - shift
                     for i, j, n in ((at + shift, to, size - shift), (at, middle, shift)):
-                        _take_cheaper(
-                            before[i : i + n], row[j : j + n], more, i, here[j : j + n], back[s, j : j + n]
-                        )
+                        _take_cheaper(before[i : i + n], row[j : j + n], more, i, here[j : j + n], back[s, j : j + n])
         here += node[s]
     vertex = np.zeros(S, np.int64)
     vertex[S - 1] = np.argmin(here)

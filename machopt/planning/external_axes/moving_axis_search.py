@@ -78,7 +78,7 @@ class GroupAxisRange:
     allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: the full range
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AxisCurveSearch:
     """Setup and settings of a search for curves."""
 
@@ -264,7 +264,7 @@ def _build_vertices(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -
 
 def _find_joined(part: PlanningPath) -> Bools:
     """Return (S,) whether a station continues the run of the previous one."""
-    return np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
+    return np.asarray(np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]])
 
 
 def _find_best_sequence(own: _GroupSearch, vertices: _ValueVertices) -> tuple[float, NDArray[np.int64]]:

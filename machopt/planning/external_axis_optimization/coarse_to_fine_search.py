@@ -340,7 +340,7 @@ class _Tries:
         """
         search = self.search
         with self.request.clock.stage("external"):
-            curves = AxisCurveSearch(self.setup, self.request.options, search.scale, clear=True)
+            curves = AxisCurveSearch(setup=self.setup, options=self.request.options, scale=search.scale, clear=True)
             way = compute_moving_axis_path(curves, self.path, self.groups, self.request.axes, stands)
         return self._planned(way)
 
@@ -358,7 +358,7 @@ class _Tries:
         search = self.search
         with self.request.clock.stage("external"):
             scaled = [[replace(axis, weight=w * axis.weight) for axis in self.request.axes] for w in WEIGHTS]
-            curves = AxisCurveSearch(self.setup, self.request.options, search.scale, turns=turns)
+            curves = AxisCurveSearch(setup=self.setup, options=self.request.options, scale=search.scale, turns=turns)
             asked = [(tries[0], self.request.axes), *((tries[0], axes) for axes in scaled)]
             asked += [(some, self.request.axes) for some in tries[1:]]
             ways = [compute_moving_axis_path(curves, self.path, some, axes, stands) for some, axes in asked]

@@ -200,7 +200,9 @@ def compute_reach_costs(
                     h = u // (B * R)
                     if before[u] < value and way[g, h] < np.inf:
                         to = value - before[u]
-                        price = _step(here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, r], slowness, paid, to)
+                        price = _step(
+                            here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, r], slowness, paid, to
+                        )
                         value = min(value, before[u] + price)
                 if value < most:
                     out[s, v] = value + node[s, v]
@@ -226,7 +228,9 @@ def compute_reach_costs(
                         if not before[u] + flown + paid[ROTATION] * turn[r, p] < value:
                             continue
                         to = value - before[u]
-                        price = _step(here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, p], slowness, paid, to)
+                        price = _step(
+                            here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, p], slowness, paid, to
+                        )
                         if before[u] + price < value:
                             value, likely[b] = before[u] + price, u
             if value < most:
@@ -282,7 +286,18 @@ def trace_cheapest_sequence(
             if not reached[s - 1, u] + priced[s, TRAVEL] * way[g, h] < least:
                 continue
             price = _step(
-                q[s], more[s], v, q[s - 1], more[s - 1], u, way[g, h], slow[g, h], turn[r, p], slowness, priced[s], np.inf
+                q[s],
+                more[s],
+                v,
+                q[s - 1],
+                more[s - 1],
+                u,
+                way[g, h],
+                slow[g, h],
+                turn[r, p],
+                slowness,
+                priced[s],
+                np.inf,
             )
             if reached[s - 1, u] + price < least:
                 least, out[s - 1] = reached[s - 1, u] + price, u

@@ -128,8 +128,9 @@ class PlanningArm:
         return np.asarray(turn_directions(T[..., :3, :3], p) + T[..., :3, 3])
 
     def compute_workpiece_frame(self, external: Array) -> tuple[Array, Array]:
-        """Return rotation (n, 3, 3) and origin (n, 3) in m of the workpiece frame in base_link, without n where no joint
-        moves it.
+        """Return rotation (n, 3, 3) and origin (n, 3) in m of the workpiece frame in base_link.
+
+        Both are without n where no joint moves the frame.
 
         Args:
             external: (n, E) m or rad, external joints.
