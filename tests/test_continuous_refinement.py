@@ -37,7 +37,7 @@ from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import coarse_to_fine_search, refinement_restarts
-from machopt.planning.external_axis_optimization.coarse_to_fine_search import _SearchRequest, _coarse_to_fine
+from machopt.planning.external_axis_optimization.coarse_to_fine_search import _coarse_to_fine, _SearchRequest
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
