@@ -8,7 +8,9 @@ rises to its value, and where it comes down to it. The width is compared with th
 a fit which knows law and place: with that body fitted beside the springs (``--fit``), or of a gear the same arm without
 the effect.
 
-``--draws N`` (default 4) records per effect and size, ``--first K`` the first draw.
+``--draws N`` (default 4) records per effect and size, ``--first K`` the first draw, ``--effects A,B`` only these.
+``--diagnose`` asks ``machopt diagnose`` about the hidden effect; the springs then get their intervals from the written
+covariance.
 """
 
 from __future__ import annotations
@@ -35,9 +37,13 @@ from load_test import LoadTest  # noqa: E402
 from load_test_effects import applied  # noqa: E402
 from make_cases import draw_case  # noqa: E402
 
+from machopt.commands.diagnose.run import compute_diagnosis  # noqa: E402
 from machopt.commands.identify.computation import IdentifyComputation, compute_identification  # noqa: E402
+from machopt.data_types.cell import Cell  # noqa: E402
+from machopt.data_types.stiffness import ArmStiffness  # noqa: E402
 from machopt.errors import InputError  # noqa: E402
-from machopt.kinematics.robot import load_robot  # noqa: E402
+from machopt.kinematics.robot import load_masses, load_robot  # noqa: E402
+from machopt.measurement.diagnosis.request import DiagnoseRequest  # noqa: E402
 from machopt.measurement.identification.request import IdentifyRequest  # noqa: E402
 from machopt.planning.error_probability.model_discrepancy import (  # noqa: E402
     NINETY,
@@ -127,7 +133,26 @@ def read_answer(done: IdentifyComputation, job: Job) -> Answer:
         if j.ci90 is not None:
             low, high = j.ci90
             springs[j.joint] = (0.0 if high is None else 1.0 / high, 1.0 / max(low or 0.0, 1e-300))
-    arm = ArmElasticity(load_robot(done.cell), done.cell.tool.T_flange_tcp, done.identification.stiffness)
+    return predict_job(done.cell, done.identification.stiffness, springs, job)
+
+
+def diagnose(folder: Path, job: Job) -> Answer | None:
+    """Return the intervals of the stiffness that ``diagnose`` writes; None where it writes no model discrepancy."""
+    request = DiagnoseRequest(cell=folder / "cell", recordings=(folder / "recording",), out=folder / "diagnosed")
+    done = compute_diagnosis(request, (), lambda _: None)
+    written = done.model
+    if written is None or written.discrepancy is None or written.covariance is None:
+        return None
+    compliance, half = 1.0 / written.joints, NINETY * np.sqrt(np.diag(written.covariance))
+    springs = {j + 1: (c - h, c + h) for j, (c, h) in enumerate(zip(compliance, half, strict=True))}
+    return predict_job(done.cell, written, springs, job)
+
+
+def predict_job(cell: Cell, stiffness: ArmStiffness, springs: dict[int, tuple[float, float]], job: Job) -> Answer:
+    """Return the predicted deflection at the job with its interval, beside the intervals of the springs."""
+    arm = ArmElasticity(  # as a plan builds it
+        load_robot(cell), cell.tool.T_flange_tcp, stiffness, cell.arm_limits, load_masses(cell), counted=True
+    )
     said = arm.evaluate(job.q).compute_deflection(job.force)
     along = said / np.linalg.norm(said, axis=1, keepdims=True)
     known = DiscrepancyModel.of(arm)
@@ -137,8 +162,8 @@ def read_answer(done: IdentifyComputation, job: Job) -> Answer:
     return Answer(springs, np.einsum("mc,mc->m", said, along), along, half)
 
 
-def score(folder: Path, case: Case, draw: int, tally: Tally) -> None:
-    """Identify a case without and with knowledge of its effect, and count."""
+def score(folder: Path, case: Case, draw: int, tally: Tally, by_diagnose: bool) -> None:
+    """Identify (or diagnose) a case without, and identify it with knowledge of its effect, and count."""
     nominal, scene, quiet, effects, rng = draw_case(case, "dev", draw)
     assert isinstance(scene, LoadTest)
     job = build_job(scene, effects, rng)
@@ -147,7 +172,10 @@ def score(folder: Path, case: Case, draw: int, tally: Tally) -> None:
     for name, clean in (("hidden", scene.clean(effects)), ("plain", quiet)):
         recording_tables.write(channel_dispatch.table(scene, clean, rng), folder / name / "recording")
     try:
-        found = read_answer(identify(folder / "hidden"), job)
+        found = diagnose(folder / "hidden", job) if by_diagnose else read_answer(identify(folder / "hidden"), job)
+        if found is None:
+            tally.refused += 1
+            return
         effect = effects[0]
         known = effect.effect.endswith("_compliance")
         fit = (f"{effect.effect}@{effect.location}",) if known else ()
@@ -170,7 +198,7 @@ def score(folder: Path, case: Case, draw: int, tally: Tally) -> None:
 
 def print_table(tallies: dict[str, Tally]) -> None:
     """Print one row for each effect, and all together."""
-    print(f"{'effect':26s} records   springs held  width    job, rising   job, falling  width  refused")
+    print(f"{'effect':26s} records   springs held  width    job, rising   job, falling  width  refused or no model")
     every = Tally()
     for name, t in [*tallies.items(), ("all", every)]:
         if t is not every:
@@ -193,16 +221,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=4)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--effects", default=",".join(EFFECTS))
+    parser.add_argument("--diagnose", action="store_true", help="the stiffness that diagnose writes")
     parser.add_argument("--json", type=Path, help="write the counts")
     args = parser.parse_args()
     tallies: dict[str, Tally] = defaultdict(Tally)
     for n, effect in enumerate(EFFECTS):
+        if effect not in args.effects.split(","):
+            continue
         for m, size in enumerate(SIZES):
             for draw in range(args.first, args.first + args.draws):
                 lab = LABS[(n + m + draw) % len(LABS)]
                 case = Case("coverage", "load", lab, ((effect, size),), number=draw)
                 with tempfile.TemporaryDirectory() as folder:
-                    score(Path(folder), case, draw, tallies[effect])
+                    score(Path(folder), case, draw, tallies[effect], args.diagnose)
         print_table({effect: tallies[effect]})
     print_table(tallies)
     if args.json is not None:

@@ -93,7 +93,7 @@ def plan(cell: Path, toolpath: Path, *overrides: str) -> TimedPlan:
     """Plan a job in this process."""
     given = load_optimize_inputs(OptimizeRequest(cell=cell, toolpath=toolpath, out=Path("unused"), overrides=overrides))
     start = time.process_time()
-    job = plan_job(given.stints, given.toolpath, given.options, StageTimings())
+    job = plan_job(given.segments, given.toolpath, given.options, StageTimings())
     return TimedPlan(job, time.process_time() - start)
 
 

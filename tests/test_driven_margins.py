@@ -20,7 +20,7 @@ from machopt.placement.search_options import NO_SHIFT
 from machopt.placement.segment_task import build_single_segment, plan_at_placement
 from machopt.planning.compensation.driven_margins import apply_driven_rotation, find_lost_margin
 from machopt.planning.job.job_planner import JobPlan, plan_job
-from machopt.planning.job.request_checks import plan_motion
+from machopt.planning.motion.trajectory_builder import plan_motion
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
@@ -86,7 +86,7 @@ def test_one_that_cannot_be_made_again_is_no_plan_and_says_why(
     on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, _ = on_the_margin
-    monkeypatch.setattr("machopt.planning.job.job_planner.SPARES", 0)
+    monkeypatch.setattr("machopt.planning.job.job_planner.MAX_MARGIN_REPLANS", 0)
     done = job(cell, OPTIONS)
     assert done.timeline is not None
     assert done.timeline.trajectory is None
@@ -107,6 +107,6 @@ def test_a_place_is_held_to_what_is_driven_too(
     assert not placed.obstruction
     assert placed.seconds == done.timeline.trajectory.time[-1]  # as optimize drives it
     assert placed.plan.options == OPTIONS
-    monkeypatch.setattr("machopt.planning.job.job_planner.SPARES", 0)
+    monkeypatch.setattr("machopt.planning.job.job_planner.MAX_MARGIN_REPLANS", 0)
     placed = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)
     assert "limit_margin_deg" in placed.obstruction

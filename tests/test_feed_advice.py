@@ -43,10 +43,10 @@ def find_advice(folder: Path, cell: Path, rows: str, process: str) -> tuple[np.n
         direct={"rotation_step_deg": 30},
     )
     given = load_optimize_inputs(request)
-    stint = given.stints[0]
-    toolpath = stint.toolpath
-    plan = find_best_plan(stint.cell, toolpath, stint.restrict_options(given.options))
-    loads = compute_loads(stint.cell, toolpath, toolpath.feed)
+    segment = given.segments[0]
+    toolpath = segment.toolpath
+    plan = find_best_plan(segment.cell, toolpath, segment.restrict_options(given.options))
+    loads = compute_loads(segment.cell, toolpath, toolpath.feed)
     assert loads is not None
     wall = compute_cutting_dynamics(plan, toolpath, loads).wall_force
     found = compute_point_errors(plan, toolpath, loads, wall_force=wall, is_full=True)
@@ -54,15 +54,15 @@ def find_advice(folder: Path, cell: Path, rows: str, process: str) -> tuple[np.n
 
     def compute_again(factor: float) -> np.ndarray:
         feed = np.where(found.feed_max > 0.0, factor * found.feed_max, toolpath.feed)
-        again = compute_loads(stint.cell, toolpath, feed)
+        again = compute_loads(segment.cell, toolpath, feed)
         assert again is not None
         force = compute_cutting_dynamics(plan, toolpath, again).wall_force
         return compute_point_errors(plan, toolpath, again, wall_force=force, hole_draws=HOLE_DRAWS).p_in[points]
 
-    assert stint.cell.process is not None
+    assert segment.cell.process is not None
     inner = found.feed_max[points] < (WIDEST - 1e-6) * toolpath.feed[points]
     above = np.where(inner, compute_again(1.03), np.nan)
-    return points, compute_again(1.0), above, stint.cell.process.quantile
+    return points, compute_again(1.0), above, segment.cell.process.quantile
 
 
 @pytest.mark.slow
@@ -109,15 +109,15 @@ def test_an_advised_milled_point_passes_with_the_bend_of_its_own_feed(
 @pytest.mark.slow
 def test_samples_of_a_retract_move_are_no_feed_of_the_cut(tmp_path: Path) -> None:
     own = (CELLS / "kr500_milling" / "process.yaml").read_text()
-    one = start(tmp_path, "kr500_milling", WALL, own).current.job_result.stints[0]
+    one = start(tmp_path, "kr500_milling", WALL, own).current.job_result.segments[0]
     timeline: MotionTimeline | None = one.timeline
     assert timeline is not None
     assert timeline.trajectory is not None
     t = timeline.trajectory
-    last = int(np.flatnonzero(one.stint.toolpath.cutting)[-1])
+    last = int(np.flatnonzero(one.segment.toolpath.cutting)[-1])
     feed = t.feed.copy()
     feed[(t.move != MoveKind.CUT) & np.isfinite(feed)] = 1.0  # m/s, far above the cut
     faster = replace(timeline, trajectory=replace(t, feed=feed))
-    path = replace(one.stint.toolpath, feed=np.where(np.isnan(one.stint.toolpath.feed), np.nan, 2.0))
+    path = replace(one.segment.toolpath, feed=np.where(np.isnan(one.segment.toolpath.feed), np.nan, 2.0))
     assert find_driven_feed(path, faster)[last] == pytest.approx(find_driven_feed(path, timeline)[last])
     assert find_driven_feed(path, faster)[last] < 0.03

@@ -68,18 +68,18 @@ def planned(toolpath_file: Path) -> tuple[Plan, ToolSegment]:
         direct={"objective": "tolerance", "method": "joint"},
     )
     given = load_optimize_inputs(request)
-    stint = given.stints[0]
-    return find_best_plan(stint.cell, stint.toolpath, stint.restrict_options(given.options)), stint
+    segment = given.segments[0]
+    return find_best_plan(segment.cell, segment.toolpath, segment.restrict_options(given.options)), segment
 
 
 @pytest.fixture(scope="module")
 def window(planned: tuple[Plan, ToolSegment]) -> tuple[RunState, Window, SymbolicMachine, WindowData]:
-    plan, stint = planned
+    plan, segment = planned
     machine = build_symbolic_machine(plan.setup.arm.machine, plan.setup.arm.T_flange_tcp)
     one = next(list_windows(plan))
-    state = measure_run(plan, stint.toolpath, one.run)
+    state = measure_run(plan, segment.toolpath, one.run)
     assert isinstance(state, RunState)
-    milled = MilledTargets.build(plan, stint.toolpath)
+    milled = MilledTargets.build(plan, segment.toolpath)
     data = build_window_data(
         state, one, milled, LimitSources(plan, None), machine, find_free_axes(plan), np.radians(20.0)
     )
@@ -178,11 +178,11 @@ def test_a_solution_keeps_its_limits(window: tuple[RunState, Window, SymbolicMac
 def test_a_colliding_window_is_refused_with_the_pair(
     planned: tuple[Plan, ToolSegment], window: tuple[RunState, Window, SymbolicMachine, WindowData]
 ) -> None:
-    _, stint = planned
+    _, segment = planned
     state, one, _, data = window
-    narrow = prepare_planning(stint.cell, replace(state.plan.options, clearance=0.3))
+    narrow = prepare_planning(segment.cell, replace(state.plan.options, clearance=0.3))
     crowded = replace(state, plan=replace(state.plan, setup=narrow))
-    refused = try_solution(crowded, stint.toolpath, one, keep_present(data))
+    refused = try_solution(crowded, segment.toolpath, one, keep_present(data))
     assert isinstance(refused, TrialRefusal)
     assert "touch or come nearer than the clearance at point" in refused.reason
 
@@ -301,11 +301,11 @@ def test_external_joints_that_move_are_free(tmp_path: Path) -> None:
     given = load_optimize_inputs(
         OptimizeRequest(cell=ROOT / "cells" / "kr500_rail", toolpath=short, out=tmp_path / "o")
     )
-    stint = given.stints[0]
-    plan = find_best_plan(stint.cell, stint.toolpath, stint.restrict_options(given.options))
+    segment = given.segments[0]
+    plan = find_best_plan(segment.cell, segment.toolpath, segment.restrict_options(given.options))
     assert find_free_axes(plan).tolist() == [True] * plan.path.external.shape[1]
     one = next(list_windows(plan))
-    state = measure_run(plan, stint.toolpath, one.run)
+    state = measure_run(plan, segment.toolpath, one.run)
     assert isinstance(state, RunState)
     machine = build_symbolic_machine(plan.setup.arm.machine, plan.setup.arm.T_flange_tcp)
     sources = LimitSources(plan, None)
@@ -314,7 +314,7 @@ def test_external_joints_that_move_are_free(tmp_path: Path) -> None:
     assert found.is_solved, found.status
     place = np.array([np.asarray(machine.pose(x)[0]).ravel() for x in found.x])
     assert np.abs(place - data.position).max() < 1e-8
-    trial = try_solution(state, stint.toolpath, one, found)
+    trial = try_solution(state, segment.toolpath, one, found)
     assert isinstance(trial, RunState | TrialRefusal)
     if isinstance(trial, RunState):
         rows = one.points

@@ -124,21 +124,21 @@ def test_the_probability_is_that_of_the_planner_in_its_postures(
             direct={"objective": "tolerance", "rotation_step_deg": 30},
         )
     )
-    stint = given.stints[0]
-    plan = find_best_plan(stint.cell, stint.toolpath, stint.restrict_options(given.options))
+    segment = given.segments[0]
+    plan = find_best_plan(segment.cell, segment.toolpath, segment.restrict_options(given.options))
     assert plan.pricing is not None
     planned = plan.pricing.tolerance
     assert planned is not None
     pricing = replace(planned, draws=build_draws(planned.spread, 8192))
     q = plan.chosen.assignment.q
     found = compute_map(request, lambda _: None)
-    robot, _ = load_chain(stint.cell)
-    setting = build_map_settings(stint.cell, robot, found.options)
-    quantities, _ = job_quantities.build_job_quantities(stint.cell, stint.toolpath, setting)
+    robot, _ = load_chain(segment.cell)
+    setting = build_map_settings(segment.cell, robot, found.options)
+    quantities, _ = job_quantities.build_job_quantities(segment.cell, segment.toolpath, setting)
     by_key = {quantity.key: quantity for quantity in quantities}
     for is_hole, key, rows in ((True, "p_in_1", pricing.holes.row), (False, "p_in_2", pricing.surfaces.row)):
         points = np.searchsorted(plan.path.index, rows - 1e-6)
-        wanted = pricing.compute_probability(stint.cell, is_hole, np.arange(len(rows)), points, q[points])
+        wanted = pricing.compute_probability(segment.cell, is_hole, np.arange(len(rows)), points, q[points])
         at = q[points]
         if is_hole:  # the position of a hole is that at its entry
             at = pricing._shift_to_entry(np.arange(len(rows)), points, at)

@@ -57,7 +57,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
 def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
     monkeypatch.setattr(service, "load_cell", _load_cell)
-    monkeypatch.setattr(contents, "verify_tool_segments", _verify_stints)
+    monkeypatch.setattr(contents, "verify_tool_segments", _verify_segments)
 
 
 _CELLS: dict[str, Cell] = {}
@@ -78,20 +78,20 @@ def _load_cell(path: Path, **how: bool) -> Cell:
     return _CELLS[key]
 
 
-def _verify_stints(
-    stints: Sequence[ToolSegment],
+def _verify_segments(
+    segments: Sequence[ToolSegment],
     out: Path,
     *,
     options: PlanOptions,
     motion: ExportedMotion | None,
     touching: Sequence[tuple[str, str]] | None,
 ) -> Verification:
-    cell, toolpath = stints[0].cell, stints[0].whole
+    cell, toolpath = segments[0].cell, segments[0].whole
     read = compute_digest(toolpath.position.tobytes() + toolpath.axis.tobytes() + toolpath.feed.tobytes())
     tables = [(name, (out / name).is_file() and compute_sha256(out / name)) for name in TABLES]
     key = repr((_bytes_of(cell.folder), read, tables, options, touching))
     if key not in _FOUND:
-        _FOUND[key] = _CHECKED(stints, out, options=options, motion=motion, touching=touching)
+        _FOUND[key] = _CHECKED(segments, out, options=options, motion=motion, touching=touching)
     return _FOUND[key]
 
 

@@ -145,13 +145,13 @@ def test_a_place_of_a_job_that_changes_tools_is_planned_as_the_job_is(tmp_path: 
     cell = replace(cell, tools=tools, tool_name=None)
     path = read_toolpath(_holes(tmp_path, [(-60.0, 50.0), (60.0, -50.0), (60.0, 50.0)], "abb", depth=4.0))
     options = PlanOptions(rotation_step=np.radians(30.0))
-    stints = split_into_tool_segments(cell, path)
-    assert len(stints) == 2
-    site = PlacementSite.build(cell, (path,), options, PlacementOptions(), [stints])
+    segments = split_into_tool_segments(cell, path)
+    assert len(segments) == 2
+    site = PlacementSite.build(cell, (path,), options, PlacementOptions(), [segments])
     place = site.evaluate_candidate(CandidateQuery(0, NO_SHIFT))
     assert place.is_feasible
     found = site.plan_candidate(PlacementCandidate(number=0, shift=NO_SHIFT))
-    job = plan_job(stints, path, options, StageTimings())
+    job = plan_job(segments, path, options, StageTimings())
     own = job.plan.chosen.objective.worst * job.plan.scores.scale
     assert found.worst == pytest.approx(own, rel=2e-3)  # the job's is of the motion as driven
     assert place.bound <= found.worst * (1 + 2e-3)

@@ -42,17 +42,17 @@ def test_it_is_planned_tool_after_tool(tmp_path: Path) -> None:
     assert cell.warnings == ()
     path = place_toolpath(read_toolpath(FILE, cell_offsets=tuple(cell.offsets)), cell)
     cell = select_job_tools(cell, path)
-    stints = split_into_tool_segments(cell, path)
-    assert [(s.tool, s.cell.controller.tool_number) for s in stints] == [("1", 1), ("2", 2), ("3", 3), ("2", 2)]
-    assert np.allclose(path.axis[stints[3].first :], [-1, 0, 0])
-    slot = path.position[stints[3].first :][path.cutting[stints[3].first :], 0]  # into the face towards the robot
+    segments = split_into_tool_segments(cell, path)
+    assert [(s.tool, s.cell.controller.tool_number) for s in segments] == [("1", 1), ("2", 2), ("3", 3), ("2", 2)]
+    assert np.allclose(path.axis[segments[3].first :], [-1, 0, 0])
+    slot = path.position[segments[3].first :][path.cutting[segments[3].first :], 0]  # into the face towards the robot
     np.testing.assert_allclose([slot.min(), slot.max()], [-0.02, -0.017], atol=1e-9)
     options = PlanOptions(collision=False, rotation_step=np.radians(60.0), force=ProcessForce(axial=100.0), sample=0.1)
-    done = plan_job(stints, path, options, StageTimings())
+    done = plan_job(segments, path, options, StageTimings())
     assert done.timeline is not None
     assert done.timeline.trajectory is not None
     assert not len(done.plan.missing)
-    assert [s.cell.tool.T_flange_tcp[2, 3] for s in stints] == [0.442, 0.484, 0.51, 0.484]
+    assert [s.cell.tool.T_flange_tcp[2, 3] for s in segments] == [0.442, 0.484, 0.51, 0.484]
 
 
 @pytest.mark.slow

@@ -56,20 +56,20 @@ def job(*tools: str, rows: Rows | None = None) -> Toolpath:
 
 def test_the_job_is_cut_where_the_tool_changes(tmp_path: Path) -> None:
     cell, path = table(tmp_path), job(*LABELS)
-    stints = split_into_tool_segments(select_job_tools(cell, path), path)
-    assert [(s.tool, s.first, s.stop, s.number) for s in stints] == [
+    segments = split_into_tool_segments(select_job_tools(cell, path), path)
+    assert [(s.tool, s.first, s.stop, s.number) for s in segments] == [
         ("3", 0, 10, 1),
         ("BALL", 10, 15, 2),
         ("3", 15, 20, 3),
     ]
-    events = [[(e.index, e.text) for e in s.toolpath.events] for s in stints]
+    events = [[(e.index, e.text) for e in s.toolpath.events] for s in segments]
     assert events == [[(10, "M5")], [(0, "T2"), (0, "S900 M3")], []]  # the spindle stops before its tool comes off
-    for s, begin, end in zip(stints, (cell.home, CHANGE, CHANGE), (CHANGE, CHANGE, cell.home), strict=True):
+    for s, begin, end in zip(segments, (cell.home, CHANGE, CHANGE), (CHANGE, CHANGE, cell.home), strict=True):
         np.testing.assert_array_equal(np.array([s.begin, s.end]), np.array([begin, end]))
         assert s.cell.tool is cell.tools[s.tool]
-    np.testing.assert_array_equal(np.vstack([s.toolpath.position for s in stints]), path.position)
+    np.testing.assert_array_equal(np.vstack([s.toolpath.position for s in segments]), path.position)
     wished = replace(OPTIONS, fixed=(FixedRotation(3, 0.1), FixedRotation(12, 0.2)))
-    assert [[f.point for f in s.restrict_options(wished).fixed] for s in stints] == [[3], [2], []]
+    assert [[f.point for f in s.restrict_options(wished).fixed] for s in segments] == [[3], [2], []]
     (one,) = split_into_tool_segments(select_job_tools(cell, job("3", "T03")), job("3", "T03"))
     assert one.number == 0
     assert one.tool == "3"
@@ -101,13 +101,13 @@ def test_the_same_text_comes_before_the_same_number(tmp_path: Path) -> None:
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]:
     cell, path = table(tmp_path_factory.mktemp("tools")), job(*LABELS)
     cell = select_job_tools(cell, path)
-    stints = split_into_tool_segments(cell, path)
-    return cell, path, stints, plan_job(stints, path, OPTIONS, StageTimings())
+    segments = split_into_tool_segments(cell, path)
+    return cell, path, segments, plan_job(segments, path, OPTIONS, StageTimings())
 
 
 def test_each_tool_has_the_plan_it_has_alone(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]) -> None:
-    _, path, stints, whole = done
-    assert len(whole.plan.parts) == len(stints) == 3
+    _, path, segments, whole = done
+    assert len(whole.plan.parts) == len(segments) == 3
     np.testing.assert_array_equal(whole.plan.path.index[whole.plan.path.is_point], np.arange(len(path)))
     assert whole.plan.path.runs[-1][1] == len(whole.plan.path.index) - 1
     np.testing.assert_array_equal(whole.points.table.q, np.vstack([p.points.table.q for p in whole.parts]))
@@ -132,13 +132,13 @@ def test_each_tool_has_the_plan_it_has_alone(done: tuple[Cell, Toolpath, tuple[T
 
 
 def written(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Path, *tools: str) -> Path:
-    _, path, stints, whole = done
+    _, path, segments, whole = done
     assert whole.timeline is not None
     assert whole.timeline.trajectory is not None
     out.mkdir(exist_ok=True)
     write_points_csv(out / "points.csv", whole.points.table)
     labels = [o.label for o in path.operations]
-    names = tools or [s.tool for s in stints if s.tool]
+    names = tools or [s.tool for s in segments if s.tool]
     write_trajectory_csv(out / "trajectory.csv", whole.timeline.trajectory, labels, (), names)
     return out
 
@@ -178,21 +178,21 @@ def test_the_verifier_sees_a_wrong_tool_and_a_change_in_the_wrong_place(
     (check,) = held(done, out).failed
     assert "BALL comes on" in check.where
     assert "from where tools are changed" in check.where
-    cell, path, stints, whole = done
-    longer = replace(stints[1].cell.tool, T_flange_tcp=pose(0, 0, 0.451))  # a millimetre
-    other = (stints[0], replace(stints[1], cell=replace(stints[1].cell, tool=longer)), stints[2])
+    cell, path, segments, whole = done
+    longer = replace(segments[1].cell.tool, T_flange_tcp=pose(0, 0, 0.451))  # a millimetre
+    other = (segments[0], replace(segments[1], cell=replace(segments[1].cell, tool=longer)), segments[2])
     failed = {c.name: c for c in held((cell, path, other, whole), written(done, tmp_path)).failed}
     assert {"path", "points.csv on the toolpath"} <= set(failed)
     assert failed["path"].where.startswith("tool BALL, points counted from 10:")
 
 
-def test_wishes_are_those_of_the_stint_they_are_about(tmp_path: Path) -> None:
+def test_wishes_are_those_of_the_segment_they_are_about(tmp_path: Path) -> None:
     cell, path = table(tmp_path), job(*LABELS)
-    stints = split_into_tool_segments(select_job_tools(cell, path), path)
+    segments = split_into_tool_segments(select_job_tools(cell, path), path)
     wished = replace(
         OPTIONS, steer=(SteeringRule(points=(8, 16), prefer=0.3), SteeringRule(operation="op2", gamma=0.1))
     )
-    laid = [s.restrict_options(wished) for s in stints]
+    laid = [s.restrict_options(wished) for s in segments]
     assert [[w.points for w in o.steer] for o in laid] == [[(8, 9)], [(0, 4), (1, 3)], [(0, 1)]]
     assert [[f.point for f in o.fixed] for o in laid] == [[], [1, 2, 3], []]
 
@@ -227,7 +227,7 @@ def test_a_place_that_the_file_names_twice_has_a_sample_for_each(tmp_path: Path)
     rows = slots(0.0)
     path = toolpath([rows[0], *rows])
     cell = small_cell(tmp_path, stiffness=K, obstacles=())
-    stints = split_into_tool_segments(cell, path)
-    whole = plan_job(stints, path, OPTIONS, StageTimings())
-    out = written((cell, path, stints, whole), tmp_path / "out")
-    assert not verify_tool_segments(stints, out, options=OPTIONS).failed
+    segments = split_into_tool_segments(cell, path)
+    whole = plan_job(segments, path, OPTIONS, StageTimings())
+    out = written((cell, path, segments, whole), tmp_path / "out")
+    assert not verify_tool_segments(segments, out, options=OPTIONS).failed

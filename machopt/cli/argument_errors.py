@@ -90,11 +90,17 @@ def _split_numbers(text: str) -> list[str | float]:
 class OptionParser(argparse.ArgumentParser):
     """Parser whose options refuse contradicting repetitions; also the parent of commands with common options."""
 
-    def __init__(self, *args: Any, **keywords: Any) -> None:
-        super().__init__(*args, **keywords)
-        for name in (None, "store"):
-            self.register("action", name, SingleValueAction)
-        self.register("action", "append", NamedValuesAction)
+    def register(self, registry_name: str, value: object, object: object) -> None:
+        """Register a class by name; the actions of argparse that take values are replaced by those of this module.
+
+        Args:
+            registry_name: ``action`` or ``type``.
+            value: Name of the class; None: the default.
+            object: The class of argparse.
+        """
+        own = {None: SingleValueAction, "store": SingleValueAction, "append": NamedValuesAction}
+        found = own.get(value, object) if registry_name == "action" and isinstance(value, str | None) else object
+        super().register(registry_name, value, found)
 
 
 class CommandParser(OptionParser):

@@ -24,7 +24,7 @@ class Trajectory:
     operation: NDArray[np.int32]  # (S,) index into the toolpath's operations, −1 outside
     gamma: Array  # (S,) rad; NaN where no toolpath point is near (rapid moves)
     feed: Array  # (S,) m/s, actual speed of the TCP relative to the workpiece
-    tool: NDArray[np.int32] | None = None  # (S,) which stint of the job, where it changes tools
+    tool: NDArray[np.int32] | None = None  # (S,) which segment of the job, where it changes tools
     lead: Array | None = None  # (S,) rad, tilt of the tool against the CAM axis; NaN in rapid moves; None: no tilt
     side: Array | None = None  # (S,) rad
     corners: RapidCorners | None = None  # between rapid moves, where the motion does not stop; None: it has none

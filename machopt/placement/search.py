@@ -78,7 +78,7 @@ class PlacementSite:
         toolpaths: tuple[Toolpath, ...],
         options: PlanOptions,
         search: PlacementOptions,
-        stints: Sequence[Sequence[ToolSegment]] | None = None,
+        segments: Sequence[Sequence[ToolSegment]] | None = None,
     ) -> PlacementSite:
         """Prepare a cell and its jobs.
 
@@ -87,7 +87,7 @@ class PlacementSite:
             toolpaths: jobs.
             options: plan options.
             search: search options.
-            stints: of each toolpath, divided at tool changes; None: no tool changes.
+            segments: of each toolpath, divided at tool changes; None: no tool changes.
         """
         standing = SupportModel.build(cell)
         names = select_moved_obstacles(
@@ -98,8 +98,8 @@ class PlacementSite:
         carried = MovedBodies(
             search.base, names, compute_rotation_centre(cell, positions, base=search.base, frames=frames), frames
         )
-        cut = [build_single_segment(cell, t) for t in toolpaths] if stints is None else stints
-        jobs = tuple(tuple(SegmentTask.build(stint, options) for stint in job) for job in cut)
+        cut = [build_single_segment(cell, t) for t in toolpaths] if segments is None else segments
+        jobs = tuple(tuple(SegmentTask.build(segment, options) for segment in job) for job in cut)
         return cls(cell=cell, toolpaths=toolpaths, options=options, jobs=jobs, moved_bodies=carried, supports=standing)
 
     @property
@@ -164,8 +164,8 @@ class PlacementSite:
         start_time = time.perf_counter()
         worst, mean, cycle, softest, tolerances = [], [], 0.0, [], []
         for toolpath, job in zip(self.toolpaths, self.jobs, strict=True):
-            stints = [task.stint for task in job]
-            made = plan_at_placement(stints, self.moved_bodies, place.shift, self.options)
+            segments = [task.segment for task in job]
+            made = plan_at_placement(segments, self.moved_bodies, place.shift, self.options)
             if made.obstruction:
                 return PlannedPlacement(
                     place=place,

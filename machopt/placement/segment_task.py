@@ -39,32 +39,32 @@ from machopt.planning.tolerance.process_results import summarise_tolerances
 class SegmentTask:
     """One tool's toolpath; its springs and its kinematic chain are the same at every place."""
 
-    stint: ToolSegment
+    segment: ToolSegment
     setup: PlanningSetup  # without collisions
     path: PlanningPath  # external joints at their locked values, else at home
     groups: tuple[OperationGroup, ...]  # operations that share external joint values; empty without external joints
     tolerances: ToleranceEstimator | None  # None: nothing has a tolerance, or external joints are free
 
     @classmethod
-    def build(cls, stint: ToolSegment, options: PlanOptions) -> SegmentTask:
+    def build(cls, segment: ToolSegment, options: PlanOptions) -> SegmentTask:
         """Prepare one tool's toolpath.
 
         Args:
-            stint: toolpath of one tool.
+            segment: toolpath of one tool.
             options: plan options.
         """
-        cell, path = stint.cell, build_planning_path(stint.toolpath)
-        setup = prepare_planning(cell, replace(options, collision=False), stint.toolpath)
+        cell, path = segment.cell, build_planning_path(segment.toolpath)
+        setup = prepare_planning(cell, replace(options, collision=False), segment.toolpath)
         if not cell.external_joints:
-            return cls(stint, setup, path, (), _build_estimator(setup, stint, path, options))
-        groups = build_operation_groups(cell, stint.toolpath, path, resolve_axis_options(cell, options))
+            return cls(segment, setup, path, (), _build_estimator(setup, segment, path, options))
+        groups = build_operation_groups(cell, segment.toolpath, path, resolve_axis_options(cell, options))
         at = np.empty((len(path.index), len(cell.external_joints)))
         for group in groups:
             at[list_run_points(path, group.runs)] = np.clip(cell.external_home, group.low, group.high)
         path = fix_external_axes(path, at)
         is_free = any((g.high > g.low).any() for g in groups)
         return cls(
-            stint, setup, path, tuple(groups), None if is_free else _build_estimator(setup, stint, path, options)
+            segment, setup, path, tuple(groups), None if is_free else _build_estimator(setup, segment, path, options)
         )
 
     @property
@@ -93,14 +93,14 @@ class SegmentTask:
             found = estimate_with_external_joints(self.setup, arm, self.path, options, self.groups)
         else:
             found = estimate_placement(self.setup, arm, self.path, options, self.tolerances)
-        return replace(found, point=found.point + self.stint.first)
+        return replace(found, point=found.point + self.segment.first)
 
 
 def _build_estimator(
-    setup: PlanningSetup, stint: ToolSegment, path: PlanningPath, options: PlanOptions
+    setup: PlanningSetup, segment: ToolSegment, path: PlanningPath, options: PlanOptions
 ) -> ToleranceEstimator | None:
     d = compute_load_directions(path, setup.arm, setup.elasticity, options.force)
-    return ToleranceEstimator.build(setup, stint.toolpath, path, d, options)
+    return ToleranceEstimator.build(setup, segment.toolpath, path, d, options)
 
 
 def build_single_segment(cell: Cell, toolpath: Toolpath) -> tuple[ToolSegment, ...]:
@@ -125,44 +125,46 @@ class JobAtPlacement:
 
 
 def plan_at_placement(
-    stints: Sequence[ToolSegment], carried: MovedBodies, shift: PlacementShift, options: PlanOptions
+    segments: Sequence[ToolSegment], carried: MovedBodies, shift: PlacementShift, options: PlanOptions
 ) -> JobAtPlacement:
     """Plan a job at a place, including its motion.
 
     Args:
-        stints: toolpath of each tool.
+        segments: toolpath of each tool.
         carried: moved bodies.
         shift: shift of the place.
         options: plan options.
     """
-    moved_stints = [replace(stint, cell=move_cell(stint.cell, carried, shift)) for stint in stints]
+    moved_segments = [replace(segment, cell=move_cell(segment.cell, carried, shift)) for segment in segments]
     plans: list[Plan] = []
-    for stint in moved_stints:
-        plans.append(_plan_segment(stint, len(moved_stints), plans[0].scores.scale if plans else None, options))
+    for segment in moved_segments:
+        plans.append(_plan_segment(segment, len(moved_segments), plans[0].scores.scale if plans else None, options))
     scale, bound = plans[0].scores.scale, None  # common scale: the worst index is that of the whole job
     if len(plans) > 1:
         plans, bound = plan_worst_index_over_tools(plans, compute_length_shares(plans), StageTimings())
 
-    def again(stint: ToolSegment) -> Callable[[PlanOptions], Plan]:
-        return lambda other: _plan_segment(stint, len(moved_stints), scale if len(moved_stints) > 1 else None, other)
+    def replan(segment: ToolSegment) -> Callable[[PlanOptions], Plan]:
+        return lambda other: _plan_segment(
+            segment, len(moved_segments), scale if len(moved_segments) > 1 else None, other
+        )
 
     seconds, why, rows = 0.0, "", []
-    for k, stint in enumerate(moved_stints):
-        plans[k], driven, timeline = drive_tool_segment(stint, plans[k], options, StageTimings(), again(stint))
+    for k, segment in enumerate(moved_segments):
+        plans[k], driven, timeline = drive_tool_segment(segment, plans[k], options, StageTimings(), replan(segment))
         if timeline is None or timeline.trajectory is None:
             why = _get_first_obstruction(plans[k], timeline.obstructions if timeline is not None else ())
             break
         seconds += float(timeline.trajectory.time[-1])
-        found = summarise_tolerances(driven, stint.toolpath, timeline)
-        rows += [replace(row, worst_point=row.worst_point + stint.first) for row in found]
-    done = [ToolSegmentPlan(one, s.first, s.tool) for one, s in zip(plans, moved_stints, strict=True)]
+        found = summarise_tolerances(driven, segment.toolpath, timeline)
+        rows += [replace(row, worst_point=row.worst_point + segment.first) for row in found]
+    done = [ToolSegmentPlan(one, s.first, s.tool) for one, s in zip(plans, moved_segments, strict=True)]
     return JobAtPlacement(join_plans(done, bound, options) if len(done) > 1 else plans[0], seconds, why, tuple(rows))
 
 
-def _plan_segment(stint: ToolSegment, count: int, scale: float | None, options: PlanOptions) -> Plan:
+def _plan_segment(segment: ToolSegment, count: int, scale: float | None, options: PlanOptions) -> Plan:
     """Plan one tool; between tools the machine rests at the tool change position."""
-    one = find_best_plan(stint.cell, stint.toolpath, stint.restrict_options(options), StageTimings(), scale=scale)
-    begin, end = (stint.begin if stint.number > 1 else None), (stint.end if stint.number < count else None)
+    one = find_best_plan(segment.cell, segment.toolpath, segment.restrict_options(options), StageTimings(), scale=scale)
+    begin, end = (segment.begin if segment.number > 1 else None), (segment.end if segment.number < count else None)
     return replace(one, begin=begin, end=end) if count > 1 else one
 
 

@@ -42,7 +42,8 @@ class LiveJob:
             made: The shown plan.
         """
         parts = tuple(
-            (one.stint.first, LiveOutcomes.build(one.plan, one.stint.toolpath, one.timeline)) for one in made.stints
+            (one.segment.first, LiveOutcomes.build(one.plan, one.segment.toolpath, one.timeline))
+            for one in made.segments
         )
         return cls(made, parts)
 

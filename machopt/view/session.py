@@ -115,7 +115,7 @@ class ViewSession:
         options = self._build_options(wishes)
         if self.has_motion and format_user_options(options) == format_user_options(self.current.inputs.options):
             return "Nothing is changed: the plan shown stays, with its verification.", True
-        old = [stint.plan for stint in self.current.job_result.stints]
+        old = [segment.plan for segment in self.current.job_result.segments]
         lends = old if all(p.compensation is None for p in old) else ()  # its path is another one
         given = self.optimize_inputs
         manifest = replace(given.manifest, **list_option_fields(given.cell, options, given.toolpath))

@@ -37,7 +37,7 @@ def compute_optimize_plan(
         before: Earlier plans of the same segments with other steering rules, whose unchanged steps are reused.
         refused: Why the joint result of method joint is not to be driven; empty: it is tried.
     """
-    job = plan_job(given.stints, given.toolpath, given.options, timings, before, refused)
+    job = plan_job(given.segments, given.toolpath, given.options, timings, before, refused)
     with timings.stage("map"):
         shown = compute_collision_map(job.plan, given.map_all)
     shown = replace(shown, candidates=shown.candidates.without_joints())
@@ -50,9 +50,9 @@ def compute_optimize_plan(
         cell=given.cell,
         toolpath=given.toolpath,
         options=given.options,
-        stints=tuple(
-            ToolSegmentResult(s, p.stretch.plan.without_grid_joints(), p.timeline)
-            for s, p in zip(given.stints, job.parts, strict=True)
+        segments=tuple(
+            ToolSegmentResult(s, p.segment_plan.plan.without_grid_joints(), p.timeline)
+            for s, p in zip(given.segments, job.parts, strict=True)
         ),
         plan=job.plan.without_grid_joints(),
         points=job.points,
@@ -61,6 +61,6 @@ def compute_optimize_plan(
         verification=None,
         programs=list_omitted_programs(given.posts, given.tolerance, "there is no motion"),
         manifest=given.manifest,
-        stock=summarise_stock(given.cell, given.stints),
+        stock=summarise_stock(given.cell, given.segments),
     )
     return OptimizeComputation(given, made, timings)

@@ -71,7 +71,7 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
         chosen_from=the_plan.chosen_from,
         objective=build_objectives_section(the_plan),
         front=tuple(doc.ParetoPlanEntry.from_fields(p) for p in made.front) or None,
-        tools=build_tool_sections(the_plan, [s.stint for s in made.stints]),
+        tools=build_tool_sections(the_plan, [s.segment for s in made.segments]),
         worst_point=build_worst_point_entry(the_plan, points),
         compensation=build_compensation_section(the_plan, toolpath) if trajectory is not None else None,
         tilt=build_tilt_section(the_plan, points),
@@ -99,12 +99,12 @@ def build_optimize_document(made: OptimizeJobResult, folder: Path, seconds: dict
 
 
 def _list_warnings(made: OptimizeJobResult) -> tuple[str, ...]:
-    timeline = made.timeline
+    timeline, jobs = made.timeline, [(s.segment.cell, s.segment.toolpath) for s in made.segments]
     return (
         *made.cell.warnings,
         *made.toolpath.warnings,
         *find_options_without_effect(made.plan.options),
-        *describe_missing_plans(made.front, made.plan.options, [(s.stint.cell, s.stint.toolpath) for s in made.stints]),
+        *describe_missing_plans(made.front, made.plan.options, jobs),
         *describe_better_plans(made.front),
         *describe_low_feed(timeline.dips if timeline and timeline.trajectory else ()),
         *list_unchecked_stability(

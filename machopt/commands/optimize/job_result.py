@@ -30,8 +30,8 @@ from machopt.verification.folder.verification_scope import (
 class ToolSegmentResult:
     """Result of one tool segment, from which its robot program is made."""
 
-    stint: ToolSegment
-    plan: Plan  # its toolpath indices count from the stint's first point
+    segment: ToolSegment
+    plan: Plan  # its toolpath indices count from the segment's first point
     timeline: MotionTimeline | None
 
 
@@ -42,7 +42,7 @@ class OptimizeJobResult:
     cell: Cell
     toolpath: Toolpath
     options: PlanOptions
-    stints: tuple[ToolSegmentResult, ...]  # one, or one a tool that is on where the job changes it
+    segments: tuple[ToolSegmentResult, ...]  # one, or one a tool that is on where the job changes it
     plan: Plan  # without the joints of the candidate grid
     points: PointResults
     shown: CollisionMap  # of the feasible rotations and branches, for the pages
@@ -102,7 +102,7 @@ class OptimizeJobResult:
 
     def with_touching_pairs(self) -> OptimizeJobResult:
         """Return a copy with the pairs of bodies that the planner leaves out, in the manifest."""
-        models = [s.plan.setup.collision for s in self.stints]
+        models = [s.plan.setup.collision for s in self.segments]
         pairs = {(e.a, e.b): e.reason for m in models if m is not None for e in m.excluded if np.isfinite(e.share)}
         listed = tuple(TouchingPair(a, b, reason) for (a, b), reason in pairs.items())
         return replace(self, manifest=replace(self.manifest, touching_pairs=listed))

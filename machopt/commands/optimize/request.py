@@ -33,7 +33,8 @@ from machopt.process.binding.job_binding import attach_forces, mark_forces
 from machopt.process.binding.operation_matching import attach_process
 from machopt.program_export.selected_posts import SelectedPost, is_post_file, select_posts
 from machopt.programs.writing.target_insertion import ProgramTolerance
-from machopt.toolpath.unknown_words import read_for_plan, refuse_unknown_words
+from machopt.toolpath.toolpath_reader import read_toolpath
+from machopt.toolpath.unknown_words import refuse_unknown_words
 from machopt.verification.folder.programs.post_lookup import build_tolerance
 
 
@@ -66,7 +67,7 @@ class OptimizeInputs:
     cell: Cell
     options: PlanOptions
     toolpath: Toolpath
-    stints: tuple[ToolSegment, ...]  # one, or one a tool that is on where the job changes it
+    segments: tuple[ToolSegment, ...]  # one, or one a tool that is on where the job changes it
     posts: tuple[SelectedPost, ...]
     tolerance: ProgramTolerance  # of the programs
     manifest: FolderManifest  # without files
@@ -86,7 +87,7 @@ def load_optimize_inputs(request: OptimizeRequest) -> OptimizeInputs:
     """
     cell = load_cell(request.cell, allow_external=request.allow_external, process=request.process)
     return prepare_optimize_inputs(
-        cell, lambda: read_for_plan(request.toolpath, {**get_reading_options(cell), **request.reading}), request
+        cell, lambda: read_toolpath(request.toolpath, **{**get_reading_options(cell), **request.reading}), request
     )
 
 
@@ -104,7 +105,9 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
     refuse_without_pyarrow(request.tables)
     options = load_options(cell.plan, request.plan_file, list(request.overrides), **(request.direct or {}))
     posts, tolerance = select_posts(cell, request.posts), build_tolerance(request.program_tolerance_mm, options)
-    toolpath = add_reach_warning(cell, place_toolpath(refuse_unknown_words(read(), request.toolpath), cell))
+    toolpath = read()
+    refuse_unknown_words(toolpath, request.toolpath)
+    toolpath = add_reach_warning(cell, place_toolpath(toolpath, cell))
     toolpath = attach_process(cell.process, toolpath)
     cell = select_job_tools(apply_absolute_accuracy(cell, options), toolpath)
     segments = attach_forces(split_into_tool_segments(cell, toolpath))
@@ -128,7 +131,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
         cell=cell,
         options=options,
         toolpath=toolpath,
-        stints=segments,
+        segments=segments,
         posts=posts,
         tolerance=tolerance,
         manifest=manifest,

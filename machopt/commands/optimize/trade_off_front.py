@@ -70,10 +70,10 @@ def compute_trade_off_front(given: OptimizeInputs, requested: Plan, own: FrontPl
     cell, toolpath = given.cell, given.toolpath
     for name, changed, other in (
         *list_front_variants(given.options),
-        *list_process_variants([(s.cell, s.toolpath) for s in given.stints], given.options),
+        *list_process_variants([(s.cell, s.toolpath) for s in given.segments], given.options),
         *list_reentry_variants(requested, toolpath, given.options),
     ):
-        job = plan_job(given.stints, toolpath, other, StageTimings())
+        job = plan_job(given.segments, toolpath, other, StageTimings())
         timeline = job.timeline
         if other.max_reentries > given.options.max_reentries and not job.plan.path.is_reentry.any():
             continue  # none pays: it is the requested plan

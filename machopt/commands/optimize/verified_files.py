@@ -52,7 +52,7 @@ def _write_and_verify(the_plan: OptimizeComputation, folder: Path) -> VerifiedFi
         )
     if timeline is not None and timeline.trajectory is not None:
         with timings.stage("programs"):
-            jobs = [(s.stint, s.plan, s.timeline) for s in made.stints]
+            jobs = [(s.segment, s.plan, s.timeline) for s in made.segments]
             made = made.with_programs(write_programs(folder, given.posts, jobs, given.tolerance))
         release_free_memory()
         with timings.stage("verify"):

@@ -51,25 +51,25 @@ class DrivenCandidate:
 
 
 def drive_posture_and_feed(
-    stint: ToolSegment,
-    the_plan: Plan,
+    segment: ToolSegment,
+    plan: Plan,
     timings: StageTimings,
     drive: Drive,
-    again: Callable[[PlanOptions], Plan],
+    replan: Callable[[PlanOptions], Plan],
     refused: str = "",
 ) -> tuple[Plan, Plan, MotionTimeline | None]:
     """Return the plan, the plan as driven, and the motion of the better of fixed path and joint result.
 
     Args:
-        stint: Toolpath of one tool.
-        the_plan: Its plan.
+        segment: Toolpath of one tool.
+        plan: Its plan.
         timings: Receives the duration of the stages.
         drive: Computes the motion of a plan; its second argument plans anew with other options.
-        again: Plans the same with other options for the whole job.
+        replan: Plans the same with other options for the whole job.
         refused: Why the joint result is not to be driven; empty: it is tried.
     """
-    toolpath = stint.toolpath
-    fixed = drive_at_advised_feeds(the_plan, toolpath, drive, again)
+    toolpath = segment.toolpath
+    fixed = drive_at_advised_feeds(plan, toolpath, drive, replan)
     if not np.isfinite(fixed.seconds):
         return _conclude(fixed, toolpath, np.nan, "the plan has no motion", ())
     if not fixed.advised.is_known or refused:
@@ -103,26 +103,26 @@ def _find_reason_against(fixed: DrivenCandidate, joint: DrivenCandidate, wanted:
 
 
 def drive_share_of_advice(
-    stint: ToolSegment, the_plan: Plan, share: float, drive: Drive, again: Callable[[PlanOptions], Plan]
+    segment: ToolSegment, plan: Plan, share: float, drive: Drive, replan: Callable[[PlanOptions], Plan]
 ) -> tuple[Plan, Plan, MotionTimeline | None]:
     """Return the plan, the plan as driven, and its motion at some of the advised feeds.
 
     Args:
-        stint: Toolpath of one tool.
-        the_plan: Its plan.
+        segment: Toolpath of one tool.
+        plan: Its plan.
         share: ``advised_feed_share``.
         drive: Computes the motion of a plan; its second argument plans anew with other options.
-        again: Plans the same with other options for the whole job.
+        replan: Plans the same with other options for the whole job.
     """
-    toolpath = stint.toolpath
-    at_file_feed = DrivenCandidate(*drive(the_plan, again), AdvisedFeeds(np.full(len(toolpath), np.nan), 0))
+    toolpath = segment.toolpath
+    at_file_feed = DrivenCandidate(*drive(plan, replan), AdvisedFeeds(np.full(len(toolpath), np.nan), 0))
     if not np.isfinite(at_file_feed.seconds):
         return at_file_feed.plan, at_file_feed.driven, at_file_feed.timeline
     reached = find_driven_feed(toolpath, at_file_feed.timeline)
     words = compute_driven_outcomes(at_file_feed.driven, toolpath, at_file_feed.timeline)
     passes = np.array([word == "pass" for word in words], bool)
     found = drive_at_advised_feeds(
-        at_file_feed.plan, toolpath, drive, again, lambda advised: advised.select_share(reached, passes, share)
+        at_file_feed.plan, toolpath, drive, replan, lambda advised: advised.select_share(reached, passes, share)
     )
     result = AdvisedFeedResult(
         feed=np.where(np.isnan(toolpath.feed), np.nan, np.fmin(toolpath.feed, found.advised.limit_feeds())),
@@ -139,7 +139,7 @@ def drive_at_advised_feeds(
     plan: Plan,
     toolpath: Toolpath,
     drive: Drive,
-    again: Callable[[PlanOptions], Plan],
+    replan: Callable[[PlanOptions], Plan],
     select: Callable[[AdvisedFeeds], AdvisedFeeds] | None = None,
 ) -> DrivenCandidate:
     """Return a plan driven at the advice for its postures, which another plan in its place has, too.
@@ -150,7 +150,7 @@ def drive_at_advised_feeds(
         plan: Plan of one tool.
         toolpath: Its toolpath.
         drive: Computes the motion of a plan; its second argument plans anew with other options.
-        again: Plans the same with other options for the whole job.
+        replan: Plans the same with other options for the whole job.
         select: Returns the part of an advice that is driven; None: every advice holds.
     """
 
@@ -162,7 +162,7 @@ def drive_at_advised_feeds(
     found = plan
     for _ in range(TRIES):
         start = apply_advised_feeds(restore_file_feeds(found, toolpath), advised)
-        result = DrivenCandidate(*drive(start, again), advised)
+        result = DrivenCandidate(*drive(start, replan), advised)
         if result.plan.chosen.assignment is start.chosen.assignment:
             slower = advised.lower_to(advise_feeds(result.driven, toolpath)) if np.isfinite(result.seconds) else None
             if slower is None:

@@ -30,12 +30,16 @@ MOST = 200  # maximum number of points without shift: with more, other rotations
 
 
 def compensate_with_retries(
-    stint: ToolSegment, planned: Plan, whole: PlanOptions, timings: StageTimings, replan: Callable[[PlanOptions], Plan]
+    segment: ToolSegment,
+    planned: Plan,
+    whole: PlanOptions,
+    timings: StageTimings,
+    replan: Callable[[PlanOptions], Plan],
 ) -> Plan:
     """Return the plan shifted against its deflection, with other rotations where these make it complete.
 
     Args:
-        stint: toolpath of one tool.
+        segment: toolpath of one tool.
         planned: plan before the shift.
         whole: options it was planned with, for the whole job.
         timings: receives the duration of the stages.
@@ -48,12 +52,12 @@ def compensate_with_retries(
 
     def shifted(plan: Plan) -> Plan:
         with timings.stage("compensate"):
-            return compensate_plan(plan, stint.toolpath)
+            return compensate_plan(plan, segment.toolpath)
 
     best = found = shifted(planned)
     options, avoided = whole, set[int]()
     for n in range(TRIES if requested.is_searched else 0):
-        zones = _zones(found, stint.first, min(max(whole.rotation_step, NARROWEST) * 2**n, WIDEST))
+        zones = _zones(found, segment.first, min(max(whole.rotation_step, NARROWEST) * 2**n, WIDEST))
         if not zones:
             break
         options = replace(options, steer=(*options.steer, *zones))

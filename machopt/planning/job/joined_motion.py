@@ -25,7 +25,7 @@ from machopt.planning.plan_output.point_table import PointResults, list_dwells
 class DrivenToolSegment:
     """One tool's stretch with its plan and motion."""
 
-    stretch: ToolSegmentPlan
+    segment_plan: ToolSegmentPlan
     points: PointResults
     timeline: MotionTimeline | None
 
@@ -62,13 +62,13 @@ def join_point_tables(parts: Sequence[DrivenToolSegment], toolpath: Toolpath) ->
             columns[f.name] = None
     columns["position"], columns["axis"] = toolpath.position, toolpath.axis
     columns["dwell"] = list_dwells(toolpath)  # a dwell before a tool change belongs to the last point before it
-    before = np.cumsum([0, *(len(p.stretch.plan.path.index) for p in parts)])
+    before = np.cumsum([0, *(len(p.segment_plan.plan.path.index) for p in parts)])
     rows = np.concatenate([p.points.rows + n for p, n in zip(parts, before, strict=False)])
     return PointResults(
         PointsTable(**columns),
         rows,
         tuple(name for p in parts for name in p.points.nearest_pair),
-        tuple(shift_summary(summary, p.stretch.first) for p in parts for summary in p.points.process),
+        tuple(shift_summary(summary, p.segment_plan.first) for p in parts for summary in p.points.process),
     )
 
 
@@ -81,21 +81,21 @@ def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:
     found = [(p, p.timeline) for p in parts if p.timeline is not None]
     if not found:
         return None
-    obstructions = tuple(shift_break_indices(b, p.stretch) for p, one in found for b in one.obstructions)
+    obstructions = tuple(shift_break_indices(b, p.segment_plan) for p, one in found for b in one.obstructions)
     driven = [one.trajectory for _, one in found if one.trajectory is not None]
     whole = len(driven) == len(parts)
     if not whole and not obstructions:
         return None  # points are missing; their own messages say so
-    before = np.cumsum([0, *(len(p.stretch.plan.path.index) for p in parts)]).tolist()
+    before = np.cumsum([0, *(len(p.segment_plan.plan.path.index) for p in parts)]).tolist()
     row = dict(zip([id(p) for p in parts], before, strict=False))
     cut = np.array([float((t.move == MoveKind.CUT).sum()) for t in driven]) if whole else np.ones(1)
     held_shares = np.array([one.held_share for _, one in found]) if whole else np.ones(1)
     return MotionTimeline(
         trajectory=_one_after_the_other(parts, driven) if whole else None,
-        dips=tuple(d.at(np.array([d.first, d.last]) + p.stretch.first) for p, one in found for d in one.dips),
+        dips=tuple(d.at(np.array([d.first, d.last]) + p.segment_plan.first) for p, one in found for d in one.dips),
         obstructions=obstructions,
         detours=tuple(
-            f"with tool {p.stretch.tool}, points counted from {p.stretch.first}: {text}"
+            f"with tool {p.segment_plan.tool}, points counted from {p.segment_plan.first}: {text}"
             for p, one in found
             for text in one.detours
         ),
@@ -119,7 +119,7 @@ def _one_after_the_other(parts: Sequence[DrivenToolSegment], motions: Sequence[T
     return replace(
         motions[0],
         time=np.arange(count, dtype=float) * sample,
-        point=np.concatenate([m.point + p.stretch.first for m, p in zip(motions, parts, strict=True)]),
+        point=np.concatenate([m.point + p.segment_plan.first for m, p in zip(motions, parts, strict=True)]),
         tool=np.concatenate([np.full(len(m.time), k, np.int32) for k, m in enumerate(motions)]),
         corners=join_rapid_corners(
             [(m.corners, first) for m, first in zip(motions, np.cumsum([0, *lengths[:-1]]).tolist(), strict=True)]

@@ -60,7 +60,7 @@ def add_locked_axes_note(done: DrivenToolSegment, names: tuple[str, ...], option
         options: as the user gave them.
     """
     assert done.timeline is not None
-    plan = done.stretch.plan
+    plan = done.segment_plan.plan
     plan = replace(plan, options=replace(plan.options, external=options.external), over_external=None)
     note = (
         f"external joint{'s' if len(names) > 1 else ''} {', '.join(names)} locked at home: with "
@@ -68,4 +68,4 @@ def add_locked_axes_note(done: DrivenToolSegment, names: tuple[str, ...], option
         "of search trees in vain)"
     )
     timeline = replace(done.timeline, detours=(*done.timeline.detours, note))
-    return replace(done, stretch=replace(done.stretch, plan=plan), timeline=timeline)
+    return replace(done, segment_plan=replace(done.segment_plan, plan=plan), timeline=timeline)

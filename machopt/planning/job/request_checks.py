@@ -1,4 +1,4 @@
-"""Checks of requests that no plan can satisfy, and the step from a plan to its motion."""
+"""Checks of requests that no plan can satisfy."""
 
 from __future__ import annotations
 
@@ -19,9 +19,6 @@ from machopt.errors import CellError, suggest_nearest_word
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import load_robot
 from machopt.numerics.array_types import Array
-from machopt.planning.motion.trajectory_builder import MotionTimeline, build_timeline
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.unit_check import compute_maximum_reach, explain_wrong_unit
 from machopt.planning.stability.depth_ratio import find_missing_input
 
@@ -314,26 +311,3 @@ def check_motion_length(toolpath: Toolpath, options: PlanOptions) -> None:
             "where they are meant, split the path, or give a larger --sample-ms",
             file=toolpath.source,
         )
-
-
-def plan_motion(
-    the_plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: StageTimings
-) -> MotionTimeline | None:
-    """Return the motion; None where points are missing without the user's permission.
-
-    Args:
-        the_plan: plan of one tool.
-        toolpath: its toolpath.
-        options: plan options with ``allow_gaps``.
-        timings: receives the duration of the stages.
-    """
-    cut = the_plan.path.counted
-    missing = the_plan.missing
-    path = the_plan.path
-    needed = missing[path.may_touch[missing] | path.is_point[missing]]  # rapid points may be bypassed
-    if (len(needed) or the_plan.breaks) and not options.allow_gaps:
-        return None
-    if cut.any() and not np.setdiff1d(np.flatnonzero(cut), missing).size:
-        return None
-    with timings.stage("retime"):
-        return build_timeline(the_plan, toolpath)

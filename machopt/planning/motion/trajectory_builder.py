@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.numerics.array_types import Array
@@ -31,6 +32,7 @@ from machopt.planning.motion.segment_planner import RestPose, SegmentPlanner
 from machopt.planning.motion.tilted_motion import SampleTilts, limit_cut_tilts, measure_sample_tilts
 from machopt.planning.pipeline.gaps import Stretch, find_driven_stretches, find_uncut_points, is_worth_driving
 from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 
@@ -64,6 +66,26 @@ def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], N
         progress: called with the completed share, 0 … 1.
     """
     return _Builder(plan, toolpath, progress or (lambda _: None)).build()
+
+
+def plan_motion(plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: StageTimings) -> MotionTimeline | None:
+    """Return the motion; None where points are missing without the user's permission.
+
+    Args:
+        plan: plan of one tool.
+        toolpath: its toolpath.
+        options: plan options with ``allow_gaps``.
+        timings: receives the duration of the stages.
+    """
+    path, missing = plan.path, plan.missing
+    cut = path.counted
+    needed = missing[path.may_touch[missing] | path.is_point[missing]]  # rapid points may be bypassed
+    if (len(needed) or plan.breaks) and not options.allow_gaps:
+        return None
+    if cut.any() and not np.setdiff1d(np.flatnonzero(cut), missing).size:
+        return None
+    with timings.stage("retime"):
+        return build_timeline(plan, toolpath)
 
 
 def has_motion(plan: Plan, toolpath: Toolpath) -> bool:

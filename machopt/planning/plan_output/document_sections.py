@@ -133,27 +133,27 @@ def _build_value_step(the_plan: Plan, name: str, step: float) -> optimize_docume
 
 
 def build_tool_sections(
-    the_plan: Plan, stints: Sequence[ToolSegment]
+    the_plan: Plan, segments: Sequence[ToolSegment]
 ) -> tuple[optimize_document.ToolSegmentEntry, ...] | None:
     """Return the section of each stretch of a job with tool changes; None for a job with one tool.
 
     Args:
         the_plan: plan of the job.
-        stints: toolpath of each tool.
+        segments: toolpath of each tool.
     """
     if not the_plan.parts:
         return None
     out = []
-    for stint, part in zip(stints, the_plan.parts, strict=True):
+    for segment, part in zip(segments, the_plan.parts, strict=True):
         cut, o = part.plan.path.counted.any(), part.plan.chosen.objective
         mean, worst = (part.plan.scores.scale * v if cut and np.isfinite(v) else None for v in (o.mean, o.worst))
-        labels = dict.fromkeys(stint.toolpath.operation.tolist())
+        labels = dict.fromkeys(segment.toolpath.operation.tolist())
         out.append(
             optimize_document.ToolSegmentEntry(
-                tool=stint.tool,
-                first_point=stint.first,
-                last_point=stint.stop - 1,
-                operations=tuple(stint.toolpath.operations[k].label for k in labels),
+                tool=segment.tool,
+                first_point=segment.first,
+                last_point=segment.stop - 1,
+                operations=tuple(segment.toolpath.operations[k].label for k in labels),
                 mean_index=mean,
                 worst_index=worst,
             )

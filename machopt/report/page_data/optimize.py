@@ -99,13 +99,12 @@ def build_report_data(
     s = compute_cut_length(toolpath, plan.path.counted[points.rows])
     shift = _build_shift(plan, toolpath)
     summary = _build_summary(plan, points, timeline, evidence.verification, quantity, float(s[-1]), shift)
-    summary = replace(summary, unchecked=evidence.unchecked, blockers=evidence.blockers)
     return page.ReportData(
         title=f"{plan.setup.cell.name}: {toolpath.source}",
         cell=plan.setup.cell.name,
         toolpath=toolpath.source,
         version=__version__,
-        summary=summary,
+        summary=replace(summary, unchecked=evidence.unchecked, blockers=evidence.blockers),
         hashes=tuple(evidence.hashes.items()),
         options=tuple((k, str(v)) for k, v in evidence.options.items()),
         map=build_rotation_map(plan, evidence.shown, s, evidence.before),
