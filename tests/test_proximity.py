@@ -8,7 +8,8 @@ import pytest
 import trimesh
 from small_cell import pose
 
-from machopt.collision.bodies import CollisionBody, is_point_inside, is_possibly_contained
+from machopt.collision.bodies import CollisionBody
+from machopt.collision.fcl_distance import FclSurfaces
 from machopt.collision.proximity_test import BLOCK, build_outline, is_nearer_than
 
 
@@ -85,19 +86,20 @@ def test_long_inputs_are_put_together_in_order() -> None:
     assert is_nearer_than(a, a, T[:0], 0.05).shape == (0,)
 
 
-def test_only_what_may_hold_another_is_asked_whether_it_does() -> None:
+def test_a_body_inside_another_is_found_at_every_placement() -> None:
     a, b = body_of(trimesh.creation.box((1, 1, 1))), body_of(trimesh.creation.box((0.1, 0.1, 0.1)))
     T = placements(300, 0.5)
-    for one, other in ((a, b), (b, a)):
-        may = is_possibly_contained(one, other, T)
-        for t, m in zip(T, may, strict=True):
-            back = np.linalg.inv(t)
-            held = is_point_inside(one, t[:3, :3] @ other.vertices[0] + t[:3, 3]) or is_point_inside(
-                other, back[:3, :3] @ one.vertices[0] + back[:3, 3]
-            )
-            assert m or not held
-        assert 0 < may.sum() < 300
-    assert not is_possibly_contained(a, b, pose(5.0, 0.0, 0.0)[None])[0]
+    for bodies in ([a, b], [b, a]):
+        surfaces = FclSurfaces(bodies)
+        big, small = (T, np.linalg.inv(T)) if bodies[0] is a else (np.linalg.inv(T), T)
+        corner = big[:, :3, :3] @ b.vertices[0] + big[:, :3, 3]  # of the small box, seen from the large one
+        other = small[:, :3, :3] @ a.vertices[0] + small[:, :3, 3]
+        held = (np.abs(corner) < 0.5).all(axis=1) | (np.abs(other) < 0.05).all(axis=1)
+        found = surfaces.find_contained((0, 1), T)
+        assert np.array_equal(found, held)
+        assert np.array_equal(found, [surfaces.is_contained((0, 1), t) for t in T])
+        assert 0 < found.sum() < 300
+    assert not surfaces.find_contained((0, 1), pose(5.0, 0.0, 0.0)[None])[0]
 
 
 def test_what_hardly_moves_is_not_forgotten_too_late() -> None:

@@ -24,6 +24,8 @@ from machopt.kinematics.machine_lines import LinkCarriers
 from machopt.kinematics.robot import LinkShape
 from machopt.numerics import mesh_construction
 from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.compiled_functions import jit_compile
+from machopt.numerics.identity_cache import IdentityCache
 from machopt.numerics.rigid_transforms import invert_transform
 
 BodyKind = Literal["link", "tool", "cutter", "workpiece", "obstacle"]
@@ -49,6 +51,9 @@ class CollisionBody:
     sphere_centres: Array  # (K, 3) m; K spheres that cover the box
     sphere_radius: float  # m, of each
     unattached_links: tuple[int, ...] = ()  # adjacent links in the chain that are not attached to it
+
+
+_CLOSED: IdentityCache[CollisionBody, bool] = IdentityCache()  # whether the surface of a body is closed
 
 
 def build_robot_bodies(carriers: LinkCarriers, shapes: tuple[LinkShape, ...]) -> list[CollisionBody]:
@@ -181,45 +186,58 @@ def count_links_between(a: CollisionBody, b: CollisionBody) -> int:
     return abs((a.link + (a.kind == "tool")) - (b.link + (b.kind == "tool")))
 
 
-def is_possibly_contained(a: CollisionBody, b: CollisionBody, T: Array) -> Bools:
-    """Return (S,) whether a's first vertex lies in b's box or the other way round.
-
-    Elsewhere neither is wholly inside the other.
+def is_point_inside(body: CollisionBody, point: Array) -> bool:
+    """Return whether a point lies in the solid of a body (:func:`find_points_inside`).
 
     Args:
-        a: first body.
-        b: second body.
-        T: (S, 4, 4) motion of b relative to a.
+        body: body with the surface.
+        point: (3,) m, in base_link at zero.
     """
-    R, t = T[:, :3, :3], T[:, :3, 3]
-    there = R @ b.vertices[0] + t
-    here = np.einsum("sji,sj->si", R, a.vertices[0] - t)
-    inside = [
-        (np.abs((x - body.box_centre) @ body.box_rotation) <= body.box_half).all(axis=1)
-        for body, x in ((a, there), (b, here))
-    ]
-    return np.asarray(inside[0] | inside[1])
+    return bool(find_points_inside(body, np.asarray(point, float)[None])[0])
 
 
-def is_point_inside(body: CollisionBody, point: Array) -> bool:
-    """Return whether a point lies in the solid bounded by a closed, outward-oriented surface.
+def find_points_inside(body: CollisionBody, points: Array) -> Bools:
+    """Return (n,) whether points lie in the solid bounded by a closed, outward-oriented surface.
 
     Sums the solid angles of the triangles (Van Oosterom and Strackee 1983, eq. 8). Open surfaces bound
     nothing, and a room with inward normals is hollow.
 
     Args:
         body: body with the surface.
-        point: (3,) m, in base_link at zero.
+        points: (n, 3) m, in base_link at zero.
     """
-    local = body.box_rotation.T @ (point - body.box_centre)
-    if (np.abs(local) > body.box_half).any() or not is_closed_surface(body.faces):
-        return False
-    a, b, c = (body.vertices[body.faces[:, k]] - point for k in range(3))
-    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-    top = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dot = [np.einsum("ij,ij->i", u, v) * w for u, v, w in ((a, b, lc), (b, c, la), (c, a, lb))]
-    angle = 2.0 * np.arctan2(top, la * lb * lc + dot[0] + dot[1] + dot[2]).sum()
-    return bool(angle > 2.0 * np.pi)
+    local = (points - body.box_centre) @ body.box_rotation
+    inside: Bools = np.asarray((np.abs(local) <= body.box_half).all(axis=1))
+    if not inside.any():
+        return inside
+    if not _CLOSED.get(body, lambda known: is_closed_surface(known.faces)):
+        return np.zeros(len(points), bool)
+    vertices, faces = np.ascontiguousarray(body.vertices, float), np.ascontiguousarray(body.faces, np.int64)
+    inside[inside] = _sum_solid_angles(vertices, faces, np.ascontiguousarray(points[inside], float)) > 2.0 * np.pi
+    return inside
+
+
+@jit_compile
+def _sum_solid_angles(vertices: Array, faces: NDArray[np.int64], points: Array) -> Array:
+    """Return (n,) sr, the signed solid angle of a surface as seen from points (n, 3)."""
+    out = np.zeros(len(points))
+    v, length, dot = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for n in range(len(points)):
+        for f in range(len(faces)):
+            for k in range(3):
+                for c in range(3):
+                    v[k, c] = vertices[faces[f, k], c] - points[n, c]
+                length[k] = np.sqrt(v[k, 0] ** 2 + v[k, 1] ** 2 + v[k, 2] ** 2)
+            for k in range(3):
+                m = (k + 1) % 3
+                dot[k] = v[k, 0] * v[m, 0] + v[k, 1] * v[m, 1] + v[k, 2] * v[m, 2]
+            top = v[0, 0] * (v[1, 1] * v[2, 2] - v[1, 2] * v[2, 1])
+            top += v[0, 1] * (v[1, 2] * v[2, 0] - v[1, 0] * v[2, 2])
+            top += v[0, 2] * (v[1, 0] * v[2, 1] - v[1, 1] * v[2, 0])
+            below = length[0] * length[1] * length[2]
+            below += dot[0] * length[2] + dot[1] * length[0] + dot[2] * length[1]
+            out[n] += 2.0 * np.arctan2(top, below)
+    return out
 
 
 def is_closed_surface(faces: NDArray[np.int64]) -> bool:

@@ -30,7 +30,6 @@ from machopt.collision.bodies import (
     build_cutter_body,
     build_robot_bodies,
     count_links_between,
-    is_possibly_contained,
     list_adjacent_pairs,
     list_allowed_contacts,
     list_candidate_pairs,
@@ -206,11 +205,13 @@ class CollisionModel:
         rows = MotionRows(self.stack, dense)
         for p, doubt in self._find_unproven_pairs(rows, cutting, starts):
             walk = self._check_pair_motion(rows, p, starts)
-            for m in np.flatnonzero(doubt):
-                n = owner[m]
+            open_rows = walk.select_unproven(np.flatnonzero(doubt))
+            ways, k = walk.list_ways(open_rows), -1
+            while (k := walk.skip_proven(ways, k)) < len(ways):
+                n = owner[open_rows[k]]
                 if contacts.hit[n]:
                     continue
-                where = walk.find_first_contact(int(m))
+                where = walk.find_first_contact(int(open_rows[k]))
                 if not np.isnan(where):
                     low = int(np.floor(where))
                     place = at[low] + (where - low) * (at[min(low + 1, len(at) - 1)] - at[low])
@@ -385,8 +386,7 @@ class CollisionModel:
         i, j = self.stack.index[p]
         out = is_nearer_than(self.outlines[i], self.outlines[j], T, self.pairs[p].clearance)
         free = np.flatnonzero(~out)
-        for n in free[is_possibly_contained(self._bodies[i], self._bodies[j], T[free])].tolist():
-            out[n] = self.surfaces.is_contained((i, j), T[n])
+        out[free] = self.surfaces.find_contained((i, j), T[free])
         return out
 
     def _check_pairs(self, q: Array, asked: list[int] | None = None) -> Bools:

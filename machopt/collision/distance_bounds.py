@@ -22,6 +22,7 @@ from machopt.collision.bodies import CollisionBody
 from machopt.kinematics.machine_lines import MachineLines
 from machopt.kinematics.robot import Robot
 from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform
 
@@ -193,6 +194,18 @@ class DistanceMemory:
             return -np.inf
         return float((self._distance[:n] - np.abs(self._at[:n] - q[self.joints]) @ self._levers).max())
 
+    def find_farther(self, q: Array, least: Array) -> Bools:
+        """Return (S,) whether the lower bound of :meth:`bound_distance` is at least a given distance at each row.
+
+        Args:
+            q: (S, n) θ, rad or m.
+            least: (S,) m.
+        """
+        n = min(self._count, MAX_REMEMBERED)
+        joints = np.ascontiguousarray(q[:, self.joints])
+        found: Bools = _find_farther(joints, np.asarray(least, float), self._at[:n], self._distance[:n], self._levers)
+        return found
+
     def add_distance(self, q: Array, distance: float) -> None:
         """Store a measured distance.
 
@@ -203,6 +216,29 @@ class DistanceMemory:
         self._at[self._count % MAX_REMEMBERED] = q[self.joints]
         self._distance[self._count % MAX_REMEMBERED] = distance
         self._count += 1
+
+
+@jit_compile
+def _find_farther(q: Array, least: Array, at: Array, distance: Array, levers: Array) -> Bools:
+    """Return (S,) whether some known distance proves that the one at q (S, k) is at least ``least`` (S,) in m.
+
+    Args:
+        q: (S, k) rad or m, joints between the bodies.
+        least: (S,) m.
+        at: (n, k) joints of the known distances.
+        distance: (n,) m.
+        levers: (k,) m of motion per rad or m.
+    """
+    out = np.zeros(len(q), np.bool_)
+    for s in range(len(q)):
+        for n in range(len(at)):
+            bound = distance[n]
+            for k in range(len(levers)):
+                bound -= abs(at[n, k] - q[s, k]) * levers[k]
+            if bound >= least[s]:
+                out[s] = True
+                break
+    return out
 
 
 def refine_motion(

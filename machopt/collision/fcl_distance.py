@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from machopt.collision.bodies import CollisionBody, is_point_inside
-from machopt.numerics.array_types import Array
+from machopt.collision.bodies import CollisionBody, find_points_inside
+from machopt.numerics.array_types import Array, Bools
 
 
 class FclSurfaces:
@@ -39,9 +39,21 @@ class FclSurfaces:
             pair: indices of the two bodies.
             T: (4, 4) motion of the second body relative to the first.
         """
+        return bool(self.find_contained(pair, T[None])[0])
+
+    def find_contained(self, pair: tuple[int, int], T: Array) -> Bools:
+        """Return (S,) whether one body is wholly inside the other, as :meth:`is_contained`.
+
+        Args:
+            pair: indices of the two bodies.
+            T: (S, 4, 4) motions of the second body relative to the first.
+        """
         a, b = (self._bodies[k] for k in pair)
-        R, t = T[:3, :3], T[:3, 3]
-        return is_point_inside(a, R @ b.vertices[0] + t) or is_point_inside(b, R.T @ (a.vertices[0] - t))
+        R, t = T[:, :3, :3], T[:, :3, 3]
+        inside = find_points_inside(a, R @ b.vertices[0] + t)
+        rest = np.flatnonzero(~inside)
+        inside[rest] = find_points_inside(b, np.einsum("sji,sj->si", R[rest], a.vertices[0] - t[rest]))
+        return inside
 
     def _place_body(self, pair: tuple[int, int], T: Array) -> tuple[Any, Any]:
         import fcl

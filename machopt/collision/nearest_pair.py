@@ -159,9 +159,10 @@ class _PairDistances:
             bound,
             most,
         )
-        if any(self.surfaces.is_contained((i, j), T[n]) for n in np.flatnonzero(fresh & (d > 0.0)).tolist()):
-            for n in order.tolist():  # the distance of the surfaces proves nothing for the rows between
-                within = self.surfaces.is_contained((i, j), T[n])
-                d[n] = 0.0 if within else max(self.surfaces.compute_distance((i, j), T[n]), 0.0)
+        if self.surfaces.find_contained((i, j), T[fresh & (d > 0.0)]).any():
+            within = self.surfaces.find_contained((i, j), T[order])
+            for n, is_inside in zip(order.tolist(), within.tolist(), strict=True):
+                # the distance of the surfaces proves nothing for the rows between
+                d[n] = 0.0 if is_inside else max(self.surfaces.compute_distance((i, j), T[n]), 0.0)
             return d, way, False
         return d, way, True

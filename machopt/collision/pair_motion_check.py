@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from machopt.collision.bounding_box_tree import BoxTreeMesh
 from machopt.collision.distance_bounds import DistanceMemory, MotionRows
@@ -13,6 +15,7 @@ from machopt.collision.mesh_distance import compute_distance
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import invert_transform
 
+ROUNDING_M = 1e-12  # reserve for rounding where rows are skipped
 MIN_SEGMENT_MOTION_M = 1e-4  # m, motion below which a segment between two free rows is no longer halved
 
 
@@ -102,6 +105,40 @@ class PairMotionCheck:
             n: row.
         """
         return is_too_near(self.measure_distance(n), self.clearance)
+
+    def select_unproven(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return those of some ascending rows that remembered distances do not prove free, with the motion to them.
+
+        Args:
+            rows: (n,) rows.
+        """
+        if self.memory is None or not len(rows):
+            return rows
+        begins = (rows == 0) | self.starts[rows]
+        known = np.where(begins, rows, rows - 1)
+        travel = np.append(0.0, self.rows.bound_motion(self.p))[rows]
+        needed = self.clearance + ROUNDING_M + np.where(begins, 0.0, travel)
+        return rows[~self.memory.find_farther(self.rows.q[known], needed)]
+
+    def list_ways(self, rows: NDArray[np.intp]) -> list[float]:
+        """Return the (n,) bound of the relative motion in m from the first row to each of some rows.
+
+        Args:
+            rows: (n,) rows.
+        """
+        return [self._way[m] for m in rows.tolist()]
+
+    def skip_proven(self, ways: list[float], k: int) -> int:
+        """Return the next index after ``k`` in some rows whose freedom the last measured distance does not prove.
+
+        Args:
+            ways: (n,) result of :meth:`list_ways` for these rows.
+            k: index in them.
+        """
+        if self.measured_row < 0:
+            return k + 1
+        proven = self._way[self.measured_row] + self.known_distance - self.clearance - ROUNDING_M
+        return bisect_left(ways, proven, lo=k + 1)
 
     def find_first_contact(self, m: int) -> float:
         """Return the fractional row of a contact in a row or on the motion to it, NaN if free.

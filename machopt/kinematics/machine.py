@@ -161,10 +161,15 @@ class Machine:
         Args:
             external: (M, E) rad or m, external joints.
         """
-        T = np.broadcast_to(self.T_base_workpiece_zero, (len(external), 4, 4))
-        if self.positioner:
-            T = self._compute_part_motion(external) @ T
-        return np.asarray(invert_transform(self._compute_base_motion(external)) @ T if self.rail else T)
+        E = self.external_count
+        if not E:
+            return np.broadcast_to(self.T_base_workpiece_zero, (len(external), 4, 4))
+        theta = np.array(np.asarray(external, float)[:, self.column[:E] - 6] * self.sign[:E], order="C")
+        T_part_base = np.empty((len(theta), 4, 4))
+        product_of_exponentials.compute_relative_motion(
+            _copy_array(self.axis), _copy_array(self.point), np.array(self.slides), 0, E, theta, T_part_base
+        )
+        return np.asarray(invert_transform(T_part_base) @ self.T_base_workpiece_zero)
 
     def compute_T_base_workpiece_jets(self, external: Array) -> Array:
         """Return (M, 4, 4, 4) :meth:`compute_T_base_workpiece` and its derivatives 1 … 3 along a path, entry k the k-th

@@ -66,6 +66,8 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
         "_compute_placed_distance",
         f"{_MESHES},{_F2},i8,i8",
     ),
+    ("collision.bodies", "_sum_solid_angles", f"{_F2},i8[:,::1],{_F2}"),
+    ("collision.distance_bounds", "_find_farther", f"{_F2},{_F1},{_F2},{_F1},{_F1}"),
     (
         "collision.proximity_test",
         "_check_rows",
@@ -136,7 +138,7 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     (
         "planning.external_axes.moving_axis_kernels",
         "compute_transition_costs",
-        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
+        f"{_F3},{_F3},i8[:,::1],i8,i8,b1[::1],b1[::1],b1[::1],{_F1},{_F1},{_F1},{_F1},{_F1},f8,f8",
     ),
     (
         "planning.external_axis_optimization.value_grid_search_kernels",

@@ -3,8 +3,7 @@
 :class:`machopt.planning.continuous_refinement.refinement.PlanRefinement` finds offsets at stations. Between these a
 pose may be lost or touch something, so the full offsets are tried first, then a share of them. The refinement
 continues from the result that can be driven and is better. Only the final result is planned in full, with its external
-joints, because the search may find a better rotation for them. Where the offsets themselves fail, that is tried at
-once.
+joints, because the search may find a better rotation for them.
 """
 
 from __future__ import annotations
@@ -136,8 +135,6 @@ class _Passes:
                     break
                 better = self._part_of(stages[-1], proposed)
             if better is None:
-                better = self._searched(stages[-1], proposed)
-            if better is None:
                 break
             gained = self.job.worth.plan(stages[-1]) - self.job.worth.plan(better)
             stages.append(better)
@@ -183,17 +180,16 @@ class _Passes:
                 return found
         return None
 
-    def _searched(self, plan: Plan, proposed: RefinementResult) -> Plan | None:
-        found = self._planned(plan, fix_external_axes(plan.path, proposed.external))
-        return found if self._better(found, plan) else None
-
     def _whole(self, plan: Plan) -> tuple[Plan, bool]:
-        """Return the fully planned plan, with its own rotation or a searched one, and whether the latter is better."""
+        """Return the fully planned plan, with its own rotation or a searched one, and whether the latter is so much
+        better that another refinement is worth it.
+        """
         searched = self._planned(plan, plan.path, _as_searched(plan))
         own = _own(searched, plan)
         if searched.breaks or len(searched.missing) or self._better(own, searched):
             return own, False
-        return searched, True
+        gained = self.job.worth.plan(own) - self.job.worth.plan(searched)
+        return searched, gained >= GAINS * searched.chosen.objective.total
 
     def _planned(self, plan: Plan, path: PlanningPath, below: float = np.inf) -> Plan:
         return planned(

@@ -30,7 +30,7 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.cost.process_force_direction import compute_process_force, compute_sideways_directions
 from machopt.planning.cost.rapid_time import RapidPricing
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sampling.planning_arm import PlanningArm
+from machopt.planning.sampling.planning_arm import PlanningArm, turn_directions
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState, compute_joint_stiffness
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
@@ -122,15 +122,12 @@ def compute_load_directions(
             which no external joint changes; None: it is computed.
     """
     path, e = path.programmed, path.external
-    axial, travel = arm.directions(e, path.axis), arm.directions(e, path.travel)
+    R, origin = arm.compute_workpiece_frame(e)
+    axial, travel = turn_directions(R, path.axis), turn_directions(R, path.travel)
     normal = np.cross(axial, travel)
-    f = arm.directions(
-        e,
-        compute_process_force(
-            path.axis, compute_sideways_directions(path) if across is None else across, force, path.force
-        ),
-    )
-    place = arm.places(e, path.position)
+    across = compute_sideways_directions(path) if across is None else across
+    f = turn_directions(R, compute_process_force(path.axis, across, force, path.force))
+    place = np.asarray(turn_directions(R, path.position) + origin)
     joint = compute_joint_stiffness(elasticity.stiffness, place)
     carried = ExternalJointCompliance.build(arm.machine, elasticity.stiffness.external)
     external_compliance = None if carried is None else carried.compute_compliance(e, place)

@@ -14,52 +14,24 @@ from machopt.planning.cost.objective import edge_price_compiled, late_compiled
 
 
 @jit_compile
-def _measure_external_step(e: Array, before: Array, weight: Array, slowness: Array) -> tuple[float, float]:
-    """Return the weighted travel of external joints (E,) in equivalent rad, and the time in s of the slowest."""
-    way, slow = 0.0, 0.0
-    for c in range(len(e)):
-        d = abs(e[c] - before[c])
-        way += weight[c] * d
-        slow = max(slow, d * slowness[6 + c])
-    return way, slow
-
-
-@jit_compile
 def _measure_step(
-    q: Array, before: Array, winds: Bools, slowness: Array, way: float, slow: float
+    q: Array, v: int, before: Array, u: int, winds: Bools, slowness: Array, slow: float
 ) -> tuple[float, float, float]:
-    """Return travel in rad, time in s and largest joint step in rad of a step of the arm (6,).
+    """Return travel in rad, time in s and largest joint step in rad of a step of the arm from row u to row v.
 
-    Travel ``way`` and time ``slow`` of the external joints are included. An unreachable place adds nothing: it has its
-    own price.
+    The time ``slow`` of the external joints is included. An unreachable place adds nothing: it has its own price.
     """
-    length, late, largest_step = way, slow, 0.0
+    length, late, largest_step = 0.0, slow, 0.0
+    if np.isnan(q[v, 0]) or np.isnan(before[u, 0]):
+        return length, late, largest_step
     for c in range(6):
-        d = q[c] - before[c]
-        if winds[c]:
-            d -= 2.0 * np.pi * np.round(d / (2.0 * np.pi))
-        d = abs(d)
+        d = abs(q[v, c] - before[u, c])
+        if winds[c] and d > np.pi:
+            d = abs(d - 2.0 * np.pi * np.round(d / (2.0 * np.pi)))
         length += d
         late = max(late, d * slowness[c])
         largest_step = max(largest_step, d)
-    if np.isnan(length):
-        return way, slow, 0.0
     return length, late, largest_step
-
-
-@jit_compile
-def _price_step(
-    arm_step: tuple[float, float, float],
-    turned: float,
-    seconds: float,
-    prices: tuple[float, float, float],
-    most: float,
-    lost: float,
-) -> float:
-    """Return the price of a step: travel, time and largest joint step of the arm, and its turn about the tool axis."""
-    length, late, largest_step = arm_step
-    price = edge_price_compiled(length, turned, late_compiled(late, seconds), prices[0], prices[1], prices[2])
-    return price + (lost if largest_step > most else 0.0)  # type: ignore[no-any-return]  # numba has no types
 
 
 @jit_compile
@@ -74,7 +46,6 @@ def compute_transition_costs(
     winds: Bools,
     seconds: Array,
     slowness: Array,
-    weight: Array,
     travel: Array,
     rotation: Array,
     feed: Array,
@@ -82,6 +53,9 @@ def compute_transition_costs(
     lost: float,
 ) -> NDArray[np.float32]:
     """Return the (S, K·3, V) price of the step into each vertex from the neighbours of its value and rotation.
+
+    The travel of the external joints is left out: it is added with its weight
+    (:func:`find_cheapest_value_sequence`). Their time is included.
 
     Args:
         q: (S, V, 6) rad, NaN where there is no pose; vertex (g·R + r)·B + b.
@@ -94,7 +68,6 @@ def compute_transition_costs(
         winds: (6,) joints whose whole turns are not counted: they may pass from one end of ``q`` to the other.
         seconds: (S,) s, time of the step at the programmed feed.
         slowness: (6 + E,) s/rad, inverse of the usable speed of each axis.
-        weight: (E,) factor of the travel of each external joint.
         travel: (S,) price per rad of the axes.
         rotation: (S,) price per rad about the tool axis.
         feed: (S,) price per s of lost time.
@@ -107,22 +80,48 @@ def compute_transition_costs(
     for s in range(1, S):
         if not joined[s]:
             continue
-        prices = travel[s], rotation[s], feed[s]
-        for v in range(V):
-            b, r, g = v % B, (v // B) % R, v // (B * R)
+        here, before = q[s], q[s - 1]
+        for g in range(V // (R * B)):
             for k in range(K):
                 h = near[g, k]
-                way, slow = 0.0, 0.0
+                slow = 0.0
                 if h >= 0:
-                    way, slow = _measure_external_step(e[s, g], e[s - 1, h], weight, slowness)
+                    for c in range(e.shape[2]):
+                        slow = max(slow, abs(e[s, g, c] - e[s - 1, h, c]) * slowness[6 + c])
                 for dr in range(-1, 2):
+                    row = out[s, 3 * k + dr + 1]
                     if h < 0 or (is_plunge[s] and (k > 0 or dr != 0)):
-                        out[s, 3 * k + dr + 1, v] = np.inf
+                        row[g * R * B : (g + 1) * R * B] = np.inf
                         continue
-                    u = (h * R + (r + dr) % R) * B + b
-                    arm_step = _measure_step(q[s, v], q[s - 1, u], winds, slowness, way, slow)
-                    out[s, 3 * k + dr + 1, v] = _price_step(arm_step, turn * abs(dr), seconds[s], prices, most, lost)
+                    for r in range(R):
+                        for b in range(B):
+                            v, u = (g * R + r) * B + b, (h * R + (r + dr) % R) * B + b
+                            length, late, largest_step = _measure_step(here, v, before, u, winds, slowness, slow)
+                            late = late_compiled(late, seconds[s])
+                            price = edge_price_compiled(length, turn * abs(dr), late, travel[s], rotation[s], feed[s])
+                            row[v] = price + (lost if largest_step > most else 0.0)
     return out
+
+
+@jit_compile
+def _take_cheaper(
+    before: Array, edges: NDArray[np.float32], more: float, first: int, here: Array, back: NDArray[np.int64]
+) -> None:
+    """Take a step into each of n vertices from a vertex of its own where that is cheaper than the steps before.
+
+    Args:
+        before: (n,) price up to the sources.
+        edges: (n,) price of the steps.
+        more: price that all steps have in common.
+        first: number of the first source.
+        here: (n,) least price up to now, updated.
+        back: (n,) its source, updated.
+    """
+    for i in range(len(before)):
+        price = before[i] + (more + edges[i])
+        is_less = price < here[i]
+        here[i] = price if is_less else here[i]
+        back[i] = first + i if is_less else back[i]
 
 
 @jit_compile
@@ -179,10 +178,10 @@ def find_cheapest_value_sequence(
         R: number of rotations.
         B: number of branches.
         joined: (S,) the step into the station is inside a run.
-        flown: (S,) price per equivalent rad of the external joints over a rapid move.
+        flown: (S,) price per equivalent rad of the external joints.
     """
     S, V = node.shape
-    K = near.shape[1]
+    K, size = near.shape[1], R * B
     back = np.full((S, V), -1, np.int64)
     here, before = node[0].copy(), np.empty(V)
     for s in range(1, S):
@@ -190,19 +189,23 @@ def find_cheapest_value_sequence(
         if not joined[s]:
             _fly_to_values(before, e[s - 1], e[s], flown[s], node[s], here, back[s])
             continue
-        for v in range(V):
-            b, r, g = v % B, (v // B) % R, v // (B * R)
-            least, which = np.inf, -1
+        here[:] = np.inf
+        for g in range(V // size):
+            to = g * size
             for k in range(K):
                 h = near[g, k]
                 if h < 0:
                     continue
-                for dr in range(-1, 2):
-                    u = (h * R + (r + dr) % R) * B + b
-                    price = before[u] + edges[s, 3 * k + dr + 1, v]
-                    if price < least:
-                        least, which = price, u
-            here[v], back[s, v] = least + node[s, v], which
+                way, at = 0.0, h * size
+                for c in range(e.shape[2]):
+                    way += abs(e[s, g, c] - e[s - 1, h, c])
+                more = flown[s] * way
+                for dr in range(-1, 2):  # from rotation r + dr, once round the circle
+                    row, shift = edges[s, 3 * k + dr + 1], (dr % R) * B
+                    middle = to + size - shift
+                    for i, j, n in ((at + shift, to, size - shift), (at, middle, shift)):
+                        _take_cheaper(before[i : i + n], row[j : j + n], more, i, here[j : j + n], back[s, j : j + n])
+        here += node[s]
     vertex = np.zeros(S, np.int64)
     vertex[S - 1] = np.argmin(here)
     for s in range(S - 1, 0, -1):

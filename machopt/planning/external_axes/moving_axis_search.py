@@ -18,7 +18,7 @@ a few.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -78,7 +78,7 @@ class GroupAxisRange:
     allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: the full range
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AxisCurveSearch:
     """Setup and settings of a search for curves."""
 
@@ -87,6 +87,7 @@ class AxisCurveSearch:
     scale: float  # c₀
     clear: bool = False  # use only poses without contact. Every pose has to be checked, so there are fewer stations.
     turns: bool = False  # count whole turns of the arm's joints: a part may have to be turned to keep a joint inside
+    tables: dict[bytes, _ValueVertices] = field(default_factory=dict)  # coarse grids: other weights use them again
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +112,20 @@ class _GroupSearch:
         a, b = (room[rows].reshape(-1, *(1,) * (u.ndim - 2), u.shape[-1]) for room in (self.least, self.most))
         return np.where(self.group.moving, a + (u - low) / span * (b - a), u)
 
-    def find_steps(self, u: Array, near: NDArray[np.int64]) -> tuple[float, Array]:
-        """Return the cost of the best sequence through a grid of values u (S, G, E), and its values (S, E)."""
-        cost, at = _find_best_sequence(self, self.place(u, self.part.stations), near)
+    def find_steps(self, u: Array, near: NDArray[np.int64], again: bool = False) -> tuple[float, Array]:
+        """Return the cost of the best sequence through a grid of values u (S, G, E), and its values (S, E).
+
+        Args:
+            u: values of the grid.
+            near: (G, 3^k) numbers of the values next to each.
+            again: other weights will search the same grid.
+        """
+        values, tables = self.place(u, self.part.stations), self.search.tables
+        key = repr(self.group.runs).encode() + values.tobytes()
+        vertices = tables.get(key) or _build_vertices(self, values, near)
+        if again and sum(known.cost.size for known in tables.values()) + vertices.cost.size <= VERTICES:
+            tables[key] = vertices
+        cost, at = _find_best_sequence(self, vertices)
         return cost, np.asarray(u[np.arange(len(u)), at])
 
 
@@ -180,7 +192,7 @@ def _find_coarse_steps(own: _GroupSearch, free: NDArray[np.intp], counts: list[i
     tries = []
     for fixed_values in _held(own.group):  # of joints that keep one value
         grid = _offsets(free, of_each, fixed_values)
-        cost, stairs = own.find_steps(np.broadcast_to(grid, (len(own.part.stations), *grid.shape)), near)
+        cost, stairs = own.find_steps(np.broadcast_to(grid, (len(own.part.stations), *grid.shape)), near, again=True)
         tries.append((cost, stairs, fixed_values))
     _, stairs, fixed_values = min(tries, key=lambda found: found[0])
     return stairs, fixed_values
@@ -235,23 +247,32 @@ def _neighbours(counts: list[int]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, kw_only=True)
 class _ValueVertices:
-    """Vertices of a grid of values: S stations, G values, R rotations, B branches."""
+    """Vertices of a grid of values and the steps between them: S stations, G values, R rotations, B branches."""
 
     values: Array  # (S, G, E) m or rad, external joints
     near: NDArray[np.int64]  # (G, 3^k) numbers of the values next to each, −1 where the grid ends
     cost: Array  # (S, G, R, B) index in units of c₀, NaN where infeasible
-    q: Array  # (S, G·R·B, 6) rad, NaN where infeasible
-    stable: bool  # the branch index is the same assembly mode at every pose
+    edges: NDArray[np.float32]  # (S, 3^(k+1), G·R·B) price of the steps without the travel of the external joints
 
 
-def _find_best_sequence(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> tuple[float, NDArray[np.int64]]:
-    """Return the cost of the best sequence through the grid of values (S, G, E), and the index (S,) in G it takes."""
-    vertices = _score_values(own, values, near)
-    setup, part = own.search.setup, own.part
+def _build_vertices(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> _ValueVertices:
+    """Return the vertices at values of the external joints (S, G, E) and the steps between neighbours (G, 3^k)."""
+    cost, q, is_stable = _score_values(own, values, near)
+    edges = _compute_edges(own, values, near, q, is_stable)
+    return _ValueVertices(values=values, near=near, cost=cost, edges=edges)
+
+
+def _find_joined(part: PlanningPath) -> Bools:
+    """Return (S,) whether a station continues the run of the previous one."""
+    return np.asarray(np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]])
+
+
+def _find_best_sequence(own: _GroupSearch, vertices: _ValueVertices) -> tuple[float, NDArray[np.int64]]:
+    """Return the cost of the best sequence through a grid of values, and the index (S,) in G it takes."""
+    setup, part, values = own.search.setup, own.part, vertices.values
     S, (R, B) = len(values), vertices.cost.shape[2:]
     terms, w = ObjectiveTerms.at_stations(part, setup.velocity, own.options), own.options.weights
-    joined = np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]]
-    edges = _compute_edges(own, vertices, terms, joined)
+    joined = _find_joined(part)
     flown = np.ascontiguousarray(w.travel * terms.travel)
     c = vertices.cost.reshape(S, -1)
     node = terms.share[:, None] * w.mean * c
@@ -262,7 +283,7 @@ def _find_best_sequence(own: _GroupSearch, values: Array, near: NDArray[np.int64
 
     def under(cap: float) -> tuple[float, float, NDArray[np.int64]]:
         way, total = find_cheapest_value_sequence(
-            np.where(raw > cap, LOST / S, node), edges, near, scaled, R, B, joined, flown
+            np.where(raw > cap, LOST / S, node), vertices.edges, vertices.near, scaled, R, B, joined, flown
         )
         worst = float(raw[np.arange(S), way].max())
         return total + w.worst / max(own.group.share, 1e-9) * worst, worst, way
@@ -277,8 +298,13 @@ def _find_best_sequence(own: _GroupSearch, values: Array, near: NDArray[np.int64
     return best[0], best[2] // (R * B)
 
 
-def _score_values(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> _ValueVertices:
-    """Return index and joints of the configurations at every value of the grid (S, G, E)."""
+def _score_values(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> tuple[Array, Array, bool]:
+    """Return index and joints of the configurations at every value of the grid (S, G, E).
+
+    Returns:
+        (S, G, R, B) index in units of c₀, and (S, G·R·B, 6) rad, NaN each where infeasible, B the branches that occur;
+        whether a branch is the same assembly mode at every pose.
+    """
     setup, part = own.search.setup, own.part
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
@@ -291,47 +317,43 @@ def _score_values(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> 
         cost = score_candidates(there, candidates, setup.elasticity, d, own.options).cost
         if own.search.clear:
             cost = _free(cost, candidates.q, values[:, g], part, setup)
-        return cost, np.where(np.isfinite(cost)[..., None], candidates.q, np.nan), candidates.stable
+        return cost, candidates.q, candidates.stable
 
     found_at = map_in_threads(at, range(G))
-    c = np.stack([cost for cost, _, _ in found_at], axis=1) / own.search.scale  # (S, G, R, B)
+    occurs = np.any([np.isfinite(cost).any(axis=(0, 1)) for cost, _, _ in found_at], axis=0)
+    occurs[0] |= not occurs.any()
+    c = np.stack([cost[..., occurs] for cost, _, _ in found_at], axis=1) / own.search.scale  # (S, G, R, B)
+    q = np.stack([q[..., occurs, :] for _, q, _ in found_at], axis=1)
+    q[~np.isfinite(c)] = np.nan
     if own.search.clear:
         c[_brushing(np.asarray(np.isfinite(c).any(axis=(2, 3))), near)] = np.nan
-    return _ValueVertices(
-        values=values,
-        near=near,
-        cost=c,
-        q=np.stack([q for _, q, _ in found_at], axis=1).reshape(S, -1, 6),
-        stable=found_at[0][2],
-    )
+    return c, q.reshape(S, -1, 6), found_at[0][2]
 
 
 def _compute_edges(
-    own: _GroupSearch, vertices: _ValueVertices, terms: ObjectiveTerms, joined: Bools
+    own: _GroupSearch, values: Array, near: NDArray[np.int64], q: Array, is_stable: bool
 ) -> NDArray[np.float32]:
-    """Return the price of every transition between neighbouring vertices of one run; ``joined`` (S,): the station
-    continues the run of the previous one.
-    """
-    part, w = own.part, own.options.weights
+    """Return the price of every transition between neighbouring vertices of one run, whose joints are q (S, V, 6)."""
+    part, w, setup = own.part, own.options.weights, own.search.setup
+    terms = ObjectiveTerms.at_stations(part, setup.velocity, own.options)
     still: Bools = part.is_drilling | part.plunge
-    R, B = vertices.cost.shape[2:]
+    R = round(2 * np.pi / own.options.rotation_step)
     return compute_transition_costs(
-        vertices.q,
-        vertices.values * own.search.setup.per_rad[6:],
-        vertices.near,
+        q,
+        np.ascontiguousarray(values * setup.per_rad[6:]),
+        near,
         R,
-        B,
-        joined,
+        q.shape[1] // (values.shape[1] * R),
+        _find_joined(part),
         still[part.stations],
         own.winds,
         terms.seconds,
         terms.slowness,
-        own.weight,
         np.ascontiguousarray(w.travel * terms.travel),
         np.ascontiguousarray(w.rotation * terms.rotation),
         np.ascontiguousarray(w.feed * terms.lost),
-        compute_joint_jump_limit(vertices.stable),
-        LOST / len(vertices.values),
+        compute_joint_jump_limit(is_stable),
+        LOST / len(values),
     )
 
 

@@ -340,7 +340,7 @@ class _Tries:
         """
         search = self.search
         with self.request.clock.stage("external"):
-            curves = AxisCurveSearch(self.setup, self.request.options, search.scale, clear=True)
+            curves = AxisCurveSearch(setup=self.setup, options=self.request.options, scale=search.scale, clear=True)
             way = compute_moving_axis_path(curves, self.path, self.groups, self.request.axes, stands)
         return self._planned(way)
 
@@ -358,14 +358,11 @@ class _Tries:
         search = self.search
         with self.request.clock.stage("external"):
             scaled = [[replace(axis, weight=w * axis.weight) for axis in self.request.axes] for w in WEIGHTS]
-            curves = AxisCurveSearch(self.setup, self.request.options, search.scale, turns=turns)
-            ways = [
-                compute_moving_axis_path(curves, self.path, some, axes, stands)
-                for some, axes in [
-                    *((some, self.request.axes) for some in tries),
-                    *((tries[0], axes) for axes in scaled),
-                ]
-            ]
+            curves = AxisCurveSearch(setup=self.setup, options=self.request.options, scale=search.scale, turns=turns)
+            asked = [(tries[0], self.request.axes), *((tries[0], axes) for axes in scaled)]
+            asked += [(some, self.request.axes) for some in tries[1:]]
+            ways = [compute_moving_axis_path(curves, self.path, some, axes, stands) for some, axes in asked]
+            curves.tables.clear()
             following = list_following_paths(self.setup, self.path, self.groups, stands)
             following += list_following_paths(self.setup, self.path, self.groups, search.at_home())
             ways += sorted(following, key=search.rate_along)[:FOLLOWING]

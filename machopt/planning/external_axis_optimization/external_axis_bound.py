@@ -61,6 +61,8 @@ REFUSED = 1_200_000  # maximum where it cannot
 MOST, LEAST = 240, 24  # stations
 STRUCK = 6  # maximum number of rounds in which colliding poses are excluded,
 LOOKED_AT = 2_000  # and maximum number per round
+SEARCHED = 0.25  # share of the way from the best sequence to the plan: up to there colliding poses are looked for
+SHARES = 0.1, 0.4, 1.0  # the same for sequences with consistent turns, tried in turn
 TOLD_APART = 2_500_000  # maximum number of vertices of a turn-resolved grid, limited by memory
 ROUNDED = 1e-9  # of a turn: tolerance of the joint limits
 SLACK = 1e-9  # of J, rounding tolerance: vertices of the plan itself are kept
@@ -148,20 +150,30 @@ class BoundSearch:
 
         Its turns are consistent, unless the turn-resolved grid would be too large.
         """
-        found = self._free(self.lattice)
+        known = self.own * (1.0 + SLACK)
+        onward = self.lattice.onward(known)
+        found = self._free(self.lattice, onward)
         if found is None or is_turn_consistent(self.lattice, found.vertex):
             return found
-        known = self.own * (1.0 + SLACK)
-        apart = resolve_turns(self.lattice, self.lattice.through(self.lattice.onward(known), known), TOLD_APART)
-        finer = None if apart is None else self._free(apart.lattice, apart.vertex)
-        if apart is None or finer is None:
-            return found
-        bound = max(found.bound, min(finer.bound, self.own))
-        return BoundSequence(finer.total, bound, apart.vertex[finer.vertex])
+        for share in SHARES:
+            most = max(found.total + share * (known - found.total), min(found.total, known))
+            apart = resolve_turns(self.lattice, self.lattice.through(onward, most), TOLD_APART)
+            finer = None if apart is None else self._free(apart.lattice, apart.lattice.onward(most), apart.vertex)
+            if apart is not None and finer is not None and (finer.total <= most or share == SHARES[-1]):
+                bound = max(found.bound, min(finer.bound, most))
+                return BoundSequence(finer.total, bound, apart.vertex[finer.vertex])
+        return found
 
-    def _free(self, lattice: ValueGridSequences, of: NDArray[np.int64] | None = None) -> BoundSequence | None:
-        """Return the best sequence of a grid whose vertices are those (V,) of the original one."""
-        onward = lattice.onward(self.own)
+    def _free(
+        self, lattice: ValueGridSequences, onward: Array, of: NDArray[np.int64] | None = None
+    ) -> BoundSequence | None:
+        """Return the best sequence of a grid whose vertices are those (V,) of the original one.
+
+        Args:
+            lattice: sequences; vertices with contacts are excluded in place.
+            onward: result of its :meth:`~ValueGridSequences.onward`.
+            of: (V,) vertices of the original grid; None: it is the original one.
+        """
         found = lattice.best(GAP, onward, self.own)
         for _ in range(STRUCK):
             if found is None:
@@ -170,7 +182,8 @@ class BoundSearch:
             hit = self.touching(np.arange(len(vertex)), vertex)
             if not hit.any():
                 break
-            self._strike(lattice, of, np.flatnonzero(hit), found[2][hit], onward)
+            most = found[0] + SEARCHED * max(self.own - found[0], 0.0)
+            self._strike(lattice, of, np.flatnonzero(hit), found[2][hit], lattice.through(onward, most))
             found = lattice.best(GAP, onward, self.own)
         return None if found is None else BoundSequence(*found)
 
@@ -246,10 +259,13 @@ class BoundSearch:
         of: NDArray[np.int64] | None,
         stations: NDArray[np.int64],
         vertex: NDArray[np.int64],
-        onward: Array,
+        through: Array,
     ) -> None:
-        """Exclude vertices (n,) at stations (n,), and other colliding ones there, the most likely first."""
-        through = lattice.through(onward, self.own)[stations]
+        """Exclude vertices (n,) at stations (n,), and other colliding ones there, those of the best sequences first.
+
+        ``through`` (S, V) is the least J of a sequence through each vertex.
+        """
+        through = through[stations]
         s, others = np.nonzero(np.isfinite(through))
         first = np.argsort(through[s, others], kind="stable")[:LOOKED_AT]
         s, others = stations[s[first]], others[first]

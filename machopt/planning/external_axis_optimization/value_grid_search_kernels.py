@@ -28,27 +28,47 @@ SAME, JOINED, KEPT = range(3)  # columns of ``kind``
 def _step(
     q: Array,
     more: NDArray[np.int8],
+    v: int,
     last: Array,
     before: NDArray[np.int8],
+    u: int,
     way: float,
     slow: float,
     turn: float,
     slowness: Array,
     priced: Array,
+    most: float,
 ) -> float:
-    """Return the price of a step between joints (6,) rad, the shortest by the whole turns (6,) that either end has
-    ``more``.
+    """Return the price of a step between the joints of vertices ``v`` of ``q`` (V, 6) rad and ``u`` of ``last``, the
+    shortest by the whole turns (V, 6) that either end has ``more``; infinite where the price is certain to exceed
+    ``most``.
 
     ``way`` rad and ``slow`` s are those of the external joints.
     """
+    length, longest = way, 0.0
     for c in range(6):
-        d = q[c] - last[c]
-        d = abs(d + TWO_PI * min(max(np.round(-d / TWO_PI), -float(before[c])), float(more[c])))
-        way += d
+        d = abs(q[v, c] - last[u, c])
+        length += d
+        longest = max(longest, d)
+    if longest > np.pi:
+        length = way
+        for c in range(6):
+            length += _shorten(q[v, c] - last[u, c], before[u, c], more[v, c])
+    price = edge_price_compiled(length, turn, 0.0, priced[TRAVEL], priced[ROTATION], priced[FEED])
+    if price > most:
+        return np.inf
+    for c in range(6):
+        d = q[v, c] - last[u, c]
+        d = abs(d) if longest <= np.pi else _shorten(d, before[u, c], more[v, c])
         slow = max(slow, d * slowness[c])
     late = late_compiled(slow, priced[SECONDS])
-    price: float = edge_price_compiled(way, turn, late, priced[TRAVEL], priced[ROTATION], priced[FEED])
-    return price
+    return edge_price_compiled(length, turn, late, priced[TRAVEL], priced[ROTATION], priced[FEED])  # type: ignore[no-any-return]  # numba has no types
+
+
+@jit_compile
+def _shorten(d: float, before: int, more: int) -> float:
+    """Return the shortest difference in rad of two joint angles that have further whole turns inside their limits."""
+    return abs(d + TWO_PI * min(max(np.round(-d / TWO_PI), -float(before)), float(more)))  # type: ignore[no-any-return]
 
 
 @jit_compile
@@ -83,6 +103,34 @@ def _ways(
                 most = max(most, d * slowness[6 + c])
             way[g, h] = np.inf if same and position_number[g] != before[h] else total
             slow[g, h] = most
+
+
+@jit_compile
+def _sort_groups(
+    before: Array, R: int, B: int, group: Array, order: NDArray[np.int64], count: NDArray[np.int64]
+) -> None:
+    """Group the vertices of a station by value and branch, and sort the groups of each branch by their least price.
+
+    Args:
+        before: (V,) price up to each vertex.
+        R: number of rotations.
+        B: number of branches.
+        group: (G·B,) filled with the least price of each group.
+        order: (B, G) filled with the values whose group can be reached, the cheapest first.
+        count: (B,) filled with the number of these.
+    """
+    G = len(group) // B
+    group[:] = np.inf
+    for u in range(len(before)):
+        k = (u // (B * R)) * B + u % B
+        group[k] = min(group[k], before[u])
+    for b in range(B):
+        count[b] = 0
+        for h in range(G):
+            if group[h * B + b] < np.inf:
+                order[b, count[b]] = h
+                count[b] += 1
+        _sort(group[b::B], order[b, : count[b]])
 
 
 @jit_compile
@@ -128,22 +176,17 @@ def compute_reach_costs(
     G, R, B = e.shape[1], phi.shape[1], branches
     same = V // turns
     out = np.full((S, V), np.inf)
-    order, count = np.empty((B, G * R), np.int64), np.zeros(B, np.int64)
-    turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
+    group, count, order = np.empty(G * B), np.empty(B, np.int64), np.empty((B, G), np.int64)
+    turn, way, slow, likely = np.empty((R, R)), np.empty((G, G)), np.empty((G, G)), np.zeros(B, np.int64)
     for v in range(V):
         if onward[0, v] <= limit:
             out[0, v] = node[0, v]
     for s in range(1, S):
-        before, is_plunge = out[s - 1], kind[s, KEPT]
+        before, is_plunge, paid = out[s - 1], kind[s, KEPT], priced[s]
+        here, last, own, gone = q[s], q[s - 1], more[s], more[s - 1]
         every = not (stable and kind[s, JOINED])
-        for b in range(B):
-            count[b] = 0
-            for k in range(G * R):
-                if before[k * B + b] < np.inf:
-                    order[b, count[b]] = k * B + b
-                    count[b] += 1
-            if not is_plunge:
-                _sort(before, order[b, : count[b]])
+        if not is_plunge:
+            _sort_groups(before, R, B, group, order, count)
         _turns(phi[s], phi[s - 1], turn)
         _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
         for v in range(V):
@@ -152,44 +195,44 @@ def compute_reach_costs(
             b, r, g = v % B, (v // B) % R, v // (B * R)
             most = np.nextafter(limit - onward[s, v], np.inf)  # a price equal to the limit is permitted
             value = most
-            for u in range(
-                v % same if is_plunge else v, V if is_plunge else v + 1, same
-            ):  # near values first, so that few others are examined
-                h = u // (B * R)
-                if before[u] < value and way[g, h] < np.inf:
-                    price = _step(
-                        q[s, v],
-                        more[s, v],
-                        q[s - 1, u],
-                        more[s - 1, u],
-                        way[g, h],
-                        slow[g, h],
-                        turn[r, r],
-                        slowness,
-                        priced[s],
-                    )
-                    value = min(value, before[u] + price)
-            if not is_plunge:
-                for a in range(0 if every else b, B if every else b + 1):
-                    for k in range(count[a]):
-                        u = order[a, k]
-                        if before[u] >= value:
-                            break
-                        p, h = (u // B) % R, u // (B * R)
-                        if not before[u] + priced[s, TRAVEL] * way[g, h] + priced[s, ROTATION] * turn[r, p] < value:
-                            continue
+            if is_plunge:
+                for u in range(v % same, V, same):
+                    h = u // (B * R)
+                    if before[u] < value and way[g, h] < np.inf:
+                        to = value - before[u]
                         price = _step(
-                            q[s, v],
-                            more[s, v],
-                            q[s - 1, u],
-                            more[s - 1, u],
-                            way[g, h],
-                            slow[g, h],
-                            turn[r, p],
-                            slowness,
-                            priced[s],
+                            here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, r], slowness, paid, to
                         )
                         value = min(value, before[u] + price)
+                if value < most:
+                    out[s, v] = value + node[s, v]
+                continue
+            if r == 0:
+                likely[b] = v
+            for u in (v, likely[b]):  # near values and the source of the last vertex first: few others are examined
+                p, h = (u // B) % R, u // (B * R)
+                if before[u] < value and way[g, h] < np.inf:
+                    to = value - before[u]
+                    price = _step(here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, p], slowness, paid, to)
+                    value = min(value, before[u] + price)
+            for a in range(0 if every else b, B if every else b + 1):
+                for k in range(count[a]):
+                    h = order[a, k]
+                    if group[h * B + a] >= value:
+                        break
+                    flown = paid[TRAVEL] * way[g, h]
+                    if not group[h * B + a] + flown < value:
+                        continue
+                    for p in range(R):
+                        u = (h * R + p) * B + a
+                        if not before[u] + flown + paid[ROTATION] * turn[r, p] < value:
+                            continue
+                        to = value - before[u]
+                        price = _step(
+                            here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, p], slowness, paid, to
+                        )
+                        if before[u] + price < value:
+                            value, likely[b] = before[u] + price, u
             if value < most:
                 out[s, v] = value + node[s, v]
     return out
@@ -243,7 +286,18 @@ def trace_cheapest_sequence(
             if not reached[s - 1, u] + priced[s, TRAVEL] * way[g, h] < least:
                 continue
             price = _step(
-                q[s, v], more[s, v], q[s - 1, u], more[s - 1, u], way[g, h], slow[g, h], turn[r, p], slowness, priced[s]
+                q[s],
+                more[s],
+                v,
+                q[s - 1],
+                more[s - 1],
+                u,
+                way[g, h],
+                slow[g, h],
+                turn[r, p],
+                slowness,
+                priced[s],
+                np.inf,
             )
             if reached[s - 1, u] + price < least:
                 least, out[s - 1] = reached[s - 1, u] + price, u

@@ -18,6 +18,7 @@ from machopt.planning.external_axis_optimization.value_grid_search_kernels impor
 )
 from machopt.planning.sequence_search.worst_value_constraint import GAP, WorstLimitedSequence, trade_worst_index
 
+LIMITS = 0.0, 0.02, 0.15, 1.0  # shares of the way from the lower bound to a known sequence, tried as limits in turn
 SLACK = 1e-12  # of a limit, rounding tolerance between forward and backward sums
 
 
@@ -54,8 +55,11 @@ class ValueGridSequences:
         ahead = self.onward() if onward is None else onward
         if not np.isfinite(ahead[0].min()):
             return None if onward is None else self.best(gap)
-        limit = float(ahead[0].min()) if onward is None else known - self.worst * self.floor()
-        free = self._capped(self.node, ahead, limit * (1.0 + SLACK))
+        low = float(ahead[0].min())
+        high = max(low, known - self.worst * self.floor()) if onward is not None and np.isfinite(known) else low
+        # Where vertices were excluded since, ``low`` is a lower bound only. A search with a lower limit is far faster.
+        limits = [(low + share * (high - low)) * (1.0 + SLACK) for share in (LIMITS if high > low else LIMITS[:1])]
+        free = next((one for one in (self._capped(self.node, ahead, most) for most in limits) if one is not None), None)
         if free is None and onward is None:
             raise AssertionError("the cheapest sequence is within its own price")
         if free is None:

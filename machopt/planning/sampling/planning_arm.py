@@ -106,7 +106,7 @@ class PlanningArm:
             external: (n, E) m or rad, external joints.
             v: (n, 3) in the workpiece frame.
         """
-        return _turned(self._stands(external)[..., :3, :3], v)
+        return turn_directions(self._stands(external)[..., :3, :3], v)
 
     def back(self, external: Array, v: Array) -> Array:
         """Return directions (n, 3) converted from base_link to the workpiece frame.
@@ -115,7 +115,7 @@ class PlanningArm:
             external: (n, E) m or rad, external joints.
             v: (n, 3) in base_link.
         """
-        return _turned(np.swapaxes(self._stands(external)[..., :3, :3], -1, -2), v)
+        return turn_directions(np.swapaxes(self._stands(external)[..., :3, :3], -1, -2), v)
 
     def places(self, external: Array, p: Array) -> Array:
         """Return points (n, 3) in m converted from the workpiece frame to base_link.
@@ -125,7 +125,18 @@ class PlanningArm:
             p: (n, 3) m in the workpiece frame.
         """
         T = self._stands(external)
-        return np.asarray(_turned(T[..., :3, :3], p) + T[..., :3, 3])
+        return np.asarray(turn_directions(T[..., :3, :3], p) + T[..., :3, 3])
+
+    def compute_workpiece_frame(self, external: Array) -> tuple[Array, Array]:
+        """Return rotation (n, 3, 3) and origin (n, 3) in m of the workpiece frame in base_link.
+
+        Both are without n where no joint moves the frame.
+
+        Args:
+            external: (n, E) m or rad, external joints.
+        """
+        T = self._stands(external)
+        return T[..., :3, :3], T[..., :3, 3]
 
     def _stands(self, external: Array) -> Array:
         """T_base_workpiece (n, 4, 4), or (4, 4) where no joint moves it."""
@@ -136,5 +147,11 @@ class PlanningArm:
         )
 
 
-def _turned(R: Array, v: Array) -> Array:
+def turn_directions(R: Array, v: Array) -> Array:
+    """Return directions (n, 3) turned by R (3, 3) or (n, 3, 3).
+
+    Args:
+        R: rotations.
+        v: directions.
+    """
     return np.asarray(v @ R.T if R.ndim == 2 else np.einsum("nij,nj->ni", R, v))
