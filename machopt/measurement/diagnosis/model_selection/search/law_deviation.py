@@ -79,9 +79,11 @@ def _find_beside_deviations(
     fits: float,
 ) -> list[SelectedEffect]:
     """Return the effects with further ones that close most of what is left beside the deviations; else none."""
+    if len(chosen) >= most:
+        return []
     start = list(chosen)
     for c in sorted(chosen, key=lambda c: -c.scored.gain):
-        if len(chosen) >= most or not _is_left_beyond_noise(model, start, fits, c):
+        if not _is_left_beyond_noise(model, start, fits, c):
             break
         start = _free_law(model, start, c, tried)
     names = {c.whitened.hypothesis.name for c in chosen}
