@@ -171,7 +171,8 @@ def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
         forms[unmodelled_slip_and_external_forces.PULL_LAW],
         forms[unmodelled_slip_and_external_forces.SLIP_LAW],
     ):
-        chosen = SimpleNamespace(whitened=SimpleNamespace(hypothesis=form), scored=SimpleNamespace(gain=600.0))
+        scored = SimpleNamespace(whitened=SimpleNamespace(hypothesis=form), gain=600.0)
+        chosen = forward_selection.SelectedEffect(scored, 0.0)  # type: ignore[arg-type]
         least.append(forward_selection.compute_law_error(other, [chosen]))
     assert least == pytest.approx([180.0, 36.0])
 

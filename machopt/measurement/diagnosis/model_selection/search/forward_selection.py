@@ -36,6 +36,7 @@ from machopt.numerics.array_types import Array
 PAIR_CANDIDATES = 6
 BODY = "body"  # family of compliant bodies
 SENSOR = "sensor"  # family of recording errors
+LAW_DEVIATION = "deviation from a law"  # name of the form in :mod:`law_deviation`
 RELATIVE_UNITS = {"%": 0.01, "deg": np.pi / 180.0}  # relative size of a gain, of an angle
 JOINTS_BEFORE_WRIST = 3  # number of joints before the wrist
 LAST_LINK_OF_SIX = 5  # from this link on, links count as next to the tool
@@ -47,6 +48,7 @@ class SelectedEffect:
 
     scored: ScoredHypothesis  # scored together with the other effects
     p_value: float
+    law_error: float | None = None  # gain that the law may leave; None: a share of its own gain
 
     @property
     def whitened(self) -> WhitenedHypothesis:
@@ -139,6 +141,7 @@ def select_effects(
     most: int,
     rng: np.random.Generator,
     grown: Callable[[list[SelectedEffect]], list[SelectedEffect]] = lambda chosen: chosen,
+    start: Sequence[SelectedEffect] = (),
 ) -> list[SelectedEffect]:
     """Select up to ``most`` effects.
 
@@ -148,21 +151,23 @@ def select_effects(
         most: Largest number of effects.
         rng: Random generator of the sign flips.
         grown: Function that extends the selection after every step, for example by further harmonic orders.
+        start: Effects that are selected already, with deviations from their laws; deviations do not count.
 
     Returns:
         The selected effects.
     """
+    begun = add_selected_effects(model, start)
     search = _SelectionStep(
-        tuple(tried), _select_greedily(model, tried, most).residual, rng, compute_body_error_share(tried)
+        tuple(tried), _select_greedily(begun, tried, most).residual, rng, compute_body_error_share(tried)
     )
-    chosen: list[SelectedEffect] = []
+    chosen = list(start)
     first: list[SelectedEffect] = []
-    while len(chosen) < most:
+    while sum(not is_law_deviation(c) for c in chosen) < most:
         step = search.find_next_effect(add_selected_effects(model, chosen), chosen)
         if step is None:
             break
         chosen.append(step)
-        if len(chosen) == 2:
+        if len(chosen) == 2 and not start:
             chosen = _search_pairs(model, tried, chosen)
         chosen = grown(search.exchange(model, chosen))
         first = first or list(chosen)
@@ -328,13 +333,25 @@ class _SelectionStep:
         """
         out = list(chosen)
         for k in range(len(out) if len(out) > 1 else 0):
-            if not any(t is out[k].whitened for t in self.whitened_hypotheses):
-                continue  # a sum of several laws, each of which would replace it
+            if not any(t is out[k].whitened for t in self.whitened_hypotheses) or _is_law_freed(out[k], out):
+                continue  # a sum of several laws, each of which would replace it, or a law with its deviation
             others = out[:k] + out[k + 1 :]
             again = self.find_next_effect(add_selected_effects(model, others), others)
             if again is not None:
                 out[k] = again
         return out
+
+
+def is_law_deviation(c: SelectedEffect) -> bool:
+    """Return whether a selected form is the fitted deviation of another effect from its law.
+
+    Args:
+        c: Selected effect.
+
+    Returns:
+        True if so.
+    """
+    return c.whitened.hypothesis.law == LAW_DEVIATION
 
 
 def compute_law_error(s: ScoredHypothesis, chosen: Sequence[SelectedEffect], of_body: float = 0.0) -> float:
@@ -360,7 +377,23 @@ def compute_law_error(s: ScoredHypothesis, chosen: Sequence[SelectedEffect], of_
         bends = h.family == BODY and not _is_behind_body(s.whitened.hypothesis, h)
         return max(thresholds.DETECTION.beside, of_body if bends else 0.0)
 
-    return max((c.scored.gain * share(c) for c in chosen), default=0.0)
+    def error(c: SelectedEffect) -> float:
+        if not _is_neighbour(c.whitened.hypothesis, s.whitened.hypothesis):
+            if c.law_error is not None:
+                return c.law_error
+            if _is_law_freed(c, chosen):
+                return 0.0
+        return c.scored.gain * share(c)
+
+    return max((error(c) for c in chosen), default=0.0)
+
+
+def _is_law_freed(c: SelectedEffect, chosen: Sequence[SelectedEffect]) -> bool:
+    """Return whether the deviation of an effect from its law is among the selected forms."""
+    place = c.whitened.hypothesis.location
+    return not is_law_deviation(c) and any(
+        is_law_deviation(o) and o.whitened.hypothesis.location == place for o in chosen
+    )
 
 
 def _compute_second_order_share(c: SelectedEffect) -> float:
@@ -485,9 +518,7 @@ def _eliminate_backward(model: WhitenedModel, chosen: list[SelectedEffect]) -> l
         )
         if not weak:
             kept = [
-                SelectedEffect(
-                    replace(s, x=project_to_plausible_coefficients(m, s.whitened, s.shape, s.x)[0]), c.p_value
-                )
+                replace(c, scored=replace(s, x=project_to_plausible_coefficients(m, s.whitened, s.shape, s.x)[0]))
                 for c, (m, s) in zip(out, again, strict=True)
             ]
             return sorted(kept, key=lambda c: -c.scored.total)

@@ -25,7 +25,7 @@ from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sum
     compute_group_gains,
     eliminate_columns,
 )
-from machopt.measurement.diagnosis.model_selection.search import harmonic_orders
+from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, law_deviation
 from machopt.measurement.diagnosis.model_selection.search.description_length import (
     exchange_for_weight_laws,
     find_shortest_description,
@@ -37,6 +37,7 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     compute_chances,
     compute_law_error,
     has_plausible_sizes,
+    is_law_deviation,
     prune_joint_effects,
     select_effects,
 )
@@ -125,7 +126,8 @@ def _search_few_or_many(
     chosen = select_effects(
         model, laws, most, rng, lambda so_far: harmonic_orders.add_harmonic_orders(model, so_far, laws, rng)
     )
-    grown = [c.whitened for c in chosen if not any(c.whitened is t for t in laws)]
+    chosen = law_deviation.find_masked_effects(model, chosen, laws, most, rng, fits)
+    grown = [c.whitened for c in chosen if not (is_law_deviation(c) or any(c.whitened is t for t in laws))]
     return (*laws, *grown), tuple(chosen)
 
 
