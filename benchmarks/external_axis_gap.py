@@ -249,7 +249,7 @@ def compare(jobs: list[tuple[Path, Path]], keep: Path, save: Path | None) -> Non
 
 def sum_cpu(rows: list[dict[str, object]]) -> float:
     """Return the processor time of the default in s."""
-    return sum(float(row["cpu_s"]) for row in rows)  # type: ignore[arg-type]
+    return sum(float(row["cpu_s"]) for row in rows)  # type: ignore[arg-type, misc]
 
 
 if __name__ == "__main__":

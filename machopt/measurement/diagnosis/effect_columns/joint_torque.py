@@ -122,13 +122,7 @@ def _build_joint_hypothesis(
         )
 
     if law.has_memory:
-        once = len(r.cycles) == len(np.unique(r.visit))  # every cycle is an arrival
-        kept = [
-            k
-            for k, m in enumerate(MEMORIES)
-            if not (is_time_dependent(law) and m in CYCLE_MEMORIES) and not (once and m == CYCLE_MEMORIES[1])
-        ]
-        grid = tuple((*s, float(k)) for k in kept for s in grid)
+        grid = tuple((*s, float(k)) for k in _list_memories(r, law) for s in grid)
     count = columns(grid[0]).shape[2]
     lower = tuple(least for _, _, least in parameter_conversion.list_coefficient_names(law, count))
     return EffectHypothesis(
@@ -147,6 +141,16 @@ def _build_joint_hypothesis(
         refinement=None if law.has_memory else build_two_number_refinement(grid),
         curve=curve if law.includes_weight or (law.has_memory and not is_time_dependent(law)) else None,
     )
+
+
+def _list_memories(r: StaticReadings, law: JointLaw) -> list[int]:
+    """Return the indices in MEMORIES of the load histories that the readings can tell apart."""
+    once = len(r.cycles) == len(np.unique(r.visit))  # every cycle is an arrival
+    return [
+        k
+        for k, m in enumerate(MEMORIES)
+        if not (is_time_dependent(law) and m in CYCLE_MEMORIES) and not (once and m == CYCLE_MEMORIES[1])
+    ]
 
 
 def _is_compliance_plausible(law: AngleDependentCompliance, x: Array, shape: Array, scale: JointLoadRange) -> bool:

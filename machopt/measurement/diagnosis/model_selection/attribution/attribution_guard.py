@@ -99,6 +99,13 @@ def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> 
     left = _compute_unexplained_power(state, whole, fit.residual, rng)
     if left <= 0.0:
         return replace(state, chosen=chosen)
+    return replace(state, chosen=_withhold_small_gains(state, chosen, whole, left))
+
+
+def _withhold_small_gains(
+    state: SearchState, chosen: tuple[SelectedEffect, ...], whole: Array, left: float
+) -> tuple[SelectedEffect, ...]:
+    """Remove the names of effects that take less power than what is left, unless their place is certain."""
     out = list(chosen)
     for k, c in enumerate(chosen):
         if not _is_subject_to_guard(c):
@@ -110,7 +117,7 @@ def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> 
         most = thresholds.PROOF.outweighs_exact if frame else thresholds.PROOF.outweighs
         if left > most * taken and not place_certainty.is_place_certain(state, chosen, k):
             out[k] = _remove_name(c, SMALL_GAIN_REASON)
-    return replace(state, chosen=tuple(out))
+    return tuple(out)
 
 
 def find_contradicted_effect(state: SearchState) -> ScoredHypothesis | None:
