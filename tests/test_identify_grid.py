@@ -47,6 +47,8 @@ ORIGIN = np.array([1.8407, -0.6, 0.1843])  # of the calibration space, in base_l
 SIZE = np.array([0.6, 1.2, 0.6])
 MARGINS = SingularityMargins(np.radians(5), np.radians(3), 0.05, np.radians(2))
 BRANCH = 5  # elbow up, arm forward, the wrist as at home
+BASE_SEEDS = (1, 5)
+NO_TERMS = np.zeros(0, bool)
 Law = np.ndarray | Compliance
 
 
@@ -209,9 +211,8 @@ def test_tiled_algebra_is_the_plain_one(n: int) -> None:
 def work_of(f: StiffnessFit, region: GridRegion) -> GridEquations:
     position, _ = _compute_pose_positions(f)
     everywhere = np.ones(len(f.y), bool)
-    return GridEquations.from_fit(
-        f, everywhere, find_measured_cells(region, position, FACE_TOLERANCE), np.ones(6, bool), f.compliance, True
-    )
+    places = find_measured_cells(region, position, FACE_TOLERANCE)
+    return GridEquations.from_fit(f, everywhere, places, np.ones(6, bool), f.compliance, True, NO_TERMS)
 
 
 def test_the_gradient_of_the_likelihood(rig: Rig) -> None:
@@ -253,6 +254,7 @@ def test_held_out_poses_in_closed_form_are_those_of_refits(rig: Rig) -> None:
             work.varying_joints,
             work.reference,
             True,
+            NO_TERMS,
         )
         weighting = replace(g.weighting, covariance=g.weighting.covariance[:, kept], robust=g.weighting.robust[kept])
         posterior = rest.evidence(weighting).posterior(prior, linear)
@@ -509,3 +511,18 @@ def test_what_cannot_be_measured_has_a_reason(rig: Rig) -> None:
     assert collision.check_configurations(plan.q[plan.reached], np.zeros(plan.reached.sum(), bool)).hit.sum() == 0
     other = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS, branch=1)
     assert set(other.branch.tolist()) <= {-1, 1}
+
+
+def test_coefficients_of_terms_stay_within_their_bounds(rig: Rig) -> None:
+    """Readings of an arm on a rigid base: the compliances of a fitted base are noise, but none is negative."""
+    region = GridRegion(ORIGIN, 0.6, (1, 2, 1))
+    base = build_fitted_term("base_compliance", "base", rig.robot, rig.T)
+    for seed in BASE_SEEDS:
+        rng = np.random.default_rng(seed)
+        arm = TrueArm(rig.robot, rig.T, law_of(cellwise(region, drawn_cells(rig, region, rng, 0.2))))
+        q = rig.anywhere(rng, 40)
+        made = record(arm, q, random_loads(rng, len(q), 6, 1000, 300), rng, rotations=True, loads_per_cycle=3)
+        f = fit_stiffness(build_load_test_experiment(made.recording, rig.robot, rig.T), [base])
+        g = fit_grid(f, 0.6, ORIGIN, (1, 2, 1), smooth=False)
+        assert (f.x[6:] > 0).any(), seed
+        assert (g.terms >= 0).all(), seed

@@ -46,7 +46,14 @@ class GridEquations:
 
     @classmethod
     def from_fit(
-        cls, constant: StiffnessFit, rows: Bools, places: MeasuredCells, vary: Bools, reference: Array, smooth: bool
+        cls,
+        constant: StiffnessFit,
+        rows: Bools,
+        places: MeasuredCells,
+        vary: Bools,
+        reference: Array,
+        smooth: bool,
+        fitted: Bools,
     ) -> GridEquations:
         """Build the grid equations from the constant fit.
 
@@ -57,6 +64,7 @@ class GridEquations:
             vary: (6,) True for joints that vary by cell.
             reference: (6,) reference compliance, rad/(N·m).
             smooth: Whether neighbouring cells may be correlated.
+            fitted: (T,) True for coefficients of terms that are fitted; the others stay at their lower bound.
 
         Returns:
             The equations.
@@ -64,10 +72,9 @@ class GridEquations:
         A = constant.A[rows]
         n = constant.joint_count
         joints = A[..., :n] * reference
-        keep = constant.x[n:] > constant.lower[n:]
-        fixed = np.where(keep, 0.0, constant.x[n:])
+        fixed = np.where(fitted, 0.0, constant.lower[n:])
         y = constant.y[rows] - joints[..., ~vary].sum(axis=-1) - A[..., n:] @ fixed
-        scaled = (A[..., n:] * constant.column[n:])[..., keep]
+        scaled = (A[..., n:] * constant.column[n:])[..., fitted]
         groups = constant.clusters if rows.all() else build_error_clusters(constant.experiment.select_readings(rows))
         A = np.concatenate([joints[..., vary], scaled], axis=-1)
         return cls(
@@ -78,7 +85,7 @@ class GridEquations:
             reference=reference,
             A=A,
             y=y,
-            kept_columns=keep,
+            kept_columns=fitted,
             groups=groups,
             smooth=smooth,
         )

@@ -159,8 +159,15 @@ def fit_grid(
             file=constant.experiment.source,
         )
     vary, reference = _select_varying_joints(constant, hold)
-    work = GridEquations.from_fit(constant, inside, places, vary, reference, smooth)
-    return _build_grid_fit(work, region, _solve_grid(work, robust=robust, draft=draft))
+    n = constant.joint_count
+    fitted = constant.x[n:] > constant.lower[n:]
+    while True:  # a coefficient of a term that falls below its bound is held there
+        work = GridEquations.from_fit(constant, inside, places, vary, reference, smooth, fitted)
+        solution = _solve_grid(work, robust=robust, draft=draft)
+        below = _get_terms(work, solution) < constant.lower[n:]
+        if not below.any():
+            return _build_grid_fit(work, region, solution)
+        fitted = fitted & ~below
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,7 +276,7 @@ def _predict_cells(
 
 
 def _build_grid_fit(work: GridEquations, region: GridRegion, solution: _GridSolution) -> GridFit:
-    fit, vary, keep = work.constant, work.varying_joints, work.kept_columns
+    fit, vary = work.constant, work.varying_joints
     prior, posterior, weighting = solution.prior, solution.posterior, solution.weighting
     predicted = _predict_cells(work, region, prior, posterior)
     log_cov = predicted.covariance
@@ -281,8 +288,6 @@ def _build_grid_fit(work: GridEquations, region: GridRegion, solution: _GridSolu
     centre *= work.reference
     around[np.ix_(vary, vary)] = predicted.centre_covariance
     spread[vary] = prior.spread
-    terms = fit.x[n:].copy()
-    terms[keep] = posterior.beta[len(work.places.cells) * int(vary.sum()) :] * fit.column[n:][keep]
     with np.errstate(divide="ignore"):
         constant = 1.0 / fit.compliance
     return GridFit(
@@ -297,12 +302,21 @@ def _build_grid_fit(work: GridEquations, region: GridRegion, solution: _GridSolu
         constant_joints=tuple(int(j) + 1 for j in np.flatnonzero(~vary)),
         readings=_count_readings(work, weighting, len(region)),
         information_gain=predicted.information_gain,
-        terms=terms,
+        terms=_get_terms(work, solution),
         heldout=_predict_left_out_poses(work, solution.evidence, weighting, prior, posterior),
         weighting=weighting,
         inside=work.rows,
         rounds=solution.rounds,
     )
+
+
+def _get_terms(work: GridEquations, solution: _GridSolution) -> Array:
+    """Return the (T,) coefficients of all terms, SI; those that are not fitted are at their bound."""
+    fit, keep = work.constant, work.kept_columns
+    first = len(work.places.cells) * int(work.varying_joints.sum())
+    terms = np.where(keep, 0.0, fit.lower[fit.joint_count :])
+    terms[keep] = solution.posterior.beta[first:] * fit.column[fit.joint_count :][keep]
+    return terms
 
 
 def _count_readings(work: GridEquations, weighting: ReadingWeights, cells: int) -> Array:
