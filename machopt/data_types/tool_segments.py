@@ -72,7 +72,7 @@ class ToolSegment:
         return own / every if own > 0 else 1.0
 
     def _shift_steering_rule(self, wish: SteeringRule) -> tuple[SteeringRule, ...]:
-        """What of a wish that is laid down is about points of the segment."""
+        """Return the part of a steering rule that concerns points of the segment."""
         if wish.points is None:
             return (wish,)
         first, last = max(wish.points[0], self.first), min(wish.points[1], self.stop - 1)

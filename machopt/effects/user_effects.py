@@ -149,7 +149,7 @@ def find_entry_points(group: str) -> list[tuple[str, Any]]:
         InputError: A package does not load.
     """
     out = []
-    for e in _list_entry_points(group, tuple(sys.path)):
+    for e in _list_entry_points(group, tuple((place, _get_change_time(place)) for place in sys.path)):
         try:
             out.append((e.value, e.load()))
         except USER_CODE_ERRORS as problem:
@@ -162,8 +162,16 @@ def find_entry_points(group: str) -> list[tuple[str, Any]]:
 
 
 @lru_cache(maxsize=8)  # reading the metadata of all installed packages takes longer than a short verification
-def _list_entry_points(group: str, _path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+def _list_entry_points(group: str, _path: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
     return tuple(entry_points(group=group))
+
+
+def _get_change_time(place: str) -> int:
+    """Return the time in ns at which an entry of sys.path changed last; 0 where it does not exist."""
+    try:
+        return Path(place or ".").stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _refuse_taken(e: Effect, known: Iterable[Effect], source: str) -> None:

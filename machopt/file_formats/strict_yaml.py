@@ -240,7 +240,11 @@ class _YamlValueBuilder:
         inside = (*parents, id(node))
         if isinstance(node, ScalarNode):
             row = self.composed.find_row(node)
-            return self.scalar(node.value, node.style, line, loc) if row is None else self.row(row, line, loc)
+            return (
+                self.scalar(node.value, node.style, line, loc)
+                if row is None
+                else self.row(row, node.end_mark.line + 1, loc)
+            )
         if isinstance(node, SequenceNode):
             return [self.build(child, (*loc, n), inside) for n, child in enumerate(node.value)]
         assert isinstance(node, MappingNode)  # ruamel knows three kinds of node

@@ -66,7 +66,7 @@ def _compose_with_marks(text: str) -> ComposedText | None:
     try:
         node = _compose_nodes(short, MAX_DEPTH - 1)  # a row is a level
     except (YAMLError, RecursionError):
-        return None  # the error of the text itself is told
+        return None  # reading the text itself states the error
     return ComposedText(node, tuple(rows)) if all(map(_is_mark_whole, _list_nodes(node))) else None
 
 

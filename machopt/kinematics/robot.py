@@ -219,7 +219,7 @@ def load_robot(cell: Cell) -> Robot:
 
 
 CHAINS: ContentCache[tuple[Robot, tuple[LinkShape, ...]]] = ContentCache()
-"""Arms with their bodies; pinocchio loads every mesh of an arm to tell its shapes."""
+"""Arms with their bodies; pinocchio loads every mesh of an arm for its shapes."""
 
 
 def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
@@ -228,7 +228,8 @@ def load_chain(cell: Cell) -> tuple[Robot, tuple[LinkShape, ...]]:
     Args:
         cell: cell with the URDF.
     """
-    inputs = str(cell.folder), select_geometry(cell), cell.urdf_text, list_geometry_files(cell)
+    places = tuple(str(path) for path in (cell.folder, *cell.packages.values(), *list_geometry_files(cell)))
+    inputs = places, select_geometry(cell), cell.urdf_text, list_geometry_files(cell)
     return CHAINS.get(inputs, lambda: _read_robot_with_shapes(cell))
 
 

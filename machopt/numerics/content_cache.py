@@ -31,7 +31,7 @@ class ContentCache(Generic[Value]):
         return len(self._values)
 
     def get(self, inputs: object, compute: Callable[[], Value]) -> Value:
-        """Return the result of some inputs, which nobody may change.
+        """Return the result of some inputs; callers must not change it.
 
         Args:
             inputs: All that the result depends on; see :func:`build_content_key`. Where a file of it cannot be read,

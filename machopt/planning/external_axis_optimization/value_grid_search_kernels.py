@@ -190,9 +190,11 @@ def compute_reach_costs(
         _turns(phi[s], phi[s - 1], turn)
         _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
         for v in range(V):
+            b, r, g = v % B, (v // B) % R, v // (B * R)
+            if r == 0:
+                likely[b] = v  # a source of an earlier step may have another branch
             if not node[s, v] < np.inf:
                 continue
-            b, r, g = v % B, (v // B) % R, v // (B * R)
             most = np.nextafter(limit - onward[s, v], np.inf)  # a price equal to the limit is permitted
             value = most
             if is_plunge:
@@ -207,8 +209,6 @@ def compute_reach_costs(
                 if value < most:
                     out[s, v] = value + node[s, v]
                 continue
-            if r == 0:
-                likely[b] = v
             for u in (v, likely[b]):  # near values and the source of the last vertex first: few others are examined
                 p, h = (u // B) % R, u // (B * R)
                 if before[u] < value and way[g, h] < np.inf:

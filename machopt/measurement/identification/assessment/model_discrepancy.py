@@ -134,7 +134,7 @@ def _average_models(equations: NormalEquations, near: Sequence[LambdaLikelihood]
 
 @dataclass(frozen=True, kw_only=True)
 class DiscrepancyEstimate:
-    """Model discrepancy, and what it says of the joint springs."""
+    """Model discrepancy, and the error of the joint springs."""
 
     discrepancy: ModelDiscrepancy
     spring_error: Array  # (n, n) mean square error of the joint compliances, (rad/(N·m))²
@@ -276,7 +276,7 @@ def _compute_coefficient_scale(term: LinearTerm, p: int) -> float:
     if values[p] > 0 or own.lower < 0:
         return FITTED_COEFFICIENT_SIGMA * float(values[p])
     alike = [float(v) for c, v in zip(term.coefficients, values, strict=True) if c.unit == own.unit and c.lower == 0]
-    return max(alike)
+    return max(alike, default=0.0)
 
 
 def _robustify_information(equations: NormalEquations, use: NDArray[np.intp], S: Array, x: Array) -> Array:

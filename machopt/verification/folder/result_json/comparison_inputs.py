@@ -82,19 +82,19 @@ class ResultComparison:
 
         NaN where it is not known: no motion, points left out of it, or a law without second implementation.
         """
-        stints, options = self.segments
-        unknown = (math.nan,) * len(stints)
+        segments, options = self.segments
+        unknown = (math.nan,) * len(segments)
         lacks = self.contents is None or any(c.check_name == CheckName.CHANGES for c in self.contents.failed)
         if lacks or not CheckedPoints.from_file(self).is_ok.all():
             return unknown
-        tables = read_tables(stints[0].cell, self.folder)
+        tables = read_tables(segments[0].cell, self.folder)
         if isinstance(tables, Verification):
             return unknown
-        parts = [tables] if len(stints) == 1 else split_tables(tables, stints)
+        parts = [tables] if len(segments) == 1 else split_tables(tables, segments)
         try:
             return tuple(
                 find_worst_index(s.cell, s.toolpath, part.motion, self.result.index, s.restrict_options(options))
-                for s, part in zip(stints, parts, strict=True)
+                for s, part in zip(segments, parts, strict=True)
             )
         except UnknownTermError:
             return unknown
