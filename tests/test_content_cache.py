@@ -124,3 +124,18 @@ def test_pairs_are_those_that_are_selected_anew(folder: Path) -> None:
         assert kept.list_checked_pairs(cell, arm, clearance, touching) == first
         assert fresh.list_checked_pairs(cell, arm, clearance, touching) == first
         assert kept.list_varying_pairs(arm, first[0]) == fresh.list_varying_pairs(arm, first[0])
+
+
+def test_meshes_are_those_of_the_package_folder_in_force(folder: Path) -> None:
+    """Two copies of one package: when the first is gone, nothing refers to it."""
+    urdf = next(folder.rglob("*.urdf"))
+    urdf.write_text(urdf.read_text().replace('filename="meshes/link', 'filename="package://arm/meshes/link'))
+    text = (folder / "cell.yaml").read_text()
+    for name in ("first", "second"):
+        shutil.copytree(folder / "meshes", folder / name / "meshes")
+        (folder / "cell.yaml").write_text(f"{text}\npackages:\n  arm: {name}\n")
+        cell = load_cell(folder)
+        meshes = [s.shape.mesh for s in load_chain(cell)[1] if s.shape.mesh is not None]
+        assert any(folder / name in mesh.parents for mesh in meshes)
+        assert all(mesh.is_file() for mesh in meshes)
+        shutil.rmtree(folder / name)

@@ -86,6 +86,8 @@ def read_whole(text: str, monkeypatch: pytest.MonkeyPatch) -> YamlDocument | str
 @example("a: |\n  [1, 2]\nb: [3]")
 @example("a: [1, 2] # [3]\n# [4]\n")
 @example("&a[1]")
+@example("a: &f\n  [1, 5e400]\n")
+@example("a: !!seq\n  [1, 2]\n")
 @example("a: !!float [1]")
 @example("[" * 99 + "[1]" + "]" * 99)
 @example("[" * 100 + "[1]" + "]" * 100)

@@ -1,11 +1,11 @@
-"""Effects that a larger one hides: searched beside the fitted deviation of the larger one from its law.
+"""Search of further effects with the deviation of a large effect from its law in the model.
 
-The law of an effect is approximate. Of a play of 100 standard deviations it leaves more than a compliant tool shows,
-so forward selection (:func:`compute_law_error`) accepts nothing below 6 % of the largest gain. That share is a guess.
-What the law leaves can be fitted instead: the other laws and shapes of the same place describe any smooth function of
-its torque, angle and history. With them in the model, the law error is that of an expansion, about the gain of its last
-term, and effects at other places are searched again. The deviation stays in the model without a name, so that the
-remainder of the large law does not count against the others. If no further effect is found, it is dropped.
+The law of an effect is approximate. For a backlash of 100 standard deviations its residual is larger than the effect of
+a compliant tool. Forward selection therefore accepts nothing below a fixed share of the largest gain
+(:func:`compute_law_error`). Here the deviation is fitted: the other laws and shapes at the same place describe any
+smooth function of torque, angle and history. With them in the model, the law error is that of an expansion, about the
+gain of its last term, and effects at other places are searched again. The deviation stays in the model without a name,
+so that it does not count against the other effects. If no further effect is found, it is dropped.
 """
 
 from __future__ import annotations
