@@ -13,7 +13,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.collision.collision_model_cache import MODELS, load_collision_model
 from machopt.data_types.cell import Cell
 from machopt.kinematics.robot import load_chain
-from machopt.numerics.content_cache import ContentCache, build_content_key
+from machopt.numerics.content_cache import ContentCache, NoContentKeyError, build_content_key
 from machopt.verification.motion.collision.cell_bodies import CellBodies, load_cell_bodies
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
@@ -57,8 +57,11 @@ def test_other_content_has_another_key(one: object, other: object) -> None:
 
 
 def test_a_value_without_content_is_refused() -> None:
-    with pytest.raises(TypeError, match="object"):
+    with pytest.raises(NoContentKeyError, match="object"):
         build_content_key(object())
+    cache: ContentCache[int] = ContentCache()
+    assert [cache.get((1, len), lambda k=k: k) for k in (5, 6)] == [5, 6]  # computed each time
+    assert len(cache) == 0
 
 
 def test_the_oldest_result_goes_first_and_an_absent_file_keeps_none(tmp_path: Path) -> None:

@@ -15,6 +15,10 @@ import numpy as np
 Value = TypeVar("Value")
 
 
+class NoContentKeyError(TypeError):
+    """A value has no content that can be compared, for example a function of a user's effect."""
+
+
 class ContentCache(Generic[Value]):
     """The results of the last few inputs; equal numbers, words and file contents give the same object.
 
@@ -35,12 +39,12 @@ class ContentCache(Generic[Value]):
 
         Args:
             inputs: All that the result depends on; see :func:`build_content_key`. Where a file of it cannot be read,
-                the result is computed and not kept.
+                or a part of it has no key, the result is computed and not kept.
             compute: Computes the result where it is not known.
         """
         try:
             key = build_content_key(inputs)
-        except OSError:
+        except (OSError, NoContentKeyError):
             return compute()
         with self._lock:
             if key in self._values:
@@ -63,7 +67,7 @@ def build_content_key(value: object) -> Hashable:
 
     Raises:
         OSError: A file cannot be read.
-        TypeError: A value of another kind.
+        NoContentKeyError: A value of another kind.
     """
     if value is None or isinstance(value, bool | int | float | str | np.generic):
         return type(value).__name__, value
@@ -79,4 +83,4 @@ def build_content_key(value: object) -> Hashable:
         return "mapping", tuple((build_content_key(k), build_content_key(v)) for k, v in value.items())
     if is_dataclass(value):
         return type(value), tuple(build_content_key(getattr(value, f.name)) for f in fields(value))
-    raise TypeError(f"{type(value).__name__} has no content key")
+    raise NoContentKeyError(f"{type(value).__name__} has no content key")
