@@ -334,14 +334,13 @@ def find_servo_lag(recording: Recording, motion: MotionSignals) -> list[Finding]
     if recording.q_command is None:
         return []
     n = motion.q.shape[1]
-    asked = recording.q_command[motion.index, :n]
-    speed = motion.differentiate(asked)
-    parts = np.array_split(np.arange(len(asked)), STRETCHES)
-    delay, sure = np.zeros(n), np.zeros(n)
-    before, after = np.zeros(STRETCHES), np.zeros(STRETCHES)
+    commanded = recording.q_command[motion.index, :n]
+    speed = motion.differentiate(commanded)
+    parts = np.array_split(np.arange(len(commanded)), STRETCHES)
+    delay, sure, before, after = np.zeros(n), np.zeros(n), np.zeros(STRETCHES), np.zeros(STRETCHES)
     for j in range(n):
-        behind, x = _subtract_mean(asked[:, j] - motion.q[:, j]), _subtract_mean(speed[:, j])
-        if np.ptp(asked[:, j]) < thresholds.MOTION.moves or not float(x @ x) > 0:
+        behind, x = _subtract_mean(commanded[:, j] - motion.q[:, j]), _subtract_mean(speed[:, j])
+        if np.ptp(commanded[:, j]) < thresholds.MOTION.moves or not float(x @ x) > 0:
             continue
         delay[j] = float(x @ behind) / float(x @ x)
         local = [float(x[p] @ behind[p]) / float(x[p] @ x[p]) for p in parts if float(x[p] @ x[p]) > 0]
@@ -358,7 +357,7 @@ def find_servo_lag(recording: Recording, motion: MotionSignals) -> list[Finding]
     ):
         return []
     mean, unit = float(np.mean(moving)), "mm" if recording.prismatic and all(recording.prismatic) else "mrad"
-    error = 1e3 * np.sqrt(np.array([before.sum(), after.sum()]) / asked.size)
+    error = 1e3 * np.sqrt(np.array([before.sum(), after.sum()]) / commanded.size)
     parameters = {"delay": _build_estimate(1e3 * mean, "ms", 1e3 * float(np.sqrt(np.sum(sure**2))) / len(moving))}
     parameters |= {
         f"delay_{j + 1}": _build_estimate(1e3 * float(d), "ms", 1e3 * float(sure[j])) for j, d in enumerate(delay)
