@@ -359,9 +359,9 @@ class _Tries:
         with self.request.clock.stage("external"):
             scaled = [[replace(axis, weight=w * axis.weight) for axis in self.request.axes] for w in WEIGHTS]
             curves = AxisCurveSearch(setup=self.setup, options=self.request.options, scale=search.scale, turns=turns)
-            asked = [(tries[0], self.request.axes), *((tries[0], axes) for axes in scaled)]
-            asked += [(some, self.request.axes) for some in tries[1:]]
-            ways = [compute_moving_axis_path(curves, self.path, some, axes, stands) for some, axes in asked]
+            variants = [(tries[0], self.request.axes), *((tries[0], axes) for axes in scaled)]
+            variants += [(some, self.request.axes) for some in tries[1:]]
+            ways = [compute_moving_axis_path(curves, self.path, some, axes, stands) for some, axes in variants]
             curves.tables.clear()
             following = list_following_paths(self.setup, self.path, self.groups, stands)
             following += list_following_paths(self.setup, self.path, self.groups, search.at_home())

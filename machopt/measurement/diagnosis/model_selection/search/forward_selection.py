@@ -333,7 +333,7 @@ class _SelectionStep:
         """
         out = list(chosen)
         for k in range(len(out) if len(out) > 1 else 0):
-            if not any(t is out[k].whitened for t in self.whitened_hypotheses) or _is_law_freed(out[k], out):
+            if not any(t is out[k].whitened for t in self.whitened_hypotheses) or _has_law_deviation(out[k], out):
                 continue  # a sum of several laws, each of which would replace it, or a law with its deviation
             others = out[:k] + out[k + 1 :]
             again = self.find_next_effect(add_selected_effects(model, others), others)
@@ -381,14 +381,14 @@ def compute_law_error(s: ScoredHypothesis, chosen: Sequence[SelectedEffect], of_
         if not _is_neighbour(c.whitened.hypothesis, s.whitened.hypothesis):
             if c.law_error is not None:
                 return c.law_error
-            if _is_law_freed(c, chosen):
+            if _has_law_deviation(c, chosen):
                 return 0.0
         return c.scored.gain * share(c)
 
     return max((error(c) for c in chosen), default=0.0)
 
 
-def _is_law_freed(c: SelectedEffect, chosen: Sequence[SelectedEffect]) -> bool:
+def _has_law_deviation(c: SelectedEffect, chosen: Sequence[SelectedEffect]) -> bool:
     """Return whether the deviation of an effect from its law is among the selected forms."""
     place = c.whitened.hypothesis.location
     return not is_law_deviation(c) and any(

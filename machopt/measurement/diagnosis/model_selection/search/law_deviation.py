@@ -47,9 +47,9 @@ def find_masked_effects(
     tried: Sequence[WhitenedHypothesis],
     most: int,
     rng: np.random.Generator,
-    fits: float,
+    noise_variance: float,
 ) -> list[SelectedEffect]:
-    """Search further effects beside the fitted deviations of the largest effects from their laws.
+    """Search further effects with the deviations of the largest effects from their laws in the model.
 
     Args:
         model: Whitened base model.
@@ -57,46 +57,46 @@ def find_masked_effects(
         tried: All whitened hypotheses.
         most: Largest number of effects.
         rng: Random generator of the sign flips.
-        fits: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
+        noise_variance: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
 
     Returns:
-        The effects with further ones and with the deviations beside which they were found; else ``chosen``.
+        The effects with further ones and with the fitted deviations; else ``chosen``.
     """
     out = list(chosen)
     while True:
-        found = _find_beside_deviations(model, _list_named(out), tried, most, rng, fits)
+        found = _search_with_deviations(model, _list_named(out), tried, most, rng, noise_variance)
         if len(_list_named(found)) <= len(_list_named(out)):
             return out
         out = found
 
 
-def _find_beside_deviations(
+def _search_with_deviations(
     model: WhitenedModel,
     chosen: Sequence[SelectedEffect],
     tried: Sequence[WhitenedHypothesis],
     most: int,
     rng: np.random.Generator,
-    fits: float,
+    noise_variance: float,
 ) -> list[SelectedEffect]:
-    """Return the effects with further ones that close most of what is left beside the deviations; else none."""
+    """Return the effects with further ones that explain most of what the deviations leave; else none."""
     if len(chosen) >= most:
         return []
     start = list(chosen)
     for c in sorted(chosen, key=lambda c: -c.scored.gain):
-        if not _is_left_beyond_noise(model, start, fits, c):
+        if not _is_left_beyond_noise(model, start, noise_variance, c):
             break
-        start = _free_law(model, start, c, tried)
+        start = _add_law_deviation(model, start, c, tried)
     names = {c.whitened.hypothesis.name for c in chosen}
     places = {c.whitened.hypothesis.location for c in chosen}
     elsewhere = [t for t in tried if t.hypothesis.location not in places or t.hypothesis.name in names]
     whole = add_selected_effects(model, start)
-    beyond = whole.rss - fits * len(model.y)
+    beyond = whole.rss - noise_variance * len(model.y)
     if all(c.law_error is None for c in start) or not _may_close_most(
         whole, start, elsewhere, beyond / (most - len(chosen))
     ):
         return []
     found = select_effects(model, elsewhere, most, rng, start=start)
-    left = add_selected_effects(model, found).rss - fits * len(model.y)
+    left = add_selected_effects(model, found).rss - noise_variance * len(model.y)
     is_larger = len(_list_named(found)) > len(chosen)
     return found if is_larger and left <= thresholds.PROOF.outweighs * (beyond - left) else []
 
@@ -119,19 +119,20 @@ def _list_named(chosen: Sequence[SelectedEffect]) -> list[SelectedEffect]:
 
 
 def _is_left_beyond_noise(
-    model: WhitenedModel, chosen: Sequence[SelectedEffect], fits: float, c: SelectedEffect
+    model: WhitenedModel, chosen: Sequence[SelectedEffect], noise_variance: float, c: SelectedEffect
 ) -> bool:
-    """Return whether more than noise is left, which the law error of an effect of the catalogue may hide."""
-    if not np.isfinite(fits) or not c.whitened.hypothesis.is_in_catalogue:
+    """Return whether more than noise is left, by less than the law error of an effect of the catalogue."""
+    if not np.isfinite(noise_variance) or not c.whitened.hypothesis.is_in_catalogue:
         return False
     whole = add_selected_effects(model, chosen)
     hidden = thresholds.DETECTION.beside * c.scored.gain
     return (
-        hidden > thresholds.DETECTION.share * whole.rss and whole.residual_variance > fits + thresholds.PROOF.restless
+        hidden > thresholds.DETECTION.share * whole.rss
+        and whole.residual_variance > noise_variance + thresholds.PROOF.restless
     )
 
 
-def _free_law(
+def _add_law_deviation(
     model: WhitenedModel, chosen: Sequence[SelectedEffect], c: SelectedEffect, tried: Sequence[WhitenedHypothesis]
 ) -> list[SelectedEffect]:
     """Return the effects with the deviation of one of them from its law: other laws and shapes of its place."""
@@ -161,17 +162,17 @@ def _build_deviation(
 ) -> EffectHypothesis:
     """Build the form with the columns of all parts, from which those of the effect itself are eliminated.
 
-    The effect therefore keeps its coefficients and its gain beside the form.
+    The effect therefore keeps its coefficients and its gain.
     """
     place = c.whitened.hypothesis.location
     laws = [(c.whitened, c.scored.shape), *((s.whitened, s.shape) for s in parts)]
     raw: list[Array] = [t.hypothesis.columns(t.shapes[shape]) * t.unit[shape] for t, shape in laws]
-    beside = add_selected_effects(model, [o for o in chosen if o is not c])
-    count, own = beside.count, c.whitened.X.shape[2]
+    extended = add_selected_effects(model, [o for o in chosen if o is not c])
+    count, own = extended.count, c.whitened.X.shape[2]
     for t, shape in laws:
-        beside = beside.with_law(t, shape)
-    to, at = slice(0, count + own), slice(count + own, beside.count)
-    normal = beside.normal
+        extended = extended.with_law(t, shape)
+    to, at = slice(0, count + own), slice(count + own, extended.count)
+    normal = extended.normal
     x = np.linalg.lstsq(normal[to, to], normal[to, at], rcond=1e-12)[0][count:]
     columns = np.concatenate(raw[1:], axis=2) - raw[0] @ x
     return build_uncatalogued_hypothesis(place, LAW_DEVIATION, NOTE, lambda shape: columns, ((),))
