@@ -243,3 +243,27 @@ def test_the_gentle_profile_holds_the_limits_too(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(time_law, "compute_greedy_time_law", stuck)
     drive(make(*contour(20, 0.003)))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_speed_settles_at_the_programmed_feed(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    u = np.linspace(0.0, draw.uniform(0.02, 0.3), int(draw.integers(20, 200)))
+    slope = draw.uniform(0.3, 1.5, 6) * draw.choice([-1.0, 1.0], 6)  # rad/m of each joint
+    bend = draw.uniform(-2.0, 2.0, 6)
+    derivatives = np.stack([slope + np.outer(u, bend), np.tile(bend, (len(u), 1)), np.zeros((len(u), 6))], axis=-1)
+    feed = draw.uniform(0.005, 0.08)
+    cap = np.full(len(u), feed)
+    limits = LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk
+    law = time_law.compute_time_law(
+        time_law.SpeedBounds(
+            u=u, derivatives=derivatives, cap=cap, velocity=limits[0], acceleration=limits[1], jerk=limits[2]
+        ),
+        0.004,
+    )
+    moving = law.a[np.abs(law.a) > 1e-6]
+    reversals = int((np.diff(np.sign(moving)) != 0).sum())
+    assert reversals <= 1, f"the acceleration changes its sign {reversals} times at one feed"
+    assert (law.v <= feed * (1.0 + 1e-6)).all()
+    if u[-1] > 0.1:
+        assert np.median(law.v) > 0.985 * feed

@@ -10,6 +10,7 @@ from functools import partial
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
+from machopt.numerics.heap_release import release_free_memory
 from machopt.planning.cache import use_temporary_cache
 from machopt.planning.compensation.driven_margins import (
     add_margin_reserve,
@@ -180,6 +181,7 @@ def _drive_segment(
     """
     toolpath, options = segment.toolpath, segment.restrict_options(job_options)
     drive = partial(drive_tool_segment, segment, job_options=job_options, timings=timings)
+    release_free_memory()  # of the search
     if options.method == "joint":
         plan, driven_plan, timeline = drive_posture_and_feed(
             segment, plan, timings, lambda plan, other: drive(plan, replan=other), replan, refused
@@ -196,6 +198,7 @@ def _drive_segment(
         plan = add_undrivable_conflict(plan, timeline.obstructions, toolpath, options)
     if timeline is None or timeline.trajectory is None:
         plan = mark_undriven_points(plan, timeline.obstructions if timeline is not None else ())
+    release_free_memory()  # of the single moves
     with timings.stage("points"):
         points = build_point_table(plan, toolpath)
     if toolpath.process_operation is not None:

@@ -323,7 +323,7 @@ class _Builder:
             ranges = [self.options.tilt_range_of(operation.label) for operation in self.toolpath.operations]
             lead, side = limit_cut_tilts((tilts.lead, tilts.side), move, operation, ranges)
         speed = np.r_[0.0, np.linalg.norm(step, axis=1) / self.options.sample]
-        self.legs = _share_samples(self.legs, q, external)
+        self.legs = _share_samples(self.legs, {"q": q, "external": external, "index": index})
         return Trajectory(
             time=np.arange(len(q), dtype=float) * self.options.sample,
             q=q,
@@ -345,17 +345,22 @@ class _Builder:
         return measure_sample_tilts(self.path, index, move, fixed.T @ rotation, setup.ball_radius), fixed
 
 
-def _share_samples(legs: Sequence[MotionSegment], q: Array, external: Array) -> list[MotionSegment]:
-    """Return the legs with their joints as views of the joined samples, so that they are held in memory once.
+def _share_samples(legs: Sequence[MotionSegment], joined: dict[str, Array]) -> list[MotionSegment]:
+    """Return the legs with views of the joined samples, so that they are held in memory once.
+
+    A column of a leg that begins with another value than the leg before ended with stays its own.
 
     Args:
         legs: legs of the motion, each beginning with the last sample of the one before.
-        q: (S, 6) rad by encoder, joined samples.
-        external: (S, E) m or rad.
+        joined: by the name of a column, (S, ...) its joined samples.
     """
     shared, start = [], 0
     for leg in legs:
         rows = slice(start, start + len(leg.q))
-        shared.append(replace(leg, q=q[rows], external=external[rows]))
+        views = {name: values[rows] for name, values in joined.items()}
+        same = {
+            name: view for name, view in views.items() if np.array_equal(view[0], getattr(leg, name)[0], equal_nan=True)
+        }
+        shared.append(replace(leg, **same))
         start = rows.stop - 1
     return shared

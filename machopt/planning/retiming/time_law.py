@@ -8,6 +8,7 @@ Every step takes the largest j for which these hold during the step *and* during
 The stop is a *plan* (c, x): brake to the speed c, keep it as far as u = x, then brake to standstill. Tried are
 (0, ·) and, ahead of a sharp corner, the speed the corner allows and its far side. A plan depends on the state only.
 Its next step is therefore always available as a continuation: the law cannot reach a state without continuation.
+An acceleration is taken only as far as it can fade before the speed reaches its limit, so that the speed settles there.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ CORNER_LONG = 0.3  # s at its lowest cap: maximum duration of a corner
 CORNER_SPEED = 0.97  # planned share of the lowest cap in a corner
 BRAKING_SHARE = 0.9  # share of the limits used by the braking policy
 LANDING_SHARE = 0.6  # share of the jerk limit at the end of braking
+LONGEST_HOLD = 32  # steps at constant speed that are tried together
 STEPS = 4_000_000  # the longest law
 
 
@@ -234,10 +235,18 @@ def _try(
     al: Array,
     jl: Array,
 ) -> tuple[int, float, float, float]:
-    """Try a step with jerk j and a stop after it. Return code (0: possible), the place of the stop, its plan."""
+    """Try a step with jerk j and a stop after it. Return code (0: possible), the place of the stop, its plan.
+
+    What is left of an acceleration must fade, at a share of the jerk limit, before the speed reaches its limit: beyond
+    that only a hard brake is left, and the speed would go back and forth below its limit, step by step.
+    """
     code, i, u, v, a = _advance(i, u, v, a, j, h, h > 0.0, un, Q, cap, al, jl)
     if code != 0:
         return code, u, 0.0, 0.0
+    if a > 1e-9:
+        allowed = cap[i] + (u - un[i]) / (un[i + 1] - un[i]) * (cap[i + 1] - cap[i])
+        if v + 0.5 * a * h + 0.5 * a * a / (BRAKING_SHARE * min(easy[i], easy[i + 1])) > allowed * (1.0 + 1e-9):
+            return 1, u, 0.0, 0.0
     code, place = _brake(i, u, v, a, 0.0, 0.0, h, un, Q, cap, easy, al, jl)
     c, x = corner[i, 2], corner[i, 1]
     if place < corner[i, 0] or (code == 0 and v <= c):
@@ -308,6 +317,43 @@ def _double_rows(rows: Array) -> Array:
 
 
 @jit_compile
+def _count_held_steps(
+    i: int,
+    u: float,
+    v: float,
+    h: float,
+    un: Array,
+    Q: Array,
+    cap: Array,
+    easy: Array,
+    corner: Array,
+    al: Array,
+    jl: Array,
+) -> tuple[int, float, float, float]:
+    """Count the steps at constant speed near its limit after which a stop is still possible; each of them can then be
+    taken without a trial of its own. Return the number (0: at most one), the place of the stop and its plan.
+    """
+    count, k, at = 0, i, u
+    while count < LONGEST_HOLD:
+        w = (at - un[k]) / (un[k + 1] - un[k])
+        if not v > HOLD * (cap[k] + w * (cap[k + 1] - cap[k])):
+            break
+        code, k, at, _, _ = _advance(k, at, v, 0.0, 0.0, h, h > 0.0, un, Q, cap, al, jl)
+        if code != 0:
+            break
+        count += 1
+    while count > 1:
+        k, at = i, u + (count - 1) * h * v
+        while k < len(un) - 2 and un[k + 1] <= at:
+            k += 1
+        code, stop, c, x = _try(k, at, v, 0.0, 0.0, h, un, Q, cap, easy, corner, al, jl)
+        if code == 0:
+            return count, stop, c, x
+        count //= 2
+    return 0, 0.0, 0.0, 0.0
+
+
+@jit_compile
 def compute_greedy_time_law(
     un: Array, Q: Array, cap: Array, easy: Array, corner: Array, al: Array, jl: Array, h: float, i: int, again: bool
 ) -> tuple[int, Array]:
@@ -328,6 +374,7 @@ def compute_greedy_time_law(
     rows = np.empty((4096, 5))
     n, t, u, v, a = 0, 0.0, un[0], 0.0, 0.0
     stop, end, c, x = u, un[-1], 0.0, 0.0
+    held = 0  # steps at constant speed that remain of those tried together
     tolerance = min(0.5e-6, 0.01 * (end - u))
     while True:
         if n + 2 > len(rows):
@@ -346,7 +393,14 @@ def compute_greedy_time_law(
         else:
             j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
         found = False
-        if not arriving:
+        if held == 0 and a == 0.0 and not resting and not arriving:
+            held, further, cn, xn = _count_held_steps(i, u, v, h, un, Q, cap, easy, corner, al, jl)
+            if held > 0:
+                stop, c, x = further, cn, xn
+        if held > 0:
+            j, found = 0.0, True
+            held -= 1
+        elif not arriving:
             found, new, place, cn, xn = _find_largest_jerk(i, u, v, a, j, h, resting, un, Q, cap, easy, corner, al, jl)
             if found:
                 j, stop, c, x = new, place, cn, xn

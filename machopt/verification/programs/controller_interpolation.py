@@ -84,7 +84,7 @@ def _check_lines(
         ]
     )
     _choose_adjacent_move(off, program, tcp, rows, move)
-    ways = [f"the move to {where[k]}" for k in move]
+    names = [f"the move to {place}" for place in where]
     for column, (what, unit, limit, scale) in enumerate(
         (
             (CheckName.LINES, "mm", allowed.position + program.place_step, 1e3),
@@ -92,9 +92,10 @@ def _check_lines(
             (CheckName.LINES_TURN, "deg", allowed.turn + program.joint_step, 180.0 / np.pi),
         )
     ):
-        checks.append(build_worst_move_check(program, what, unit, scale * off[:, column], scale * limit, ways))
+        values, largest = scale * off[:, column], scale * limit
+        checks.append(build_worst_move_check(program, what, unit, values, largest, names, move))
     if motion.external.shape[1]:
-        checks.append(_check_external_axes(program, motion, rows, move, off[:, 3], at, allowed, ways))
+        checks.append(_check_external_axes(program, motion, rows, move, off[:, 3], at, allowed, names))
     return checks
 
 
@@ -113,9 +114,10 @@ def _check_joint_moves(
     joint = np.isfinite(stated).all(axis=1)
     q[joint] = stated[joint]
     bow = _compute_joint_line_deviation(driven[rows], q[move - 1], q[move])
-    ways = [f"the move to {where[k]}" for k in move]
+    names = [f"the move to {place}" for place in where]
     limit = RAPID_TOLERANCE_DEG + float(np.degrees(program.joint_step))
-    return build_worst_move_check(program, "joint moves along the motion", "deg", np.degrees(bow), limit, ways)
+    what = "joint moves along the motion"
+    return build_worst_move_check(program, what, "deg", np.degrees(bow), limit, names, move)
 
 
 def _choose_adjacent_move(
@@ -150,7 +152,7 @@ def _check_external_axes(
     share: Array,
     at: Array,
     allowed: TargetTolerances,
-    ways: list[str],
+    names: list[str],
 ) -> VerificationCheck:
     """External axes at samples against the even way that the controller makes of them between two targets.
 
@@ -169,7 +171,8 @@ def _check_external_axes(
     axis = int(np.argmax(off[n]))
     away = f"{1e3 * off[n, axis]:.3g} mm" if motion.slides[axis] else f"{np.degrees(off[n, axis]):.3g} deg"
     words = f"of {1e3 * most:g} mm or {np.degrees(most):.3g} deg"
-    check = build_worst_move_check(program, "external axes along lines", words, off.max(axis=1) / most, 1.0, ways)
+    what, share_used = "external axes along lines", off.max(axis=1) / most
+    check = build_worst_move_check(program, what, words, share_used, 1.0, names, move)
     return replace(check, where=f"{check.where}: e{axis + 1} by {away}")
 
 

@@ -218,7 +218,13 @@ def interpolate_rows(values: Array, at: Array) -> Array:
 
 
 def build_worst_move_check(
-    program: ProgramInCell, what: str, unit: str, values: Array, limit: float, where: Sequence[str]
+    program: ProgramInCell,
+    what: str,
+    unit: str,
+    values: Array,
+    limit: float,
+    where: Sequence[str],
+    move: NDArray[np.intp] | None = None,
 ) -> VerificationCheck:
     """Return a check of the greatest value; a NaN is worse than all.
 
@@ -226,11 +232,11 @@ def build_worst_move_check(
         program: The program in the cell's frames and units.
         what: Name of the checked quantity.
         unit: Unit of the value.
-        values: (M,) value of each move.
+        values: (M,) value of each move; (K,) of samples where ``move`` is given.
         limit: The greatest allowed value.
         where: (M,) place of each move in the program, for messages.
+        move: (K,) the move that each sample lies in.
     """
     n = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
-    return build_file_check(
-        program.file, what, bool(values[n] <= limit), float(values[n]), float(limit), unit, where[n]
-    )
+    place = where[n if move is None else int(move[n])]
+    return build_file_check(program.file, what, bool(values[n] <= limit), float(values[n]), float(limit), unit, place)
