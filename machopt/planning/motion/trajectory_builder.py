@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -357,7 +358,7 @@ def _share_samples(legs: Sequence[MotionSegment], joined: dict[str, Array]) -> l
     shared, start = [], 0
     for leg in legs:
         rows = slice(start, start + len(leg.q))
-        views = {name: values[rows] for name, values in joined.items()}
+        views: dict[str, Any] = {name: values[rows] for name, values in joined.items()}
         same = {
             name: view for name, view in views.items() if np.array_equal(view[0], getattr(leg, name)[0], equal_nan=True)
         }

@@ -73,17 +73,7 @@ def _check_lines(
     """Compare samples with the straight lines between targets."""
     rows, move, at = samples
     checks = []
-    off = np.vstack(
-        [
-            _compute_line_deviation(
-                tcp[rows[k : k + BLOCK_ROWS]],
-                program.T_workpiece_tcp[move[k : k + BLOCK_ROWS] - 1],
-                program.T_workpiece_tcp[move[k : k + BLOCK_ROWS]],
-            )
-            for k in range(0, len(rows), BLOCK_ROWS)
-        ]
-    )
-    _choose_adjacent_move(off, program, tcp, rows, move)
+    off = np.vstack([_compute_line_deviations(program, tcp, rows[some], move[some]) for some in _list_blocks(rows)])
     names = [f"the move to {place}" for place in where]
     for column, (what, unit, limit, scale) in enumerate(
         (
@@ -113,22 +103,32 @@ def _check_joint_moves(
     q[known] = interpolate_rows(driven, at[known])
     joint = np.isfinite(stated).all(axis=1)
     q[joint] = stated[joint]
-    bow = _compute_joint_line_deviation(driven[rows], q[move - 1], q[move])
+    bow = np.concatenate(
+        [
+            _compute_joint_line_deviation(driven[rows[some]], q[move[some] - 1], q[move[some]])
+            for some in _list_blocks(rows)
+        ]
+    )
     names = [f"the move to {place}" for place in where]
     limit = RAPID_TOLERANCE_DEG + float(np.degrees(program.joint_step))
     what = "joint moves along the motion"
     return build_worst_move_check(program, what, "deg", np.degrees(bow), limit, names, move)
 
 
-def _choose_adjacent_move(
-    off: Array, program: ProgramInCell, tcp: Array, rows: NDArray[np.intp], move: NDArray[np.intp]
-) -> None:
-    """Samples at a target's place where only the orientation turns may be on the way before or after it: the better.
+def _list_blocks(rows: NDArray[np.intp]) -> list[slice]:
+    """Return the blocks in which samples are compared, so that the memory does not grow with the motion."""
+    return [slice(k, k + BLOCK_ROWS) for k in range(0, len(rows), BLOCK_ROWS)]
 
-    Args:
-        off: (K, 4) of samples ``rows`` (K,) against the ways to ``move`` (K,); changed in place.
+
+def _compute_line_deviations(
+    program: ProgramInCell, tcp: Array, rows: NDArray[np.intp], move: NDArray[np.intp]
+) -> Array:
+    """Return (K, 4) of :func:`_compute_line_deviation` for samples ``rows`` (K,) on the lines to ``move`` (K,).
+
+    Samples at a target's place where only the orientation turns may be on the line before or after it: the better.
     """
     T = program.T_workpiece_tcp
+    off = _compute_line_deviation(tcp[rows], T[move - 1], T[move])
     for end, other in ((move, move + 1), (move - 1, move - 1)):
         there = (other >= 1) & (other < len(program))
         there[there] &= program.kind[other[there]] == LIN
@@ -142,6 +142,7 @@ def _choose_adjacent_move(
             second = _compute_line_deviation(tcp[rows[k]], T[other[k] - 1], T[other[k]])
             less = np.hypot(second[:, 0], AXIS_LEVER_M * second[:, 1]) < np.hypot(off[k, 0], AXIS_LEVER_M * off[k, 1])
             off[k[less]] = second[less]
+    return off
 
 
 def _check_external_axes(
