@@ -14,7 +14,7 @@ from machopt.numerics.array_types import Array
 from machopt.programs.checking.printed_precision import compute_last_digit
 from machopt.verification.folder.programs.frames_and_axes import compute_toolpath_index
 from machopt.verification.programs.cam_comparison import LINE_TIE_M, _find_cut_moves, compare_with_cam
-from machopt.verification.programs.controller_interpolation import _choose_adjacent_move, _compute_line_deviation
+from machopt.verification.programs.controller_interpolation import _compute_line_deviation, _compute_line_deviations
 from machopt.verification.programs.event_comparison import check_events
 from machopt.verification.programs.expected_cuts import ExpectedCuts
 from machopt.verification.programs.motion_comparison import _check_move_kinds
@@ -279,6 +279,6 @@ def test_a_sample_that_has_begun_to_turn_on_the_spot_is_on_that_move() -> None:
     rows, move = np.arange(2), np.array([1, 1])
     off = _compute_line_deviation(tcp, T[move - 1], T[move])
     assert off[:, 1].min() > 9e-4
-    _choose_adjacent_move(off, said, tcp, rows, move)
+    off = _compute_line_deviations(said, tcp, rows, move)
     assert off[0, 1] < 1e-9
     assert off[1, 1] > 9e-4

@@ -219,7 +219,7 @@ class _VerifiedTool:
             else compute_commanded_corners(toolpath, shift)
         )
         true_motion = replace(motion, q=compute_true_angles(cell.kinematics, motion.q))
-        tool = arm.compute_tcp_in_workpiece(true_motion.q, motion.external)
+        tool = arm.compute_tcp_in_workpiece(true_motion.q, motion.external, rows=3)
         tilt = None if tables.tilt is None else ToolTilt.build(cell, toolpath, tables.tilt, corners)
         return cls(
             cell=cell,

@@ -35,7 +35,7 @@ def check_moves_between_targets(
     Args:
         program: The program in the cell's frames and units.
         motion: The exported motion (trajectory.csv), SI.
-        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        tcp: (S, 3, 4) poses of the TCP in the workpiece frame.
         at: (M,) fractional samples at which the targets are reached.
         allowed: Tolerances of the comparison.
         where: (M,) place of each target in the program, for messages.

@@ -68,7 +68,7 @@ def compare_with_motion(
     Args:
         program: the program.
         motion: trajectory.csv.
-        tcp: (S, 4, 4) its poses in the workpiece by nominal kinematics.
+        tcp: (S, 3, 4) its poses in the workpiece by nominal kinematics.
         allowed: tolerances.
         path: the commanded path, whose corners lie between the samples; None: the samples alone are known.
 

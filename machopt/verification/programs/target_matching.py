@@ -65,7 +65,7 @@ def match_targets(
     Args:
         program: The program in the cell's frames and units.
         motion: The exported motion (trajectory.csv), SI.
-        tcp: (S, 4, 4) poses of the TCP in the workpiece frame by nominal kinematics.
+        tcp: (S, 3, 4) poses of the TCP in the workpiece frame by nominal kinematics.
         allowed: Tolerances of the comparison.
         path: The commanded path, whose corners lie between the samples; None: only the samples are known.
     """
@@ -127,7 +127,7 @@ def check_external_axes(
     Args:
         program: The program in the cell's frames and units.
         motion: The exported motion (trajectory.csv), SI.
-        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        tcp: (S, 3, 4) poses of the TCP in the workpiece frame.
         at: (M,) fractional samples at which the targets are reached.
         allowed: Tolerances of the comparison.
         where: (M,) place of each target in the program, for messages.

@@ -40,7 +40,7 @@ def convert_to_cell_frames(
         controller: Controller that the program is for.
         arm: Kinematics of the cell as the controller reckons.
         motion: The planned motion.
-        tcp: (S, 4, 4) pose of the TCP in the workpiece at its samples, m.
+        tcp: (S, 3, 4) pose of the TCP in the workpiece at its samples, m.
         position_tolerance: m, between the controller's lines and the motion.
     """
     m = controller.joint_map
@@ -92,7 +92,7 @@ def _place_targets(
     driven, wanted = np.hstack([q, external]), motion.joints
     if len(q) == len(motion.q):  # streamed: the motion's own samples have been placed already
         same = joint & (np.abs(driven - wanted).max(axis=1) < JOINT_TOLERANCE_RAD)
-        T[same], joint = tcp[same], joint & ~same
+        T[same, :3], T[same, 3], joint = tcp[same, :3], np.array([0.0, 0.0, 0.0, 1.0]), joint & ~same
     if joint.any():
         # missing external axes are reported elsewhere; home allows the other checks
         stood = np.where(np.isfinite(external), external, cell.external_home)

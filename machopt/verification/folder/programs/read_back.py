@@ -128,7 +128,7 @@ class _ComparisonContext:
     source: str
     motion: ExportedMotion
     arm: UrdfKinematics
-    tcp: Array  # (S, 4, 4) in workpiece by nominal kinematics
+    tcp: Array  # (S, 3, 4) in workpiece by nominal kinematics
     offset: Array  # (S, 3) m from there to the true place
     tilt: Array  # (S, 3) from the tool axis there (tip to shank) to the true one
     cam_points: NDArray[np.bool_]  # (N,)
@@ -149,7 +149,7 @@ class _ComparisonContext:
     ) -> _ComparisonContext:
         motion, points, shift, stated = tables.motion, tables.points, tables.shift, tables.tilt
         arm = UrdfKinematics(cell, drawn=True)  # as the controller reckons
-        tcp = arm.compute_tcp_in_workpiece(motion.q, motion.external)
+        tcp = arm.compute_tcp_in_workpiece(motion.q, motion.external, rows=3)
         offset, tilt = compute_corrections(cell, motion, tcp)
         wanted = toolpath.cutting.copy()
         if options.allow_gaps:

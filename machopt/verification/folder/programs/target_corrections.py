@@ -25,7 +25,7 @@ def compute_corrections(cell: Cell, motion: ExportedMotion, tcp: Array) -> tuple
     Args:
         cell: The robot cell.
         motion: The exported motion (trajectory.csv), SI.
-        tcp: (S, 4, 4) its poses by nominal kinematics, in the workpiece frame.
+        tcp: (S, 3, 4) its poses by nominal kinematics, in the workpiece frame.
 
     Returns:
         What is to be added to the position, m, and to the tool axis, tip to shank.
@@ -57,7 +57,7 @@ def turn_samples_back(tilt: ToolTilt | None, tcp: Array, index: Array) -> Array:
 
     Args:
         tilt: Tilt of the tool; None: there is none.
-        tcp: (S, 4, 4) poses in the workpiece frame.
+        tcp: (S, 3, 4) poses in the workpiece frame.
         index: (S,) toolpath index, NaN for none.
     """
     return tcp if tilt is None else tilt.turn_back(tcp, index)

@@ -238,7 +238,7 @@ def measure_passing_distance(motion: ExportedMotion, corners: RapidCorners, tcp:
     Args:
         motion: The exported motion (trajectory.csv), SI.
         corners: Rounded corners (rapid_corners.csv).
-        tcp: (S, 4, 4) poses of the TCP in the workpiece frame.
+        tcp: (S, 3, 4) poses of the TCP in the workpiece frame.
         toolpath: The toolpath, points in the workpiece frame, SI.
     """
     out = np.full(len(toolpath), np.inf)

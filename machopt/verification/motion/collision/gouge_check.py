@@ -58,11 +58,11 @@ def check_gouges(
         return []
     limit = options.gouge + locations.path_limit
     rows = _select_rows(locations.tool, np.flatnonzero(locations.on_feed_move))
-    T = locations.tool[rows]
+    T = np.tile(np.eye(4), (len(rows), 1, 1))
+    T[:, :3] = locations.tool[rows, :3]
     if shifted:
         at = np.clip(motion.point[rows], 0.0, len(toolpath) - 1.0)
         own = np.arange(len(toolpath), dtype=float)
-        T = T.copy()
         T[:, :3, 3] -= locations.tcp[rows, :3, 3]
         T[:, :3, 3] += np.column_stack([np.interp(at, own, toolpath.position[:, c]) for c in range(3)])
     points = build_cutter_points(cutter)

@@ -377,19 +377,20 @@ class UrdfKinematics:
                 torque[:, source] -= multiplier * holding[:, model.idx_vs[j]]
         return np.asarray(torque)
 
-    def compute_tcp_in_workpiece(self, q: Array, external: Array) -> Array:
+    def compute_tcp_in_workpiece(self, q: Array, external: Array, *, rows: int = 4) -> Array:
         """Return (S, 4, 4) poses of the TCP in the CAM frame.
 
         Args:
             q: (S, 6) joint positions by encoder, rad.
             external: (S, E) positions of the external joints, rad or m.
+            rows: Rows of each matrix; 3 without the constant last one, (S, 3, 4), for the samples of a long motion.
         """
-        out = np.empty((len(q), 4, 4))
+        out = np.empty((len(q), rows, 4))
         still = slice(0, 1) if self._part is None else slice(None)  # one that no joint turns is the same in all rows
         for start in range(0, len(q), BLOCK_ROWS):  # the frames of all joints need many times the memory of the result
             some = slice(start, start + BLOCK_ROWS)
             T = self.compute_placements(q[some], external[some])
-            out[some] = np.linalg.inv(T[still, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp
+            out[some] = (np.linalg.inv(T[still, -1]) @ T[:, -2] @ self.cell.tool.T_flange_tcp)[:, :rows]
         return out
 
 

@@ -58,7 +58,7 @@ def build_motion_polyline(
 
     Args:
         motion: trajectory.csv, S samples.
-        tcp: (S, 4, 4) their poses in the workpiece.
+        tcp: (S, 3, 4) their poses in the workpiece.
         driven: (S, n) rad or m.
         path: None: the samples alone.
     """

@@ -29,8 +29,8 @@ MAX_RETRACT_M = 0.5  # m, to which the tool is lifted along its axis
 class SampleLocations:
     """Position of S samples relative to the toolpath; what does not exist is inf or False."""
 
-    tcp: Array  # (S, 4, 4) in workpiece; of a tilted tool turned back to the axes of the CAM file
-    tool: Array  # (S, 4, 4) in workpiece, where the tool is
+    tcp: Array  # (S, 3, 4) in workpiece; of a tilted tool turned back to the axes of the CAM file
+    tool: Array  # (S, 3, 4) in workpiece, where the tool is
     next_point: NDArray[np.int64]  # (S,) point that the move of the file at the sample's index leads to
     off_path: Array  # (S,) m from the polyline near the sample's index
     off_index: Array  # (S,) m from the place that the index names
@@ -81,7 +81,7 @@ def locate_samples(
         corners: (P,) fractional index of the commanded polyline's corners: the toolpath's points, or those of the
             shifted path.
         position: (P, 3) position of these corners, m.
-        tool: (S, 4, 4) poses of the TCP in the workpiece frame.
+        tool: (S, 3, 4) poses of the TCP in the workpiece frame.
         options: The planning options, whose tolerances count where they are wider than the defaults.
         tilt: Tilt of the tool against the axes of the CAM file; None: there is none.
     """

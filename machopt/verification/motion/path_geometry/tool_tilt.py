@@ -73,12 +73,12 @@ class ToolTilt:
         return interpolate_axis(self.axis[before], self.axis[after], np.where(span > 0, share, 1.0))
 
     def turn_back(self, T: Array, index: Array, whole: float = WHOLE) -> Array:
-        """Return poses (M, 4, 4) turned about the ball's centre by the tilt, in the workpiece frame.
+        """Return poses (M, 4, 4) or (M, 3, 4) turned about the ball's centre by the tilt, in the workpiece frame.
 
         Poses of rapid moves between two points, and without an index, are not changed.
 
         Args:
-            T: (M, 4, 4) poses of the TCP in the workpiece frame.
+            T: (M, 4, 4) or (M, 3, 4) poses of the TCP in the workpiece frame.
             index: (M,) fractional toolpath index, NaN for none.
             whole: An index of a rapid move nearer than this to a whole one is that of the point.
         """
