@@ -164,6 +164,7 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
         sum(len(t.shapes) for t in state.whitened_hypotheses),
     )
     state = replace(state, whitened_hypotheses=())
+    state.base.extensions.clear()  # they contain columns of laws
     options.progress("proof on readings that no step saw")
     proof = validate_on_holdout(state, options.max_effects, rng) if validated.findings or validated.withdrawn else None
     result = _build_diagnosis_result(state, validated, judged, options.predicted)

@@ -219,7 +219,7 @@ def compute_chance_probability(
     M, r = model.inverse, residual
     Xr = model.w.sum_by_cluster(model.X * r[:, None])  # (G, P)
     signs = rng.choice([-1.0, 1.0], (flips, len(Xr)))
-    largest = np.full(flips, -np.inf)
+    largest: dict[int, Array] = {}  # by number of coefficients: largest gain (flips,) of any law and shape
     own = np.empty(len(scored))
     for k, s in enumerate(scored):
         t = s.whitened
@@ -230,16 +230,24 @@ def compute_chance_probability(
         taken = Xr @ CM.T
         scores = t.products_by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
         p = scores.shape[2]
-        one = p == 1
-        along: Array = scores / np.sqrt(S[..., 0]) if one else _multiply(np.linalg.inv(np.linalg.cholesky(S)), scores)
+        along = _whiten_scores(S, scores)
         drawn = (signs @ along.reshape(len(along), -1)).reshape(flips, *along.shape[1:])
         if p == 1 and t.hypothesis.lower and np.isfinite(t.hypothesis.lower[0]):
             drawn = np.maximum(drawn, 0.0)
-        largest = np.maximum(largest, _convert_to_normal_deviate((drawn**2).sum(axis=2), p).max(axis=1))
+        gain = (drawn**2).sum(axis=2).max(axis=1)
+        largest[p] = np.maximum(largest[p], gain) if p in largest else gain
         own[k] = _convert_to_normal_deviate(
             np.array(s.gain), p
         )  # unscaled: gains and flips contain the same excess variance
-    return np.asarray((1.0 + (largest[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
+    chance = np.max([_convert_to_normal_deviate(gain, p) for p, gain in largest.items()], axis=0)
+    return np.asarray((1.0 + (chance[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
+
+
+def _whiten_scores(S: Array, scores: Array) -> Array:
+    """Return scores (G, S, p) of unit variance for the information S (S, p, p) of each shape."""
+    if S.shape[-1] == 1:
+        return np.asarray(scores / np.sqrt(S[..., 0]))
+    return np.asarray((np.linalg.inv(np.linalg.cholesky(S)) @ scores.transpose(1, 2, 0)).transpose(2, 0, 1))
 
 
 def _convert_to_normal_deviate(gain: Array, p: int) -> Array:

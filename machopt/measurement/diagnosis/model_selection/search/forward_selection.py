@@ -156,9 +156,8 @@ def select_effects(
     Returns:
         The selected effects.
     """
-    begun = add_selected_effects(model, start)
     search = _SelectionStep(
-        tuple(tried), _select_greedily(begun, tried, most).residual, rng, compute_body_error_share(tried)
+        tuple(tried), _select_greedily(model, start, tried, most).residual, rng, compute_body_error_share(tried)
     )
     chosen = list(start)
     first: list[SelectedEffect] = []
@@ -175,21 +174,23 @@ def select_effects(
     return _eliminate_backward(model, chosen) or _eliminate_backward(model, first)
 
 
-def _select_greedily(model: WhitenedModel, tried: Sequence[WhitenedHypothesis], most: int) -> WhitenedModel:
-    """Return the model with the best supported hypotheses, without a chance level."""
-    taken: set[tuple[str, str]] = set()
+def _select_greedily(
+    model: WhitenedModel, start: Sequence[SelectedEffect], tried: Sequence[WhitenedHypothesis], most: int
+) -> WhitenedModel:
+    """Return the model with effects and the best supported hypotheses, without a chance level."""
+    laws = [(c.whitened, c.scored.shape) for c in start]
+    extended, added = model.with_laws(laws), list[WhitenedHypothesis]()
     for _ in range(most):
-        scored = [
-            s
-            for s in score_hypotheses(model, [t for t in tried if t.hypothesis.name not in taken])
-            if is_supported(model, s)
-        ]
-        if not scored:
+        taken = {t.hypothesis.name for t in added}
+        scored = score_hypotheses(extended, [t for t in tried if t.hypothesis.name not in taken])
+        best = _select_supported_law(extended, scored)
+        if best is None:
             break
-        best = select_simplest_law(model, scored)
-        taken.add(best.whitened.hypothesis.name)
-        model = model.with_law(best.whitened, best.shape)
-    return model
+        laws.append((best.whitened, best.shape))
+        added.append(best.whitened)
+        is_free = all(t.hypothesis.prior_sigma is None for t in added)  # else the prior would be applied
+        extended = model.with_laws(laws) if is_free else extended.with_law(best.whitened, best.shape)
+    return extended
 
 
 def prune_joint_effects(
@@ -282,9 +283,7 @@ def add_selected_effects(model: WhitenedModel, chosen: Sequence[SelectedEffect])
     Returns:
         The extended model.
     """
-    for c in chosen:
-        model = model.with_law(c.whitened, c.scored.shape, held=True)
-    return model
+    return model.with_laws([(c.whitened, c.scored.shape) for c in chosen])
 
 
 @dataclass(frozen=True)
@@ -314,11 +313,10 @@ class _SelectionStep:
             for k, s in enumerate(scored)
             if chance[k] <= thresholds.DETECTION.chance
             and s.gain > compute_law_error(s, chosen, self.body_error_share)
-            and is_supported(model, s)
         ]
-        if not good:
+        best = _select_supported_law(model, [scored[k] for k in good])
+        if best is None:
             return None
-        best = select_simplest_law(model, [scored[k] for k in good])
         return SelectedEffect(best, float(chance[[s is best for s in scored].index(True)]))
 
     def exchange(self, model: WhitenedModel, chosen: list[SelectedEffect]) -> list[SelectedEffect]:
@@ -442,21 +440,24 @@ def _is_neighbour(a: EffectHypothesis, b: EffectHypothesis) -> bool:
     )
 
 
-def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]) -> ScoredHypothesis:
-    """Select the best law by cross-validation, or one with fewer coefficients that is hardly worse.
+def _select_supported_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]) -> ScoredHypothesis | None:
+    """Select the best supported law by cross-validation, or one with fewer coefficients that is hardly worse.
 
     A strong effect dominates the residual variance; relative to it, a significant coefficient seems worthless. The
-    cost of a coefficient is therefore limited by the threshold that rejects a rival.
+    cost of a coefficient is therefore limited by the threshold that rejects a rival. Laws are tested for support in
+    the order of their rank, and no more of them than needed.
 
     Args:
         model: Whitened base model.
         scored: Hypotheses to select from.
 
     Returns:
-        The selected hypothesis.
+        The selected hypothesis; None if none is supported.
     """
-    left = model.rss - max(s.gain for s in scored)
-    quiet = max(1.0, left / max(len(model.y) - model.count, 1))
+    largest = next((s for s in sorted(scored, key=lambda s: -s.gain) if is_supported(model, s)), None)
+    if largest is None:
+        return None
+    quiet = max(1.0, (model.rss - largest.gain) / max(len(model.y) - model.count, 1))
 
     def worth(s: ScoredHypothesis) -> float:
         more, d = s.whitened.X.shape[2] - 1, thresholds.DETECTION
@@ -464,7 +465,7 @@ def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]
         cost = min((own + d.simpler * more) * model.residual_variance, (own + d.as_good * more) * quiet)
         return float(s.total - cost)
 
-    return max(scored, key=worth)
+    return next(s for s in sorted(scored, key=lambda s: -worth(s)) if s is largest or is_supported(model, s))
 
 
 def _search_pairs(
