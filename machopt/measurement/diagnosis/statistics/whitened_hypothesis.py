@@ -48,6 +48,9 @@ class WhitenedHypothesis:
     scores: WeakKeyDictionary[WhitenedModel, object] = field(
         init=False, default_factory=WeakKeyDictionary, repr=False
     )  # cached scores with models
+    fits: WeakKeyDictionary[WhitenedModel, object] = field(
+        init=False, default_factory=WeakKeyDictionary, repr=False
+    )  # cached fits with models on all readings
     summed: list[Array] = field(init=False, default_factory=list, repr=False)  # cache: last residuals, sums by cluster
     fold_rows: list[tuple[Rows, FoldRows]] = field(init=False, default_factory=list, repr=False)  # cache: last folds
 
