@@ -64,7 +64,7 @@ from machopt.measurement.diagnosis.verdict import base_model_notes, verdict_text
 from machopt.numerics.array_types import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DiagnosisOptions:
     """Options of a diagnosis."""
 
