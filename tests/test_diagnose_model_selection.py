@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     CoordinateFamily,
@@ -16,14 +17,19 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     HypothesisCatalogue,
     Quantity,
 )
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.model_selection.evaluation import repeatable_mismatch
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    ScoredHypothesis,
     compute_chance_probability,
+    fit_hypotheses,
     minimise_bounded_quadratics,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.statistics import holdout_residuals, replicate_noise
+from machopt.measurement.diagnosis.model_selection.search import forward_selection, kept_searches
+from machopt.measurement.diagnosis.model_selection.search.kept_searches import KeptSearches
+from machopt.measurement.diagnosis.statistics import holdout_residuals, normal_equations_by_fold, replicate_noise
 from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
@@ -434,3 +440,73 @@ def test_what_a_law_keeps_of_itself_is_of_its_own_readings() -> None:
     other, _ = build_base_model(replace(problem, y=2.0 * problem.y), w, np.random.default_rng(0))
     with pytest.raises(ValueError, match="with_columns would work"):
         other.with_law(one, 0)
+
+
+def test_models_with_laws_are_kept_and_equal_those_built_step_by_step() -> None:
+    problem, column = build_synthetic_problem(7, extra=12e-6)
+    rng = np.random.default_rng(7)
+    n = ReplicateNoise(np.array([OWN]), np.array([CYCLE]), np.array([VISIT]), GAIN, True)
+    base, _ = build_base_model(problem, build_whitening(problem, n, np.ones(len(problem), bool)), rng)
+    prior = replace(law(rng.standard_normal(column.shape), "known"), prior_sigma=1e-6)
+    laws = [(t, 0) for t in whiten_hypotheses(base, [*catalogue(column, rng).hypotheses, prior])]
+    assert base.with_laws([]) is base
+    pair = base.with_laws(laws[-2:])
+    assert base.with_laws(laws[-2:]) is pair
+    step = base.with_law(*laws[-2], held=True).with_law(*laws[-1], held=True)
+    for a, b in ((pair.XX, step.XX), (pair.Xy, step.Xy), (pair.prior, step.prior), (pair.X, step.X)):
+        np.testing.assert_array_equal(a, b)
+    for k in range(len(laws)):
+        base.with_laws(laws[: k + 1])
+    assert base.with_laws(laws[-2:]) is pair  # few and small models are all kept
+    for a in laws:
+        for b in laws:
+            base.with_laws([a, b])
+    assert len(base.extensions) == normal_equations_by_fold.MOST_EXTENSIONS
+    assert base.with_laws(laws[-2:]) in base.extensions.values()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_selected_law_is_the_best_of_all_that_are_supported(seed: int) -> None:
+    """Against the rule written out: every law cross-validated and tested."""
+    rng = np.random.default_rng(seed)
+    problem, column = build_synthetic_problem(seed, extra=8e-6)
+    n = ReplicateNoise(np.array([OWN]), np.array([CYCLE]), np.array([VISIT]), GAIN, True)
+    base, _ = build_base_model(problem, build_whitening(problem, n, np.ones(len(problem), bool)), rng)
+    alike = [law(column + 0.3 * k * rng.standard_normal(column.shape), f"like {k}") for k in range(1, 5)]
+    wide = law(np.concatenate([column, rng.standard_normal(column.shape)], axis=2), "wide")
+    laws = whiten_hypotheses(base, [*catalogue(column, rng, 8).hypotheses, *alike, wide])
+    scored = [s for s in score_hypotheses(base, laws) if forward_selection.is_supported(base, s)]
+    quiet = max(1.0, (base.rss - max(s.gain for s in scored)) / (len(base.y) - base.count))
+
+    def worth(s: ScoredHypothesis) -> float:
+        more, d = s.whitened.X.shape[2] - 1, thresholds.DETECTION
+        return s.total - min(d.simpler * more * base.residual_variance, d.as_good * more * quiet)
+
+    best = forward_selection._select_supported_law(base, fit_hypotheses(base, laws))
+    assert best is max(scored, key=worth)
+    nothing = [f for f in fit_hypotheses(base, laws) if f.whitened.hypothesis.effect.startswith("rival")]
+    assert forward_selection._select_supported_law(base, nothing) is None
+
+
+@pytest.mark.slow
+def test_a_kept_search_gives_the_result_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, column = build_synthetic_problem(201, extra=12e-6)
+    offered = catalogue(column, np.random.default_rng(1), 4)
+    searches = KeptSearches()
+
+    def run(searches: KeptSearches | None, key: str = "same", most: int = 3) -> DiagnosisResult:
+        options = selection_pipeline.DiagnosisOptions(max_effects=most, searches=searches)
+        return selection_pipeline.diagnose_problem(problem, offered, options, np.random.default_rng(5), key=key)
+
+    first, kept, new = run(searches), run(searches), run(None)
+    for other in (kept, new):
+        assert (other.verdict, other.heldout_after) == (first.verdict, first.heldout_after)
+        assert [(f.effect, f.p_value, f.parameters) for f in other.findings] == [
+            (f.effect, f.p_value, f.parameters) for f in first.findings
+        ]
+        assert repr(other.proof) == repr(first.proof)
+    assert searches.find_state("same") is not None
+    assert searches.find_state("other") is None
+    monkeypatch.setattr(kept_searches, "MOST_KEPT_BYTES", 0)
+    run(searches, "large")
+    assert searches.find_state("large") is None

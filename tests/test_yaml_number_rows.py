@@ -18,6 +18,8 @@ PIECES = (
     "[ -1.5e-3,.5 , +7. ]",
     "[1]",
     "[1e999]",
+    "[1,\n  2, 3,\n   4]",
+    "[1,\n2]",
     "[010, 99999999999999999999]",
     "[1,]",
     "[1 2]",
@@ -92,6 +94,12 @@ def read_whole(text: str, monkeypatch: pytest.MonkeyPatch) -> YamlDocument | str
 @example("[" * 99 + "[1]" + "]" * 99)
 @example("[" * 100 + "[1]" + "]" * 100)
 @example("a: \ue0000\ue000\nb: [1]")
+@example("a: [1,\n  2]\nb: {c: [3,\n   4], d: 5}\ne:\n- [6,\n  7]\n- [8,\n\n  9]\n")
+@example("a: [[1,\n  2], # [3]\n  [4]]\nb: 5e999")
+@example("a: [1,\n  2e999]")
+@example("a: [1,\n  2] b\nc: [3]")
+@example("a: |\n  [1,\n  2]\nb: [3]")
+@example("a: [1,\n  2]\n  c\n")
 def test_rows_are_read_as_by_the_library(text: str) -> None:
     with pytest.MonkeyPatch.context() as monkeypatch:
         whole = read_whole(text, monkeypatch)
@@ -133,7 +141,11 @@ VALUES = st.recursive(
 @example({"a": [[1.5, 2, -3e-7], [4.0, 5]], "b": [], "c": [True, 1.0], "d": {"e": [1e300], "f": 2}})
 @example({"a": "\ue0000\ue000", "b": [1.0]})
 @example({"a": [0.1 + 1e-9 * n for n in range(40)]})
+@example(
+    {"a": {"b": [[0.1 + 1e-9 * n for n in range(k, 40)] for k in (0, 1)], "c": [1.0], "d": [[[1.0 / 3.0] * 20], 1]}}
+)
+@example({"a" * 201: [1.0, 2.0], "b": [[10**16, 1.0], "x"]})
 def test_rows_are_written_as_by_the_library(data: dict[str, object]) -> None:
-    plain = yaml_rows._dump(data)
+    plain = yaml_rows._dump(data, [])
     assert format_yaml(data) == plain
     assert parse_yaml(plain, "file").value == data

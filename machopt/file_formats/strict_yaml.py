@@ -261,13 +261,13 @@ class _YamlValueBuilder:
             out[key] = self.build(child, (*loc, key), inside)
         return out
 
-    def row(self, words: tuple[str, ...], line: int, loc: KeyPath) -> list[object]:
+    def row(self, words: tuple[tuple[str, int], ...], line: int, loc: KeyPath) -> list[object]:
         self.count += len(words)
         if self.count > _MAX_NODES:
             raise self.error(line, loc, "too many values")
-        for n in range(len(words)):
-            self.lines.setdefault((*loc, n), line)
-        return [self.scalar(word, None, line, (*loc, n)) for n, word in enumerate(words)]
+        for n, (_, later) in enumerate(words):
+            self.lines.setdefault((*loc, n), line + later)
+        return [self.scalar(word, None, line + later, (*loc, n)) for n, (word, later) in enumerate(words)]
 
     def scalar(self, text: str, style: str | None, line: int, loc: KeyPath) -> object:
         if style is not None:  # quoted or block text

@@ -13,7 +13,7 @@ from typing import Any
 
 MAX_DEPTH = 100  # levels of lists and mappings; a cell has six
 _NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
-_ROW = re.compile(rf"(?<![^\s\[,])\[ *{_NUMBER}(?: *, *{_NUMBER})* *\](?![^\s,\]}}])")  # not $OUT[5]
+_ROW = re.compile(rf"(?<![^\s\[,])\[ *{_NUMBER}(?: *, *(?:\n +)?{_NUMBER})* *\](?![^\s,\]}}])")  # not $OUT[5]
 _MARK = "\ue000"  # private use: YAML allows it, and hardly any file holds it
 _WHOLE = re.compile(f"{_MARK}[0-9]+{_MARK}")
 
@@ -25,15 +25,21 @@ class ComposedText:
     node: Any  # of ruamel.yaml, None where the text holds nothing
     rows: tuple[str, ...] = ()  # rows of numbers as written, in the order of their marks
 
-    def find_row(self, node: Any) -> tuple[str, ...] | None:
-        """Return the numbers as written of a scalar node that stands for a row; None for another one.
+    def find_row(self, node: Any) -> tuple[tuple[str, int], ...] | None:
+        """Return the numbers as written of a scalar node that stands for a row, each with its line behind the first.
+
+        None for another node.
 
         Args:
             node: The scalar node.
         """
         if not self.rows or node.style is not None or not node.value.startswith(_MARK):
             return None
-        return tuple(word.strip(" ") for word in self.rows[int(node.value[1:-1])][1:-1].split(","))
+        words, line = [], 0
+        for word in self.rows[int(node.value[1:-1])][1:-1].split(","):
+            line += word.count("\n")
+            words.append((word.strip(" \n"), line))
+        return tuple(words)
 
 
 def compose_text(text: str) -> ComposedText:
@@ -57,8 +63,10 @@ def _compose_with_marks(text: str) -> ComposedText | None:
     rows: list[str] = []
 
     def mark(found: re.Match[str]) -> str:
+        if "\n" in found[0] and "#" in text[text.rfind("\n", 0, found.start()) + 1 : found.start()]:
+            return found[0]  # a comment ends with its line
         rows.append(found[0])
-        return f"{_MARK}{len(rows) - 1}{_MARK}"
+        return f"{_MARK}{len(rows) - 1}{_MARK}" + "\n" * found[0].count("\n")  # what follows keeps its line
 
     short = _ROW.sub(mark, text)
     if not rows:

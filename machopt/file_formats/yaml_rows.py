@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from typing import Any
 
 WIDTH = 200  # characters of a line; a row of six stays on one line
-_LONGEST = 150  # characters of a row that is written at once: it fits on a line of WIDTH behind any key
-_MARK = "\ue000"  # private use: no text of ours holds it
-_WRITTEN = re.compile(f'"{_MARK}([0-9]{{1,9}}){_MARK}"')
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +33,18 @@ def format_yaml(data: Mapping[str, object]) -> str:
     Args:
         data: Mappings, lists, words and numbers.
     """
-    rows: list[str] = []
-    text, found = _WRITTEN.subn(lambda place: rows[int(place[1])], _dump(_mark_rows(data, rows)))
-    return text if found == len(rows) else _dump(data)  # a word of the data looks like a mark
+    rows: list[list[str]] = []
+    return _dump(_mark_rows(data, rows), rows)
 
 
-def _dump(data: object) -> str:
+def _dump(data: object, rows: list[list[str]]) -> str:
     from ruamel.yaml import YAML
 
+    from machopt.file_formats.yaml_row_emitter import RowEmitter
+
     yaml = YAML(typ="safe", pure=True)
+    yaml.Emitter = RowEmitter
+    yaml.number_rows = rows  # type: ignore[attr-defined]  # for the emitter
     yaml.representer.add_representer(float, _represent_number)
     yaml.representer.add_representer(_MarkedRow, _represent_row)
     yaml.default_flow_style = None  # lists of numbers on one line
@@ -57,8 +56,8 @@ def _dump(data: object) -> str:
     return out.getvalue()
 
 
-def _mark_rows(value: object, rows: list[str]) -> object:
-    """The data with a mark for each short row, which is appended to ``rows`` as text."""
+def _mark_rows(value: object, rows: list[list[str]]) -> object:
+    """The data with a mark for each row of numbers, whose words are appended to ``rows``."""
     if isinstance(value, Mapping):
         return {key: _mark_rows(v, rows) for key, v in value.items()}
     if not isinstance(value, list | tuple):
@@ -70,14 +69,13 @@ def _mark_rows(value: object, rows: list[str]) -> object:
     return _MarkedRow(len(rows) - 1)
 
 
-def _format_row(values: Sequence[object]) -> str | None:
+def _format_row(values: Sequence[object]) -> list[str] | None:
     words = []
     for value in values:
         if type(value) not in (float, int):
             return None
         words.append(format_number(value))  # type: ignore[arg-type]
-    text = f"[{', '.join(words)}]"
-    return text if words and len(text) <= _LONGEST else None
+    return words or None
 
 
 def _represent_number(representer: Any, value: float) -> Any:
@@ -85,4 +83,6 @@ def _represent_number(representer: Any, value: float) -> Any:
 
 
 def _represent_row(representer: Any, row: _MarkedRow) -> Any:
-    return representer.represent_scalar("tag:yaml.org,2002:str", f"{_MARK}{row.number}{_MARK}", style='"')
+    from machopt.file_formats.yaml_row_emitter import ROW_MARK
+
+    return representer.represent_scalar("tag:yaml.org,2002:str", f"{ROW_MARK}{row.number}{ROW_MARK}", style='"')

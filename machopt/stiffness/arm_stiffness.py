@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid
-from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import CellError
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
@@ -380,7 +380,7 @@ class ArmElasticity:
         state = self.robot.compute_state(q, self.T_flange_tcp, bodies=bool(self.terms or self._known))
         if k is None:
             k = self._compute_gear_stiffness(state)
-        weight = None if self._masses is None else compute_gravity_torque(self.robot, self._masses, state)[0]
+        weight = None if self._masses is None else compute_weight_torque(self.robot, self._masses, state)
         terms = self._known if beside is None else (*self._known, KnownCompliance(beside))
         if not self._balancers:
             return ElasticState(state=state, k=k, terms=terms, geometric=self.geometric, weight=weight)

@@ -29,6 +29,7 @@ from machopt.measurement.diagnosis.diagnosis_pipeline import (
 )
 from machopt.measurement.diagnosis.effect_columns import user_hypotheses
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.model_selection.search.kept_searches import KeptSearches
 from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document
 from machopt.measurement.diagnosis.outputs.extended_stiffness import (
     ExtendedStiffness,
@@ -85,6 +86,7 @@ def _diagnose_load_tests(
 ) -> tuple[DiagnosedRecording, ExtendedStiffness, ModelAssessment | None]:
     """Return the diagnosis of load tests, its model, and the assessment of the written files."""
     accept, seed = request.accept, request.seed
+    options = replace(options, searches=KeptSearches())
     useful = diagnose_with_useful_files(
         cell,
         lambda barred, unstated: diagnose_static_recording(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.kinematics.robot import RobotMasses
 from machopt.measurement.design.load_cases import LoadCases, LoadCriteria, build_load_cases
 from machopt.measurement.design.load_methods import LoadMethod
@@ -86,7 +86,7 @@ def build_static_pose_cases(
     def both(name: str) -> Any:  # array of the field's type
         return np.asarray(np.concatenate([getattr(p, name) for p in parts])[order])
 
-    tau = compute_gravity_torque(prior.robot, masses, pool.state)[0]
+    tau = compute_weight_torque(prior.robot, masses, pool.state)
     weight = (pool.state.J * tau[:, None, :])[:, : noise.dimensions]
     return LoadCases(
         pose=both("pose"),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.effect_locations import MOST_JOINTS, is_on_arm
 from machopt.data_types.measurements.recording import Recording
-from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.effects.protocol import JointLoading
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
@@ -126,7 +126,7 @@ class StaticReadings:
         """Joint torques (N, n) N·m of link and tool weights; zero if masses are unknown."""
         if self.masses is None:
             return np.zeros((len(self), self.joint_count))
-        return compute_gravity_torque(self.robot, self.masses, self.state)[0]
+        return compute_weight_torque(self.robot, self.masses, self.state)
 
     @property
     def torque(self) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.recording import Recording
-from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.effects import registry
 from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.measurement.design.load_cases import LoadCases
@@ -191,7 +191,7 @@ def predict_measured_poses(
         state = robot.compute_state(theta, T)
         tau = np.einsum("nci,nc->ni", state.J, cases.wrench)
         if masses is not None:
-            tau = tau + compute_gravity_torque(robot, masses, robot.compute_state(theta, T, bodies=True))[0]
+            tau = tau + compute_weight_torque(robot, masses, robot.compute_state(theta, T, bodies=True))
         theta = q + arm.compliance * tau
     pose = robot.compute_fk(theta, T)
     N = len(cases)

@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,6 +54,7 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     SelectedEffect,
     add_selected_effects,
 )
+from machopt.measurement.diagnosis.model_selection.search.kept_searches import KeptSearches
 from machopt.measurement.diagnosis.model_selection.search.search_iterations import Rebuild, search_iteratively
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.statistics import holdout_residuals, instrument_uncertainty_check
@@ -63,7 +64,7 @@ from machopt.measurement.diagnosis.verdict import base_model_notes, verdict_text
 from machopt.numerics.array_types import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DiagnosisOptions:
     """Options of a diagnosis."""
 
@@ -72,6 +73,7 @@ class DiagnosisOptions:
     unstated: frozenset[tuple[str, str]] = frozenset()  # effects and places that stiffness.yaml cannot state
     is_static: bool = False  # readings at rest: stiffness.yaml and kinematics.yaml state the whole model
     progress: Callable[[str], None] = lambda _: None
+    searches: KeptSearches | None = None  # earlier searches of the same recording; None: each search is run
 
 
 def diagnose_problem(
@@ -80,6 +82,7 @@ def diagnose_problem(
     options: DiagnosisOptions,
     rng: np.random.Generator,
     rebuild: Rebuild | None = None,
+    key: Hashable = None,
 ) -> DiagnosisResult:
     """Find the effects that a model lacks.
 
@@ -91,27 +94,31 @@ def diagnose_problem(
         rebuild: Function that rebuilds problem and catalogue about fitted base coefficients (P,) SI and
             load-independent corrections, without implausible unknowns. It makes the iterations Gauss–Newton
             steps. None keeps them.
+        key: All that the search depends on, if its state may be kept in ``options.searches``.
 
     Returns:
         The result.
     """
     seed = int(rng.integers(2**31))
+    searches = options.searches if key is not None else None
 
-    # not stored: the columns of all laws use most of the memory, and the validation does not need them
+    # not stored here: the columns of all laws use most of the memory, and the validation does not need them
     def search() -> SearchState:
-        found = search_iteratively(problem, catalogue, options.max_effects, seed, rebuild, options.progress)
-        return uncertain_inputs.include_uncertain_inputs(found)
+        known = None if searches is None else searches.find_state(key)
+        if known is not None:
+            return known
+        found = uncertain_inputs.include_uncertain_inputs(
+            search_iteratively(problem, catalogue, options.max_effects, seed, rebuild, options.progress)
+        )
+        found = limiting_case_laws.rename_limiting_cases(
+            compensator_or_harmonics.rename_harmonics_as_compensator(found)
+        )
+        found = attribution_guard.withhold_unsupported_names(found, np.random.default_rng([seed, 4]))
+        if searches is not None:
+            searches.keep_state(key, found)
+        return found
 
-    return _build_diagnosis(
-        attribution_guard.withhold_unsupported_names(
-            limiting_case_laws.rename_limiting_cases(
-                compensator_or_harmonics.rename_harmonics_as_compensator(search())
-            ),
-            np.random.default_rng([seed, 4]),
-        ),
-        options,
-        np.random.default_rng([seed, 1]),
-    )
+    return _build_diagnosis(search(), options, np.random.default_rng([seed, 1]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +171,7 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
         sum(len(t.shapes) for t in state.whitened_hypotheses),
     )
     state = replace(state, whitened_hypotheses=())
+    state.base.extensions.clear()  # they contain columns of laws
     options.progress("proof on readings that no step saw")
     proof = validate_on_holdout(state, options.max_effects, rng) if validated.findings or validated.withdrawn else None
     result = _build_diagnosis_result(state, validated, judged, options.predicted)

@@ -62,7 +62,8 @@ class LoadTestDiagnosis:
         check_enough_readings(problem, self.recording)
         options = replace(self.options, predicted="load tests", is_static=True)
         rng = np.random.default_rng(self.seed)
-        return selection_pipeline.diagnose_problem(problem, catalogue, options, rng, equations.rebuild), problem
+        key = (T_flange_tcp.tobytes(), repr(None if self._known is None else self._known.terms))
+        return selection_pipeline.diagnose_problem(problem, catalogue, options, rng, equations.rebuild, key), problem
 
 
 class _LoadTestEquations:

@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import LEAST_STIFFNESS
-from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import InputError
 from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.measurement.diagnosis import thresholds
@@ -89,7 +89,7 @@ def _compute_tool_rotations(
     c = np.clip(fit_least_absolute_deviations(best.response(), best.measured, load), 0.0, 1.0 / LEAST_STIFFNESS)
     weight = np.zeros((len(tests), 6))
     if masses is not None:
-        weight = compute_gravity_torque(robot, masses, tests.state)[0]
+        weight = compute_weight_torque(robot, masses, tests.state)
     tau = np.einsum("nci,nc->ni", tests.state.J, best.wrench)
     back = np.swapaxes(tests.T_base_tcp[:, :3, :3], 1, 2)
     out = []

@@ -17,7 +17,7 @@ from machopt.data_types.effect_locations import format_joint_location
 from machopt.data_types.kinematic_corrections import KinematicCorrections
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.parameter_keys import build_joint_spring_key
-from machopt.dynamics.gravity_torque import compute_gravity_torque
+from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.effects import prior_scales
 from machopt.effects.protocol import JOINTS
 from machopt.kinematics.encoder_corrections import build_encoder_correction
@@ -172,9 +172,7 @@ class NominalPoseModel:
             state: Arm state at the loaded equilibrium.
         """
         tau = np.einsum("nci,nc->ni", state.J, self.compute_load(state))
-        return np.asarray(
-            tau if self.masses is None else tau + compute_gravity_torque(self.robot, self.masses, state)[0]
-        )
+        return np.asarray(tau if self.masses is None else tau + compute_weight_torque(self.robot, self.masses, state))
 
     def predict(self, frame: FirstPoseFit) -> tuple[ArmState, Array, Array]:
         """Predict the arm state and the measured points at the loaded equilibrium.
@@ -227,12 +225,10 @@ class NominalPoseModel:
             (N, D, P) columns, and the unknowns.
         """
         parts, unknowns = [], []
-        bend = state.J * self.compute_torque(state)[:, None, :]
-        for j in range(len(self.robot.joints)):
-            if (
-                j + 1 not in self.kept_springs
-                and np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > thresholds.RESTING.least_bend
-            ):
+        fitted = [j for j in range(len(self.robot.joints)) if j + 1 not in self.kept_springs]
+        bend = state.J * self.compute_torque(state)[:, None, :] if fitted else state.J
+        for j in fitted:
+            if np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > thresholds.RESTING.least_bend:
                 parts.append(bend[:, : self.D, j : j + 1])
                 known = prior_scales.COMPLIANCE.scale * self.nominal[j] if self.cell.stiffness is not None else None
                 where, key = format_joint_location(j + 1), build_joint_spring_key(j + 1)

@@ -6,7 +6,8 @@ predict that fold.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -20,6 +21,8 @@ from machopt.numerics.array_types import Array
 RIDGE = 1e-9  # relative to each column's squared norm: regularises unobservable directions
 MOST_FOLDS = 40
 MIN_COLUMN_SQUARE = 1e-3  # least whitened squared norm of a column
+EXTENSION_BYTES = 2**26  # memory of the extended models that a model keeps
+FEWEST_EXTENSIONS, MOST_EXTENSIONS = 4, 64  # that a model keeps
 
 
 class LawSums(Protocol):
@@ -94,6 +97,9 @@ class WhitenedModel:
     yy: Array  # (F,)
     prior: Array  # (P,) prior precision of the coefficients, zero without a prior
     rows: Rows  # rows of each fold
+    extensions: dict[tuple[tuple[LawSums, int], ...], WhitenedModel] = field(
+        init=False, default_factory=dict, repr=False
+    )  # models with further laws, the last used one last
 
     @cached_property
     def X(self) -> Array:
@@ -181,6 +187,28 @@ class WhitenedModel:
         own = (law.XX[:, shape], law.Xy[:, shape])
         known = law.precision(shape) if held else None
         return self._grown(ModelColumns(None, law, shape), law.products_by_fold(self)[:, shape], own, known)
+
+    def with_laws(self, laws: Sequence[tuple[LawSums, int]]) -> WhitenedModel:
+        """Return the model with laws and their priors; the models used last are kept with their cached results.
+
+        Args:
+            laws: Hypotheses whitened for the same readings and folds, each with the index of its shape.
+        """
+        chain = tuple(laws)
+        if not chain:
+            return self
+        known = next((n for n in range(len(chain), 0, -1) if chain[:n] in self.extensions), 0)
+        model = self.extensions.pop(chain[:known]) if known else self
+        if known:
+            self.extensions[chain[:known]] = model
+        for law, shape in chain[known:]:
+            model = model.with_law(law, shape, held=True)
+        self.extensions[chain] = model
+        size = 8 * model.count * (len(self.y) + self.folds * model.count)
+        most = int(np.clip(EXTENSION_BYTES // size, FEWEST_EXTENSIONS, MOST_EXTENSIONS))
+        while len(self.extensions) > most:
+            del self.extensions[next(iter(self.extensions))]
+        return model
 
     def _grown(self, part: ModelColumns, C: Array, own: tuple[Array, Array], held: Array | None) -> WhitenedModel:
         prior = np.concatenate([self.prior, np.zeros(C.shape[1]) if held is None else held])

@@ -26,7 +26,8 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
 from machopt.measurement.diagnosis.statistics.whitening import ErrorWhitening
 from machopt.numerics.array_types import Array
 
-Products = WeakKeyDictionary[object, dict[int, tuple[Rows, Array]]]  # by column group or law, and by shape
+Products = WeakKeyDictionary[object, dict[int, tuple[Rows, Array, Array]]]
+"""By column group or law, and by shape: rows of each fold, products by fold and their sum."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +49,9 @@ class WhitenedHypothesis:
     scores: WeakKeyDictionary[WhitenedModel, object] = field(
         init=False, default_factory=WeakKeyDictionary, repr=False
     )  # cached scores with models
+    fits: WeakKeyDictionary[WhitenedModel, object] = field(
+        init=False, default_factory=WeakKeyDictionary, repr=False
+    )  # cached fits with models on all readings
     summed: list[Array] = field(init=False, default_factory=list, repr=False)  # cache: last residuals, sums by cluster
     fold_rows: list[tuple[Rows, FoldRows]] = field(init=False, default_factory=list, repr=False)  # cache: last folds
 
@@ -75,7 +79,8 @@ class WhitenedHypothesis:
         Returns:
             (S, p, P).
         """
-        return np.asarray(self.products_by_fold(model).sum(axis=0))
+        each = [self._find_products(part, model.rows)[2] for part in model.column_groups]
+        return each[0] if len(each) == 1 else np.concatenate(each, axis=2)
 
     def products_by_fold(self, model: WhitenedModel) -> Array:
         """Return the products with a model's columns by fold, cached for each column group.
@@ -99,11 +104,16 @@ class WhitenedHypothesis:
         Returns:
             (F, S, p, P).
         """
+        return self._find_products(part, folds)[1]
+
+    def _find_products(self, part: ModelColumns, folds: Rows) -> tuple[Rows, Array, Array]:
+        """Return the cached products with a column group by fold (F, S, p, P), and their sum (S, p, P)."""
         known = self.products.setdefault(part if part.law is None else part.law, {})
         found = known.get(part.shape)
         if found is None or found[0] is not folds:
-            found = known[part.shape] = folds, compute_products_by_fold(self.X, part.X, self.rows_by_fold(folds))
-        return found[1]
+            products = compute_products_by_fold(self.X, part.X, self.rows_by_fold(folds))
+            found = known[part.shape] = folds, products, products.sum(axis=0)
+        return found
 
     def rows_by_fold(self, folds: Rows) -> FoldRows:
         """Return the rows of each fold, cached for the last folds.

@@ -121,13 +121,16 @@ def _average_models(equations: NormalEquations, near: Sequence[LambdaLikelihood]
     share = np.exp(np.array([b[0] for b in near]) - max(b[0] for b in near))
     share /= share.sum()
     mean, second = np.zeros(len(h)), np.zeros_like(H)
+    part: _EquationsOfColumns | None = None
     for w, (_, spread, _) in zip(share, near, strict=True):
         use, P = _select_possible_columns(H, spread)
+        if part is None or not np.array_equal(part.use, use):
+            part = _EquationsOfColumns(use, equations)
         S = np.asarray(np.linalg.inv(P), float)
         x = np.zeros(len(h))
         x[use] = S @ h[use]
         mean += w * x
-        second[np.ix_(use, use)] += w * _robustify_information(equations, use, S, x)
+        second[np.ix_(use, use)] += w * _robustify_information(part, S, x)
         second += w * np.outer(x, x)
     return mean, second - np.outer(mean, mean)
 
@@ -279,11 +282,24 @@ def _compute_coefficient_scale(term: LinearTerm, p: int) -> float:
     return max(alike, default=0.0)
 
 
-def _robustify_information(equations: NormalEquations, use: NDArray[np.intp], S: Array, x: Array) -> Array:
+class _EquationsOfColumns:
+    """Normal equations of some columns by pose, and their sum; most models that are averaged share their columns.
+
+    Args:
+        use: indices of the columns.
+        equations: normal equations of all columns.
+    """
+
+    def __init__(self, use: NDArray[np.intp], equations: NormalEquations) -> None:
+        self.use = use
+        self.H, self.h = equations.H[:, use][:, :, use], equations.h[:, use]
+        self.total = self.H.sum(axis=0)
+
+
+def _robustify_information(part: _EquationsOfColumns, S: Array, x: Array) -> Array:
     """Return S with a cluster-robust data part where that is larger."""
-    H, h = equations.H[:, use][:, :, use], equations.h[:, use]
-    scores = h - H @ x[use]
-    more = S @ (scores.T @ scores - H.sum(axis=0)) @ S
+    scores = part.h - part.H @ x[part.use]
+    more = S @ (scores.T @ scores - part.total) @ S
     values, vectors = np.linalg.eigh(0.5 * (more + more.T))
     return np.asarray(S + (vectors * np.maximum(values, 0.0)) @ vectors.T)
 

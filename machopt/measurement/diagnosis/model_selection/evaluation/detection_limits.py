@@ -115,8 +115,12 @@ def _find_confounded_effects(
             S = XX - C @ M @ C.T + np.diag(1e-6 * np.diag(XX) + MIN_COLUMN_SQUARE)
             U = t.columns_at(s).T @ V
             _, gain = minimise_bounded_quadratics(np.broadcast_to(S, (len(names), *S.shape)), U.T, t.hypothesis.lower)
-            _, other = minimise_bounded_quadratics(np.broadcast_to(S, (len(names), *S.shape)), -U.T, t.hypothesis.lower)
-            taken = np.maximum(taken, np.maximum(gain, other))
+            if t.hypothesis.lower:  # else both signs gain the same
+                _, other = minimise_bounded_quadratics(
+                    np.broadcast_to(S, (len(names), *S.shape)), -U.T, t.hypothesis.lower
+                )
+                gain = np.maximum(gain, other)
+            taken = np.maximum(taken, gain)
         name = t.hypothesis.name
         best[name] = np.maximum(best.get(name, np.zeros(len(names))), taken)
     return {

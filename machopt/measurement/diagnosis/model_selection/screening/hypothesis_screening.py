@@ -61,13 +61,12 @@ def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) 
     missing = [t for t in tried if model not in t.scores]
     if missing:
         H, h = model.normal, model.Xy.sum(axis=0)
-        M = model.inverse
         XX, Xy, yy = model.XX, model.Xy, model.yy
         M_fold = invert_with_ridge(H - XX)
         x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
         loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
         for t in missing:
-            t.scores[model] = _score_hypothesis(model, t, h, M, (XX, Xy, yy, M_fold, x_fold, loss))
+            t.scores[model] = _score_hypothesis(model, t, h, (XX, Xy, yy, M_fold, x_fold, loss))
     return [score for t in tried if isinstance(score := t.scores[model], ScoredHypothesis)]
 
 
@@ -82,12 +81,15 @@ def fit_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) ->
         Fitted hypotheses.
     """
     h = model.Xy.sum(axis=0)
-    return [_fit_on_all_readings(t, _compute_mixed_products(model, t), h, model.inverse) for t in tried]
+    return [_fit_once(model, t, h) for t in tried]
 
 
-def _compute_mixed_products(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
-    """Return products (F, S, p, P) of a hypothesis' columns with the model's, by fold."""
-    return t.products_by_fold(model)
+def _fit_once(model: WhitenedModel, t: WhitenedHypothesis, h: Array) -> FittedHypothesis:
+    """Return the fit on all readings, which is kept with the model."""
+    found = t.fits.get(model)
+    if not isinstance(found, FittedHypothesis):
+        found = t.fits[model] = _fit_on_all_readings(t, t.products_with(model), h, model.inverse)
+    return found
 
 
 def compute_gain_by_shape(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
@@ -104,7 +106,7 @@ def compute_gain_by_shape(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
 
 
 def _fit_on_all_readings(t: WhitenedHypothesis, mixed: Array, h: Array, M: Array) -> FittedHypothesis:
-    x, gain, visible = _fit_every_shape(t, mixed.sum(axis=0), h, M)
+    x, gain, visible = _fit_every_shape(t, mixed, h, M)
     best = int(np.argmax(gain))
     return FittedHypothesis(t, best, x[best], float(gain[best]), float(visible[best]))
 
@@ -120,10 +122,10 @@ def _fit_every_shape(t: WhitenedHypothesis, C: Array, h: Array, M: Array) -> tup
 
 
 def _score_hypothesis(
-    model: WhitenedModel, t: WhitenedHypothesis, h: Array, M: Array, folds: tuple[Array, ...]
+    model: WhitenedModel, t: WhitenedHypothesis, h: Array, folds: tuple[Array, ...]
 ) -> ScoredHypothesis:
-    mixed, known = _compute_mixed_products(model, t), t.precision_matrices
-    whole = _fit_on_all_readings(t, mixed, h, M)
+    whole = _fit_once(model, t, h)
+    mixed, known = t.products_by_fold(model), t.precision_matrices
     C, (XXc, Xyc) = mixed.sum(axis=0), t.sums
     # the same, fitted without each fold
     XX, Xy, yy, M_fold, x_fold, loss = folds
@@ -219,7 +221,7 @@ def compute_chance_probability(
     M, r = model.inverse, residual
     Xr = model.w.sum_by_cluster(model.X * r[:, None])  # (G, P)
     signs = rng.choice([-1.0, 1.0], (flips, len(Xr)))
-    largest = np.full(flips, -np.inf)
+    largest: dict[int, Array] = {}  # by number of coefficients: largest gain (flips,) of any law and shape
     own = np.empty(len(scored))
     for k, s in enumerate(scored):
         t = s.whitened
@@ -230,16 +232,24 @@ def compute_chance_probability(
         taken = Xr @ CM.T
         scores = t.products_by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
         p = scores.shape[2]
-        one = p == 1
-        along: Array = scores / np.sqrt(S[..., 0]) if one else _multiply(np.linalg.inv(np.linalg.cholesky(S)), scores)
+        along = _whiten_scores(S, scores)
         drawn = (signs @ along.reshape(len(along), -1)).reshape(flips, *along.shape[1:])
         if p == 1 and t.hypothesis.lower and np.isfinite(t.hypothesis.lower[0]):
             drawn = np.maximum(drawn, 0.0)
-        largest = np.maximum(largest, _convert_to_normal_deviate((drawn**2).sum(axis=2), p).max(axis=1))
+        gain = (drawn**2).sum(axis=2).max(axis=1)
+        largest[p] = np.maximum(largest[p], gain) if p in largest else gain
         own[k] = _convert_to_normal_deviate(
             np.array(s.gain), p
         )  # unscaled: gains and flips contain the same excess variance
-    return np.asarray((1.0 + (largest[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
+    chance = np.max([_convert_to_normal_deviate(gain, p) for p, gain in largest.items()], axis=0)
+    return np.asarray((1.0 + (chance[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
+
+
+def _whiten_scores(S: Array, scores: Array) -> Array:
+    """Return scores (G, S, p) of unit variance for the information S (S, p, p) of each shape."""
+    if S.shape[-1] == 1:
+        return np.asarray(scores / np.sqrt(S[..., 0]))
+    return np.asarray((np.linalg.inv(np.linalg.cholesky(S)) @ scores.transpose(1, 2, 0)).transpose(2, 0, 1))
 
 
 def _convert_to_normal_deviate(gain: Array, p: int) -> Array:

@@ -19,6 +19,7 @@ from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
+    FittedHypothesis,
     ScoredHypothesis,
     compute_chance_probability,
     fit_hypotheses,
@@ -59,7 +60,7 @@ class SelectedEffect:
         return self.scored.whitened.columns_at(self.scored.shape)
 
 
-def compute_least_gain(model: WhitenedModel, s: ScoredHypothesis) -> float:
+def compute_least_gain(model: WhitenedModel, s: FittedHypothesis) -> float:
     """Compute the gain that a hypothesis must reach, relative to the residual variance.
 
     Args:
@@ -98,15 +99,19 @@ def is_supported_without_session_check(model: WhitenedModel, s: ScoredHypothesis
     Returns:
         True if supported.
     """
-    if s.gain / model.residual_variance < compute_least_gain(model, s) or not has_plausible_sizes(s):
-        return False
     return (
-        s.total > thresholds.DETECTION.generalises * s.gain
+        _is_large_enough(model, s)
+        and s.total > thresholds.DETECTION.generalises * s.gain
         and project_to_plausible_coefficients(model, s.whitened, s.shape, s.x)[1]
         <= (1.0 - thresholds.DETECTION.possible) * s.gain
         and _is_supported_by_several_groups(model, s)
         and not find_insignificant_laws(model.with_law(s.whitened, s.shape), [(s.whitened, s.shape)])
     )
+
+
+def _is_large_enough(model: WhitenedModel, s: FittedHypothesis) -> bool:
+    """Return whether a law gains enough with sizes that its effect can have."""
+    return s.gain / model.residual_variance >= compute_least_gain(model, s) and has_plausible_sizes(s)
 
 
 def _is_supported_by_several_groups(model: WhitenedModel, s: ScoredHypothesis) -> bool:
@@ -118,7 +123,7 @@ def _is_supported_by_several_groups(model: WhitenedModel, s: ScoredHypothesis) -
     )
 
 
-def has_plausible_sizes(s: ScoredHypothesis) -> bool:
+def has_plausible_sizes(s: FittedHypothesis) -> bool:
     """Return whether the size of a fitted law is one that its effect can have.
 
     Args:
@@ -156,9 +161,8 @@ def select_effects(
     Returns:
         The selected effects.
     """
-    begun = add_selected_effects(model, start)
     search = _SelectionStep(
-        tuple(tried), _select_greedily(begun, tried, most).residual, rng, compute_body_error_share(tried)
+        tuple(tried), _select_greedily(model, start, tried, most).residual, rng, compute_body_error_share(tried)
     )
     chosen = list(start)
     first: list[SelectedEffect] = []
@@ -175,21 +179,23 @@ def select_effects(
     return _eliminate_backward(model, chosen) or _eliminate_backward(model, first)
 
 
-def _select_greedily(model: WhitenedModel, tried: Sequence[WhitenedHypothesis], most: int) -> WhitenedModel:
-    """Return the model with the best supported hypotheses, without a chance level."""
-    taken: set[tuple[str, str]] = set()
+def _select_greedily(
+    model: WhitenedModel, start: Sequence[SelectedEffect], tried: Sequence[WhitenedHypothesis], most: int
+) -> WhitenedModel:
+    """Return the model with effects and the best supported hypotheses, without a chance level."""
+    laws = [(c.whitened, c.scored.shape) for c in start]
+    extended, added = model.with_laws(laws), list[WhitenedHypothesis]()
     for _ in range(most):
-        scored = [
-            s
-            for s in score_hypotheses(model, [t for t in tried if t.hypothesis.name not in taken])
-            if is_supported(model, s)
-        ]
-        if not scored:
+        taken = {t.hypothesis.name for t in added}
+        fitted = fit_hypotheses(extended, [t for t in tried if t.hypothesis.name not in taken])
+        best = _select_supported_law(extended, fitted)
+        if best is None:
             break
-        best = select_simplest_law(model, scored)
-        taken.add(best.whitened.hypothesis.name)
-        model = model.with_law(best.whitened, best.shape)
-    return model
+        laws.append((best.whitened, best.shape))
+        added.append(best.whitened)
+        is_free = all(t.hypothesis.prior_sigma is None for t in added)  # else the prior would be applied
+        extended = model.with_laws(laws) if is_free else extended.with_law(best.whitened, best.shape)
+    return extended
 
 
 def prune_joint_effects(
@@ -282,9 +288,7 @@ def add_selected_effects(model: WhitenedModel, chosen: Sequence[SelectedEffect])
     Returns:
         The extended model.
     """
-    for c in chosen:
-        model = model.with_law(c.whitened, c.scored.shape, held=True)
-    return model
+    return model.with_laws([(c.whitened, c.scored.shape) for c in chosen])
 
 
 @dataclass(frozen=True)
@@ -307,19 +311,17 @@ class _SelectionStep:
             The effect; None if none is supported.
         """
         taken = {c.whitened.hypothesis.name for c in chosen}
-        scored = score_hypotheses(model, [t for t in self.whitened_hypotheses if t.hypothesis.name not in taken])
-        chance = compute_chance_probability(model, scored, self.residual, self.rng)
+        fitted = fit_hypotheses(model, [t for t in self.whitened_hypotheses if t.hypothesis.name not in taken])
+        chance = compute_chance_probability(model, fitted, self.residual, self.rng)
         good = [
-            k
-            for k, s in enumerate(scored)
-            if chance[k] <= thresholds.DETECTION.chance
-            and s.gain > compute_law_error(s, chosen, self.body_error_share)
-            and is_supported(model, s)
+            s
+            for p_value, s in zip(chance, fitted, strict=True)
+            if p_value <= thresholds.DETECTION.chance and s.gain > compute_law_error(s, chosen, self.body_error_share)
         ]
-        if not good:
+        best = _select_supported_law(model, good)
+        if best is None:
             return None
-        best = select_simplest_law(model, [scored[k] for k in good])
-        return SelectedEffect(best, float(chance[[s is best for s in scored].index(True)]))
+        return SelectedEffect(best, float(chance[[s.whitened is best.whitened for s in fitted].index(True)]))
 
     def exchange(self, model: WhitenedModel, chosen: list[SelectedEffect]) -> list[SelectedEffect]:
         """Re-select each effect with the others fixed.
@@ -354,7 +356,7 @@ def is_law_deviation(c: SelectedEffect) -> bool:
     return c.whitened.hypothesis.law == LAW_DEVIATION
 
 
-def compute_law_error(s: ScoredHypothesis, chosen: Sequence[SelectedEffect], of_body: float = 0.0) -> float:
+def compute_law_error(s: FittedHypothesis, chosen: Sequence[SelectedEffect], of_body: float = 0.0) -> float:
     """Compute the gain that the selected laws may leave because their form is not exact.
 
     Args:
@@ -442,21 +444,25 @@ def _is_neighbour(a: EffectHypothesis, b: EffectHypothesis) -> bool:
     )
 
 
-def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]) -> ScoredHypothesis:
-    """Select the best law by cross-validation, or one with fewer coefficients that is hardly worse.
+def _select_supported_law(model: WhitenedModel, fitted: Sequence[FittedHypothesis]) -> ScoredHypothesis | None:
+    """Select the best supported law by cross-validation, or one with fewer coefficients that is hardly worse.
 
     A strong effect dominates the residual variance; relative to it, a significant coefficient seems worthless. The
-    cost of a coefficient is therefore limited by the threshold that rejects a rival.
+    cost of a coefficient is therefore limited by the threshold that rejects a rival. Only laws that gain enough are
+    cross-validated, and they are tested for support in the order of their rank.
 
     Args:
         model: Whitened base model.
-        scored: Hypotheses to select from.
+        fitted: Hypotheses to select from.
 
     Returns:
-        The selected hypothesis.
+        The selected hypothesis; None if none is supported.
     """
-    left = model.rss - max(s.gain for s in scored)
-    quiet = max(1.0, left / max(len(model.y) - model.count, 1))
+    scored = score_hypotheses(model, [f.whitened for f in fitted if _is_large_enough(model, f)])
+    largest = next((s for s in sorted(scored, key=lambda s: -s.gain) if is_supported(model, s)), None)
+    if largest is None:
+        return None
+    quiet = max(1.0, (model.rss - largest.gain) / max(len(model.y) - model.count, 1))
 
     def worth(s: ScoredHypothesis) -> float:
         more, d = s.whitened.X.shape[2] - 1, thresholds.DETECTION
@@ -464,7 +470,7 @@ def select_simplest_law(model: WhitenedModel, scored: Sequence[ScoredHypothesis]
         cost = min((own + d.simpler * more) * model.residual_variance, (own + d.as_good * more) * quiet)
         return float(s.total - cost)
 
-    return max(scored, key=worth)
+    return next(s for s in sorted(scored, key=lambda s: -worth(s)) if s is largest or is_supported(model, s))
 
 
 def _search_pairs(

@@ -119,10 +119,13 @@ def _find_next_order(
     model: WhitenedModel, single: Sequence[WhitenedHypothesis], rng: np.random.Generator
 ) -> float | None:
     """Return the order of one more supported harmonic; None if there is none."""
-    scored = [s for s in score_hypotheses(model, single) if is_supported(model, s)]
-    if not scored:
+    ranked = sorted(
+        score_hypotheses(model, single),
+        key=lambda s: s.whitened.hypothesis.penalty * model.residual_variance - s.total,
+    )
+    best = next((s for s in ranked if is_supported(model, s)), None)
+    if best is None:
         return None
-    best = max(scored, key=lambda s: s.total - s.whitened.hypothesis.penalty * model.residual_variance)
     left = model.with_law(best.whitened, best.shape).residual
     each = [best, *(f for f in fit_hypotheses(model, single) if f.whitened is not best.whitened)]
     if float(compute_chance_probability(model, each, left, rng)[0]) > thresholds.DETECTION.chance:
