@@ -19,7 +19,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.process.stock.kernel_types import Grid, Heights, Pair, Tip
+from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair, Tip
 
 SLIVER = 0.05  # of a cell; less is the rounding of an outline that was cut before
 LEVEL = 1e-6  # m, heights that are equal
@@ -187,28 +187,13 @@ def _find_columns(
 
 
 @jit_compile
-def _add_to_bands(bands: Array, base: float, top: float, z: float, weight: float) -> None:
-    """Add a removed column from ``top`` down to ``z`` to the bands of height above ``base`` that it crosses."""
-    if z >= top or weight <= 0.0:
-        return
-    for n in range(len(bands)):  # in ascending order
-        if base + bands[n, 0] >= top:
-            break
-        if base + bands[n, 1] <= z:
-            continue
-        part = min(top, base + bands[n, 1]) - max(z, base + bands[n, 0])
-        if part > 0.0:
-            bands[n, 2] += weight * part
-
-
-@jit_compile
 def remove_move(
     grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool, bands: Array, peak: Array
 ) -> float:
     """Remove the cutter swept from p0 to p1 from the map; returns the removed volume, m³.
 
     Args:
-        grid: high, low, share, bottom, each (nv, nu).
+        grid: (nv, nu, 4) high, low, share, bottom.
         origin: u and v of the corner of cell (0, 0).
         cell: size of a cell.
         p0: (3,) u, v, w of the tip at the start.
@@ -218,9 +203,8 @@ def remove_move(
         bands: (n, 3) lower and upper height above the tip at p1, and the removed volume between them, which is added.
         peak: (1,) largest height above the tip at p1 of what is removed, which is raised.
     """
-    high, low, share, bottom = grid
     radius, corner, cone = cutter
-    nv, nu = high.shape
+    nv, nu = grid.shape[:2]
     size = max(cell[0], cell[1])
     reach = radius + _REACH * size
     x, y, rise = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
@@ -240,7 +224,7 @@ def remove_move(
     inner = radius - corner - _REACH * size if cone == 0.0 else 0.0
     lowest, farthest = float(np.float32(p0w + min(rise, 0.0))), (radius + 0.5 * size) ** 2
     nearest = max(radius - 0.5 * size, 0.0) ** 2
-    total, highest, has_bands = 0.0, -1e30, len(bands) > 0
+    total, highest, n, number = 0.0, -1e30, 0, len(bands)
     for j in range(j0, j1):
         v = origin[1] + (j + 0.5) * cell[1]
         z0 = v - p0v
@@ -261,7 +245,7 @@ def remove_move(
                 i = resume
                 continue
             u = origin[0] + (i + 0.5) * cell[0]
-            top = high[j, i]
+            top = grid[j, i, HIGH]
             if top > lowest:
                 along, across = (u - p0u) * cu + z0 * cv, z0 * cu - (u - p0u) * cv
                 beyond = max(along - length, -along, 0.0)
@@ -280,18 +264,27 @@ def remove_move(
                         part = 0.5 + (radius - sqrt(squared)) * per_cell
                     z = float(np.float32(p0w + height))
                     if z < top:
-                        k, lowered = min(part, 1.0), max(z, bottom[j, i])
-                        deep, c = low[j, i], share[j, i]
-                        if has_bands:
-                            _add_to_bands(bands, p1w, top, lowered, area * (k - c))
-                            _add_to_bands(bands, p1w, deep, lowered, area * min(k, c))
+                        k, lowered = min(part, 1.0), max(z, grid[j, i, BOTTOM])
+                        deep, c = grid[j, i, LOW], grid[j, i, SHARE]
+                        if number:
+                            base = lowered - p1w
+                            while n > 0 and bands[n - 1, 1] > base:
+                                n -= 1
+                            while n < number and bands[n, 1] <= base:
+                                n += 1
+                            m, upper, lower = n, top - p1w, deep - p1w
+                            while m < number and bands[m, 0] < upper:
+                                least = max(base, bands[m, 0])
+                                removed = max(k - c, 0.0) * (min(upper, bands[m, 1]) - least)
+                                bands[m, 2] += area * (removed + min(k, c) * max(min(lower, bands[m, 1]) - least, 0.0))
+                                m += 1
                         if k - c > SLIVER:
                             highest = max(highest, top)
                         if k >= 1.0 and c <= 0.0:
-                            high[j, i], low[j, i], new = lowered, lowered, top - lowered
+                            grid[j, i, HIGH], grid[j, i, LOW], new = lowered, lowered, top - lowered
                         else:
                             new_top, new_deep, new_c = _lower_cell(top, deep, c, lowered, k)
-                            high[j, i], low[j, i], share[j, i] = new_top, new_deep, new_c
+                            grid[j, i, HIGH], grid[j, i, LOW], grid[j, i, SHARE] = new_top, new_deep, new_c
                             new = (1.0 - c) * top + c * deep - (1.0 - new_c) * new_top - new_c * new_deep
                         total += max(new, 0.0)
             i += 1
