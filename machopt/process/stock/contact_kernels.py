@@ -21,7 +21,7 @@ CORNER_SLICES = 12  # of the rounded corner
 SOFT = 0.25  # cells of height over which a smooth surface passes from material to air
 THIN_CHIP = 0.1  # cells: a contact less deep than this is none
 SPACING = 2.0  # cells between two samples along the circle; a narrower contact may be missed
-_HALVINGS = 6
+_HALVINGS = 5
 _SEARCH = 16  # half cells along the circle in which the boundary is followed outwards
 _SAME_LEVEL = 5e-3  # of the largest height
 
@@ -213,15 +213,18 @@ def _find_crossing(
     inside: float,
     outside: float,
 ) -> float:
-    """Angle of the boundary between an angle in the material and one outside, by halving."""
+    """Angle of the boundary between an angle in the material and one outside, by halving and linear interpolation."""
+    more, less = 1.0, -1.0  # material at both
+    u, v = p[0], p[1]
     for _ in range(_HALVINGS):
         phi = 0.5 * (inside + outside)
         s, c = reach * sin(phi), reach * cos(phi)
-        if measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0:
-            inside = phi
+        value = measure_material(grid, origin, cell, u + s * cu - c * cv, v + s * cv + c * cu, w)
+        if value > 0.0:
+            inside, more = phi, value
         else:
-            outside = phi
-    return 0.5 * (inside + outside)
+            outside, less = phi, value
+    return inside + (outside - inside) * more / (more - less)
 
 
 @jit_compile

@@ -114,27 +114,6 @@ def _compute_level_height(squared: float, radius: float, corner: float, cone: fl
 
 
 @jit_compile
-def _is_below(top: float, squared: float, radius: float, corner: float, cone: float) -> bool:
-    """Whether no place of the cutter at a distance from its axis, or farther, lies below a height above its tip.
-
-    ``squared`` is the square of the distance, m². No root is taken for a ball and for a flat end.
-    """
-    if top <= 0.0:
-        return True
-    if cone > 0.0:
-        return top <= cone * sqrt(squared)
-    inner = radius - corner
-    if corner <= 0.0 or squared <= inner * inner:
-        return False
-    x = squared
-    if inner > 1e-12:
-        beyond = sqrt(squared) - inner
-        x = beyond * beyond
-    depth = corner - top  # of the height below the centre of the corner
-    return depth >= 0.0 and depth * depth >= corner * corner - x
-
-
-@jit_compile
 def _find_row_range(x: float, y: float, z: float, cu: float, cv: float, length: float, reach: float) -> Pair:
     """Range of u in which a row meets the outline of a move widened to ``reach``; empty where first > last.
 
@@ -224,6 +203,8 @@ def remove_move(
     inner = radius - corner - _REACH * size if cone == 0.0 else 0.0
     lowest, farthest = float(np.float32(p0w + min(rise, 0.0))), (radius + 0.5 * size) ** 2
     nearest = max(radius - 0.5 * size, 0.0) ** 2
+    centre, corner_squared, is_ball = lowest + corner, corner * corner, cone == 0.0 and radius - corner <= 1e-12
+    offset = origin[0] + 0.5 * cell[0] - p0u
     total, highest, n, number = 0.0, -1e30, 0, len(bands)
     for j in range(j0, j1):
         v = origin[1] + (j + 0.5) * cell[1]
@@ -244,49 +225,63 @@ def remove_move(
             if skip <= i < resume:
                 i = resume
                 continue
-            u = origin[0] + (i + 0.5) * cell[0]
-            top = grid[j, i, HIGH]
-            if top > lowest:
-                along, across = (u - p0u) * cu + z0 * cv, z0 * cu - (u - p0u) * cv
-                beyond = max(along - length, -along, 0.0)
-                squared = across * across + beyond * beyond
-                if (
-                    not (only_ahead and along < 0.0)
-                    and squared < farthest
-                    and not _is_below(top - lowest, squared, radius, corner, cone)
-                ):
-                    if rise == 0.0:
-                        height = _compute_level_height(squared, radius, corner, cone)
-                    else:
-                        height = _compute_height(along, across, length, rise, radius, corner, cone)
-                    part = 1.0
-                    if squared > nearest:
-                        part = 0.5 + (radius - sqrt(squared)) * per_cell
-                    z = float(np.float32(p0w + height))
-                    if z < top:
-                        k, lowered = min(part, 1.0), max(z, grid[j, i, BOTTOM])
-                        deep, c = grid[j, i, LOW], grid[j, i, SHARE]
-                        if number:
-                            base = lowered - p1w
-                            while n > 0 and bands[n - 1, 1] > base:
-                                n -= 1
-                            while n < number and bands[n, 1] <= base:
-                                n += 1
-                            m, upper, lower = n, top - p1w, deep - p1w
-                            while m < number and bands[m, 0] < upper:
-                                least = max(base, bands[m, 0])
-                                removed = max(k - c, 0.0) * (min(upper, bands[m, 1]) - least)
-                                bands[m, 2] += area * (removed + min(k, c) * max(min(lower, bands[m, 1]) - least, 0.0))
-                                m += 1
-                        if k - c > SLIVER:
-                            highest = max(highest, top)
-                        if k >= 1.0 and c <= 0.0:
-                            grid[j, i, HIGH], grid[j, i, LOW], new = lowered, lowered, top - lowered
-                        else:
-                            new_top, new_deep, new_c = _lower_cell(top, deep, c, lowered, k)
-                            grid[j, i, HIGH], grid[j, i, LOW], grid[j, i, SHARE] = new_top, new_deep, new_c
-                            new = (1.0 - c) * top + c * deep - (1.0 - new_c) * new_top - new_c * new_deep
-                        total += max(new, 0.0)
+            column = i
             i += 1
+            top = grid[j, column, HIGH]
+            if top <= lowest:
+                continue
+            d = offset + column * cell[0]
+            along, across = d * cu + z0 * cv, z0 * cu - d * cv
+            beyond = along - length if along > length else 0.0
+            if along < 0.0:
+                if only_ahead:
+                    continue
+                beyond = along
+            squared = across * across + beyond * beyond
+            if squared >= farthest:
+                continue
+            drop = centre - top  # of the height below the centre of the corner; the move reaches less deep at the place
+            if cone > 0.0:
+                if top - lowest <= cone * sqrt(squared):
+                    continue
+            elif is_ball:
+                if drop >= 0.0 and drop * drop >= corner_squared - squared:
+                    continue
+            elif drop >= 0.0:
+                ring = max(sqrt(squared) - radius + corner, 0.0)
+                if drop * drop >= corner_squared - ring * ring:
+                    continue
+            if rise == 0.0:
+                height = _compute_level_height(squared, radius, corner, cone)
+            else:
+                height = _compute_height(along, across, length, rise, radius, corner, cone)
+            part = 1.0
+            if squared > nearest:
+                part = 0.5 + (radius - sqrt(squared)) * per_cell
+            z = float(np.float32(p0w + height))
+            if z < top:
+                k, lowered = min(part, 1.0), max(z, grid[j, column, BOTTOM])
+                deep, c = grid[j, column, LOW], grid[j, column, SHARE]
+                if number:
+                    base = lowered - p1w
+                    while n > 0 and bands[n - 1, 1] > base:
+                        n -= 1
+                    while n < number and bands[n, 1] <= base:
+                        n += 1
+                    m, upper, lower = n, top - p1w, deep - p1w
+                    while m < number and bands[m, 0] < upper:
+                        least = max(base, bands[m, 0])
+                        removed = max(k - c, 0.0) * (min(upper, bands[m, 1]) - least)
+                        bands[m, 2] += area * (removed + min(k, c) * max(min(lower, bands[m, 1]) - least, 0.0))
+                        m += 1
+                if k - c > SLIVER:
+                    highest = max(highest, top)
+                if k >= 1.0 and c <= 0.0:
+                    grid[j, column, HIGH], grid[j, column, LOW], new = lowered, lowered, top - lowered
+                else:
+                    new_top, new_deep, new_c = _lower_cell(top, deep, c, lowered, k)
+                    grid[j, column, HIGH], grid[j, column, LOW], grid[j, column, SHARE] = new_top, new_deep, new_c
+                    new = (1.0 - c) * top + c * deep - (1.0 - new_c) * new_top - new_c * new_deep
+                total += max(new, 0.0)
     peak[0] = max(peak[0], highest - p1w)
     return total * area
