@@ -109,7 +109,9 @@ def measure_map_end(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, 
                 continue
             z = max(p0[2] + rise * _find_descent_share(a, b, length, inner), grid[j, i, BOTTOM])
             c = grid[j, i, SHARE]
-            total += (1.0 - c) * max(min(grid[j, i, HIGH], p0[2]) - z, 0.0) + c * max(min(grid[j, i, LOW], p0[2]) - z, 0.0)
+            total += (1.0 - c) * max(min(grid[j, i, HIGH], p0[2]) - z, 0.0) + c * max(
+                min(grid[j, i, LOW], p0[2]) - z, 0.0
+            )
     return float(total * pi * inner * inner / (_RINGS * _ANGLES))
 
 
