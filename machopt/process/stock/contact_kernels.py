@@ -259,15 +259,10 @@ def _add_arcs(
             i, j = int((u - origin[0]) * per_u + 0.5), int((v - origin[1]) * per_v + 0.5)
             state = 0
             if 0 < i < nu and 0 < j < nv:
-                most = max(
-                    max(grid[j - 1, i - 1, HIGH], grid[j - 1, i, HIGH]), max(grid[j, i - 1, HIGH], grid[j, i, HIGH])
-                )
-                least = min(
-                    min(grid[j - 1, i - 1, LOW], grid[j - 1, i, LOW]), min(grid[j, i - 1, LOW], grid[j, i, LOW])
-                )
+                most = max(grid[j - 1, i - 1, HIGH], grid[j - 1, i, HIGH], grid[j, i - 1, HIGH], grid[j, i, HIGH])
+                least = min(grid[j - 1, i - 1, LOW], grid[j - 1, i, LOW], grid[j, i - 1, LOW], grid[j, i, LOW])
                 under = max(
-                    max(grid[j - 1, i - 1, BOTTOM], grid[j - 1, i, BOTTOM]),
-                    max(grid[j, i - 1, BOTTOM], grid[j, i, BOTTOM]),
+                    grid[j - 1, i - 1, BOTTOM], grid[j - 1, i, BOTTOM], grid[j, i - 1, BOTTOM], grid[j, i, BOTTOM]
                 )
                 state = _find_state(least, most, under, w, soft)
             is_inside = state > 0

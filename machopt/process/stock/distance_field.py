@@ -1,11 +1,10 @@
 """Stock as signed distances on a grid, for tool axes that turn against the stock.
 
-The grid has cubic cells and stands askew in the CAM frame by a degree or two. Flat surfaces and edges of parts are mostly
-parallel to CAM axes; along the axes of the grid they would keep one place in their cells over their whole length, and
-so would the error of the volume there. A value is the signed distance of the cell's centre from the surface, negative in the
-material, limited to ``LIMIT`` cells. Only blocks of cells that the surface crosses are stored: memory grows with the
-surface and not with the volume. A cutter that covers part of a cell changes its distance, so that boundaries and
-volumes are better than the cell size.
+The grid has cubic cells and stands askew in the CAM frame by a degree or two: along its own axes a flat surface or an
+edge would keep one place in its cells, and one error of the volume, over its whole length. A value is the signed
+distance of the cell's centre from the surface, negative in the material, limited to ``LIMIT`` cells. Only blocks of
+cells that the surface crosses are stored: memory grows with the surface and not with the volume. A cutter that covers
+part of a cell changes its distance, so that boundaries and volumes are better than the cell size.
 """
 
 from __future__ import annotations

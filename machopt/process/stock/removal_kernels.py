@@ -218,8 +218,8 @@ def remove_move(
         i1 = min(int((last - origin[0]) / cell[0] + 0.5) + 1, nu)
         skip, resume = i1, i1
         if skip_first < skip_last:
-            skip = max(int(ceil((skip_first - origin[0]) / cell[0] - 0.5)), i0)
-            resume = max(int(floor((skip_last - origin[0]) / cell[0] - 0.5)), i0)
+            skip = max(ceil((skip_first - origin[0]) / cell[0] - 0.5), i0)
+            resume = max(floor((skip_last - origin[0]) / cell[0] - 0.5), i0)
         i = i0
         while i < i1:
             if skip <= i < resume:
