@@ -22,7 +22,9 @@ SOFT = 0.25  # cells of height over which a smooth surface passes from material 
 THIN_CHIP = 0.1  # cells: a contact less deep than this is none
 SPACING = 2.0  # cells between two samples along the circle; a narrower contact may be missed
 _HALVINGS = 5
-_SEARCH = 16  # half cells along the circle in which the boundary is followed outwards
+_SEARCH = 48  # steps along the circle in which the boundary is followed
+CLOSE = (0.25, 0.75)  # cells outside of the cutter where its tangent is checked, and found anew
+FITS = 0.5  # cells; a tangent that is nearer there fits
 _SAME_LEVEL = 5e-3  # of the largest height
 
 
@@ -137,8 +139,9 @@ def _carry_back(
 ) -> float:
     """Angle at which the stock's boundary meets the cutter, from the angle at which it meets the circle ``reach``.
 
-    The boundary is followed one more cell outwards; both places give its tangent. Where it is not found there, the
-    angle stays.
+    The boundary is followed one more cell outwards; both places give its tangent. Where the tangent leads far along the
+    cutter, it must also fit the boundary a quarter of a cell outside of the cutter. Else the boundary is no straight
+    line: it bends, or a corner of the stock lies between. Two places nearer to the cutter then give the tangent.
 
     Args:
         grid: (nv, nu, 4) high, low, share, bottom.
@@ -154,28 +157,58 @@ def _carry_back(
         w: height of the slice.
     """
     size = max(cell[0], cell[1])
-    outer = reach + size
-    step = 0.5 * size / outer
-    sign = -into if _is_inside(grid, origin, cell, p, cu, cv, outer, phi, w) else into
+    outer, close = reach + size, radius + CLOSE[0] * size
+    far = _follow_boundary(grid, origin, cell, p, cu, cv, phi, into, outer, w, 0.5 * size / outer)
+    carried, expected = phi, np.inf
+    if np.isfinite(far):
+        carried = extrapolate_boundary(phi, reach, far, outer, radius)
+        misses = _measure_line(phi, reach, far, outer) > radius + CLOSE[0] * size
+        if abs(carried - phi) * radius < size and not misses:
+            return carried
+        expected = extrapolate_boundary(phi, reach, far, outer, close)
+    near = _follow_boundary(grid, origin, cell, p, cu, cv, phi, into, close, w, 0.25 * size / radius)
+    if not np.isfinite(near) or abs(near - expected) * radius < FITS * size:
+        return carried
+    middle = radius + CLOSE[1] * size
+    between = _follow_boundary(grid, origin, cell, p, cu, cv, near, into, middle, w, 0.25 * size / radius)
+    return extrapolate_boundary(near, close, between, middle, radius) if np.isfinite(between) else near
+
+
+@jit_compile
+def _follow_boundary(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    phi: float,
+    into: float,
+    reach: float,
+    w: float,
+    step: float,
+) -> float:
+    """Angle at which a boundary meets another circle, near an angle; NaN where it does not.
+
+    Arguments are those of :func:`_carry_back`; ``step`` is that of the search, rad.
+    """
+    begins_inside = _is_inside(grid, origin, cell, p, cu, cv, reach, phi, w)
+    sign = -into if begins_inside else into
     for n in range(1, _SEARCH + 1):
         there = phi + sign * n * step
-        if _is_inside(grid, origin, cell, p, cu, cv, outer, there, w) == (sign == into):
+        if _is_inside(grid, origin, cell, p, cu, cv, reach, there, w) != begins_inside:
             near = there - sign * step
-            inside, outside = (there, near) if sign == into else (near, there)
-            far = _find_crossing(grid, origin, cell, p, cu, cv, outer, w, inside, outside)
-            carried = extrapolate_boundary(phi, reach, far, outer, radius)
-            if abs(carried - phi) * radius < size:
-                return carried
-            near_cutter, step = radius + 0.25 * size, 0.25 * size / radius
-            there = 0.25 * phi + 0.75 * carried + into * step
-            if _is_inside(grid, origin, cell, p, cu, cv, near_cutter, there, w):
-                return carried
-            for _ in range(_SEARCH):  # a corner of the stock lies between: the boundary is no straight line
-                if _is_inside(grid, origin, cell, p, cu, cv, near_cutter, there + into * step, w):
-                    return _find_crossing(grid, origin, cell, p, cu, cv, near_cutter, w, there + into * step, there)
-                there += into * step
-            return phi
-    return phi
+            inside, outside = (near, there) if begins_inside else (there, near)
+            return _find_crossing(grid, origin, cell, p, cu, cv, reach, w, inside, outside)
+    return np.nan
+
+
+@jit_compile
+def _measure_line(phi: float, reach: float, far: float, outer: float) -> float:
+    """Distance from the centre of the straight line through two places in polar coordinates."""
+    x, y = reach * cos(phi), reach * sin(phi)
+    dx, dy = outer * cos(far) - x, outer * sin(far) - y
+    return abs(x * dy - y * dx) / sqrt(dx * dx + dy * dy)
 
 
 @jit_compile
