@@ -34,7 +34,7 @@ def _build_grid_axes() -> Array:
     first = np.array([1.0, -z, y]) / np.linalg.norm([1.0, -z, y])
     third = np.array([-y, x, 1.0]) - np.array([-y, x, 1.0]) @ first * first
     third /= np.linalg.norm(third)
-    return np.stack([first, np.cross(third, first), third])
+    return np.array([first, np.cross(third, first), third], float)
 
 
 GRID_AXES = _build_grid_axes()
@@ -83,8 +83,8 @@ def compute_cover(value: NDArray[np.int16]) -> Array:
         value: Stored distances.
     """
     t = np.abs(np.asarray(value, float)) / EDGE
-    out = (np.maximum(KNOTS[0] - t, 0.0) ** 2 - np.maximum(KNOTS[1] - t, 0.0) ** 2) / (2.0 * WIDE)
-    return np.where(value > 0, out, 1.0 - out)
+    out: Array = (np.maximum(KNOTS[0] - t, 0.0) ** 2 - np.maximum(KNOTS[1] - t, 0.0) ** 2) / (2.0 * WIDE)
+    return np.asarray(np.where(value > 0, out, 1.0 - out))
 
 
 def build_distance_field(body: StockBody) -> DistanceField:

@@ -79,7 +79,7 @@ def _list_places(part: StockBody, stock: DistanceField) -> tuple[Array, Array]:
     low = stock.origin + 1.5 * stock.cell
     high = stock.origin + BLOCK * np.array(stock.arrays[0].shape) * stock.cell - 1.5 * stock.cell
     inside = stock.convert_vectors(place)
-    keep = ((inside > low) & (inside < high)).all(axis=1)
+    keep = np.asarray(((inside > low) & (inside < high)).all(axis=1))
     edges = _list_edge_places(part, across / np.where(has_area, size, 1.0)[:, None], stock.cell)
     if len(edges) and keep.any():
         near = cKDTree(edges).query(place[keep], distance_upper_bound=CLEAR * stock.cell)[0]

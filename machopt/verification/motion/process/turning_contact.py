@@ -220,7 +220,8 @@ def _count_crossings(p: Array, lines: Array) -> np.ndarray:
     e, f = lines[:, 1] - lines[:, 0], lines[:, 2] - lines[:, 0]
     area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
     which = np.flatnonzero(is_near & (np.abs(area) >= 1e-18))
-    begin, end = (np.searchsorted(p[:, 0], x[which, 0], side) for x, side in ((least, "left"), (most, "right")))
+    begin = np.searchsorted(p[:, 0], least[which, 0], "left")
+    end = np.searchsorted(p[:, 0], most[which, 0], "right")
     number = end - begin
     total = np.cumsum(number)
     count = np.zeros(len(p), int)
