@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import machopt
 from machopt.cli import main
 from machopt.commands.place.request import PlaceRequest
 from machopt.commands.place.site_loading import build_placement_site, read_request_files
@@ -56,11 +57,13 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def load_site(job: Path, text: str = PROCESS, direct: dict[str, object] | None = None) -> PlacementSite:
+def load_site(
+    job: Path, text: str = PROCESS, direct: dict[str, object] | None = None, cell: Path | None = None
+) -> PlacementSite:
     file = job / "other" / "other.yaml"
     file.write_text(text)
     request = PlaceRequest(
-        cell=job / "cell",
+        cell=job / "cell" if cell is None else cell,
         toolpaths=(job / "holes.csv",),
         readings=({},),
         out=job / "nowhere",
@@ -133,6 +136,34 @@ def test_what_is_unknown_is_never_counted_as_in_tolerance(job: Path) -> None:
     assert found.outcomes == (0, 0, 0, 4)
     assert found.missed == 4
     assert known != found.outcomes
+
+
+def test_a_hole_outside_the_stiffness_grid_is_unknown_as_in_the_plan(job: Path, tmp_path: Path) -> None:
+    """The grid covers the holes of one side; its springs have a stated spread, the constant ones have none."""
+    cell = tmp_path / "cell"
+    shutil.copytree(CELL, cell)
+    springs = "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]"
+    T = machopt.Cell.load(cell).description
+    inside = np.linalg.inv(T.T_world_base) @ T.workpiece.T_link_workpiece @ [-0.1, -0.3, 0.0, 1.0]
+    corner = [round(1e3 * float(v) - 250) for v in inside[:3]]
+    (cell / "stiffness.yaml").write_text(
+        f"machopt_stiffness: 1\njoints_Nm_per_rad: {springs}\ngrid: {{origin_mm: {corner}, cell_mm: 500, "
+        f"shape: [1, 1, 1], joints_Nm_per_rad: [{springs}], std_Nm_per_rad: [[1e5, 4e4, 9e4, 3e4, 3e4, 3e4]]}}\n"
+    )
+    site = load_site(job, PROCESS, cell=cell)
+    (found,) = site.estimate_jobs(NO_SHIFT)
+    plan = machopt.optimize(
+        machopt.Cell.load(cell, process=job / "other" / "mine.yaml"), job / "holes.csv", rotation_step_deg=20.0
+    )
+    plan.save(tmp_path / "out")
+    with (tmp_path / "out" / "points.csv").open() as text:
+        outcomes = [row["outcome"] for row in csv.DictReader(text) if row["outcome"]]
+    assert outcomes.count("unknown") == 2
+    assert found.outcomes[OUTCOMES.index("unknown")] == 2
+    assert found.missed >= 2
+    (away,) = site.estimate_jobs(PlacementShift(y=1.0))  # all holes leave the grid
+    assert away.outcomes[OUTCOMES.index("unknown")] == 4
+    assert away.missed == 4
 
 
 def test_without_tolerances_nothing_is_counted(job: Path) -> None:

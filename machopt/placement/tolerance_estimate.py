@@ -38,7 +38,7 @@ class ToleranceEstimator:
 
     pricing: TolerancePricing
     setup: PlanningSetup
-    is_unknown: NDArray[np.bool_]  # (T,) an input is missing: the outcome is unknown everywhere
+    is_unknown: NDArray[np.bool_]  # (T,) an input is missing, anywhere or at this place
 
     @classmethod
     def build(
@@ -71,7 +71,8 @@ class ToleranceEstimator:
             path: Planning points.
             d: Directions and force per planning point there.
         """
-        return replace(self, pricing=replace(self.pricing, arm=arm).with_path(path, d))
+        pricing = replace(self.pricing, arm=arm).with_path(path, d)
+        return replace(self, pricing=pricing, is_unknown=self.is_unknown | ~_find_stated_targets(pricing))
 
     def count_missed(self, candidates: CandidateGrid, scores: CandidateScores) -> int:
         """Return how many holes and points pass in no feasible configuration of the grid.
@@ -157,6 +158,19 @@ def _is_unknown(setup: PlanningSetup, pricing: TolerancePricing, one: ProcessOpe
         return False
     std = find_stated_std(setup.cell, setup.elasticity.stiffness, one.tolerance.reference)
     return bool(find_missing_input(pricing.process, one, pricing.spread, std))
+
+
+def _find_stated_targets(pricing: TolerancePricing) -> NDArray[np.bool_]:
+    """Return (T,) whether the file states the spread of the springs where the tool cuts: a hole at entry and bottom."""
+    path, holes = pricing.path, pricing.holes
+
+    def locate(index: Array) -> NDArray[np.bool_]:
+        position = np.column_stack([np.interp(index, path.index, column) for column in path.position.T])
+        nearest = np.clip(np.searchsorted(path.index, index - 1e-9), 0, len(path.index) - 1)
+        return pricing.spread.find_stated(pricing.arm.places(path.external[nearest], position))
+
+    of_holes = locate(holes.entry) & locate(holes.exit)
+    return np.concatenate([of_holes, locate(pricing.surfaces.row.astype(float))])
 
 
 def _order_candidates(
