@@ -209,7 +209,7 @@ def test_a_job_lost_by_its_shift_ends_as_infeasible(
 def test_a_rotation_is_taken_at_which_the_shift_can_be_driven(tmp_path: FilePath) -> None:
     """The stiffest rotation is one at which the deflection turns too quickly; the one beside it is taken, and said."""
     u = np.linspace(0.0, 1.0, 15)
-    t, b = 0.2 * np.sin(2 * np.pi * u), 0.3 * np.cos(9 * u)
+    t, b = 0.4 * np.sin(2 * np.pi * u), 0.6 * np.cos(12 * u)
     axis = np.column_stack([np.sin(t) * np.cos(b), np.sin(b) * np.cos(t), np.cos(t) * np.cos(b)])
     axis /= np.linalg.norm(axis, axis=1)[:, None]
     tip = np.column_stack([150 * u - 225, 40 + 20 * np.sin(6 * u), np.full(15, -10.0)])
@@ -220,7 +220,8 @@ def test_a_rotation_is_taken_at_which_the_shift_can_be_driven(tmp_path: FilePath
     path = tmp_path / "swarf.csv"
     path.write_text(HEADER + "\n".join(lines) + "\n")
     cell = ROOT / "cells" / "irb6700_drilling"
-    asked = ("--compensate", "--set", "rotation_step_deg=20", "--set", "force_N.axial=300")
+    settings = ("rotation_step_deg=20", "force_N.axial=750", "compensation_max_mm=5")
+    asked = ("--compensate", *(word for setting in settings for word in ("--set", setting)))
     assert optimize(cell, path, tmp_path / "out", *asked) == 0
     told = (tmp_path / "out" / "report.html").read_text()
     assert "with that one the path shifted against the deflection could not be driven" in told
@@ -243,3 +244,31 @@ def test_pecked_holes_have_a_stated_residual(tmp_path: FilePath) -> None:
     found = json.loads((out / "result.json").read_text(encoding="utf-8"))["compensation"]
     assert found is not None
     assert 0.0 < found["residual_mean_mm"] < 0.5 * found["uncompensated_mean_mm"]
+
+
+@pytest.mark.slow
+def test_pecks_of_different_thrust_that_are_left_at_feed_are_corrected_whole(tmp_path: FilePath) -> None:
+    """The shift changes in the air between the pecks and holds in the cuts, also on the long way out."""
+    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"]
+    rows += [f"-150,-200,{z},0,0,1,rapid," for z in (40, 25)]
+    for z in (16, 8):
+        rows += [f"-150,-200,{z},0,0,1,cut,420", "-150,-200,25,0,0,1,retract,3000"]
+        rows += [f"-150,-200,{z + 1},0,0,1,approach,3000"]
+    rows += ["-150,-200,0,0,0,1,cut,420", "-150,-200,40,0,0,1,retract,3000"]
+    (tmp_path / "pecks.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    drill = "thrust_spread_percent: 2, torque_spread_percent: 2, source: t"
+    (tmp_path / "process.yaml").write_text(
+        f"machopt_process: 1\nmaterials:\n  al: {{drilling: {{kc1: 800, mc: 0.25, chisel_N_mm2: 300, {drill}}}}}\n"
+        f"  ti: {{drilling: {{kc1: 2110, mc: 0.22, chisel_N_mm2: 600, {drill}}}}}\n"
+        "operations:\n  default: {kind: drilling, spindle_rpm: 4000, depth_mm: 18,\n"
+        "    layers: [{material: al, thickness_mm: 10}, {material: ti, thickness_mm: 7}]}\n",
+        encoding="utf-8",
+    )
+    out = tmp_path / "out"
+    options = ("--process", str(tmp_path / "process.yaml"), "--compensate", "--set", "compensation_max_mm=9")
+    given = (*options, "--set", "rotation_step_deg=30", "--quiet")
+    files = (str(ROOT / "cells" / "kr240_drilling"), str(tmp_path / "pecks.csv"), "-o", str(out))
+    assert main(["optimize", *files, *given]) == 0
+    found = json.loads((out / "result.json").read_text(encoding="utf-8"))["compensation"]
+    assert found["uncompensated_mean_mm"] > 1.0
+    assert found["residual_max_mm"] < 0.01

@@ -97,7 +97,7 @@ def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> No
 def test_the_shift_fades_along_approach_and_retract_and_never_jumps(bent: tuple[Plan, Plan]) -> None:
     before, after = bent
     assert after.compensation is not None
-    path, offset, length = before.path, after.compensation.offset, after.compensation.length
+    path, offset, length = before.path, after.compensation.offset, after.compensation.fade
     size = np.linalg.norm(offset, axis=1)
     at = {float(k): n for n, k in enumerate(path.index)}
     assert size[at[0.0]] == 0.0
@@ -116,7 +116,7 @@ def test_the_shift_fades_along_approach_and_retract_and_never_jumps(bent: tuple[
     # the stated bound: twice the greatest shift over the length, and what the pose adds
     most = float(np.linalg.norm(np.diff(offset[[at[4.0] - 1, at[4.0]]], axis=0)))
     assert most < size.max()
-    assert steep.max() <= 1.2 * 2 * size.max() / length
+    assert steep.max() <= 1.2 * 2 * size.max() / after.compensation.length
 
 
 def test_refining_changes_no_choice(tmp_path: FilePath) -> None:
@@ -314,7 +314,9 @@ def test_a_shift_that_is_too_large_is_refused_with_point_and_numbers(bent: tuple
     size = np.linalg.norm(after.compensation.offset, axis=1)
     most = 0.9 * float(size.max())
     small = shift_path(
-        replace(before, options=replace(before.options, compensation_max=most)), after.compensation.length
+        replace(before, options=replace(before.options, compensation_max=most)),
+        after.compensation.length,
+        fade=after.compensation.fade,
     )
     refused = np.flatnonzero(small.chosen.assignment.reason == InfeasibilityReason.SHIFT)
     np.testing.assert_array_equal(refused, np.flatnonzero(size > most))

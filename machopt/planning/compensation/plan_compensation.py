@@ -22,20 +22,29 @@ from machopt.planning.stations.tilt_curve import get_tilt_curve
 def compensate_plan(plan: Plan, toolpath: Toolpath) -> Plan:
     """Return the plan for the path shifted against its deflection, with the same rotation.
 
-    Points that cannot be shifted carry a reason. The shift changes over the smallest of LENGTHS at which its slope is
-    nowhere above STEEPEST.
+    Points that cannot be shifted carry a reason. The shift turns and fades over the smallest of LENGTHS at which its
+    slope is nowhere above STEEPEST.
 
     Args:
         plan: finished plan without compensation.
         toolpath: toolpath the plan was made for.
     """
-    found = plan
-    for length in LENGTHS:
-        fine = add_corner_points(plan, toolpath, length)
-        found = shift_path(fine, length)
-        if found.compensation is None or compute_offset_slope(fine.path, found.compensation.offset).max() <= STEEPEST:
-            break
-    return found
+    turn = fade = 0
+    while True:
+        fine = add_corner_points(plan, toolpath, LENGTHS[turn])
+        found = shift_path(fine, LENGTHS[turn], LENGTHS[fade])
+        if found.compensation is None:
+            return found
+        slope = compute_offset_slope(fine.path, found.compensation.offset)
+        steepest = int(slope.argmax())
+        if slope[steepest] <= STEEPEST:
+            return found
+        if fade < len(LENGTHS) - 1 and (not fine.path.counted[steepest] or turn == len(LENGTHS) - 1):
+            fade += 1
+        elif turn < len(LENGTHS) - 1:
+            turn += 1
+        else:
+            return found
 
 
 def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:

@@ -3,13 +3,14 @@
 jiao2022 section 5.1: the deflection d = J_v K_θ⁻¹ J_vᵀ f under the process force (eq. 41, here with every term of the
 stiffness) is subtracted from the commanded position. Rotation and tool axis are unchanged.
 
-The force is F of :mod:`machopt.planning.cost.process_force_direction`, which has no jumps. The shift δ = −d(F) fades in
-and out over the length ℓ along approach and retract. It is zero where nothing cuts, and changes direction at a sharp
+The force is F of :mod:`machopt.planning.cost.process_force_direction`, which has no jumps. The shift δ = −d(F) fades
+in and out over the length λ along approach and retract. It is zero where nothing cuts, and changes direction at a sharp
 corner over 2ℓ. With S = max |d(f)|,
 
-    |δ(s₁) − δ(s₂)| ≤ (2 S/ℓ + |dC/ds| |f|) |s₁ − s₂|
+    |δ(s₁) − δ(s₂)| ≤ (S/ℓ + S/λ + |dC/ds| |f|) |s₁ − s₂|
 
-(C the compliance, which changes with the pose). ℓ is the smallest of LENGTHS at which no step exceeds STEEPEST.
+(C the compliance, which changes with the pose). ℓ and λ are the smallest of LENGTHS at which no step exceeds STEEPEST:
+λ grows where the steepest step lies in the air, ℓ where it lies in a cut, or where λ is at its end.
 A run that begins or ends with a cut (a hole drilled straight from a rapid move) is shifted from its first point on: the
 rapid move goes to the shifted point, and the drill enters straight.
 
@@ -66,15 +67,16 @@ def compute_offset_slope(path: PlanningPath, offset: Array) -> Array:
     return np.concatenate([[0.0], np.where(joined, ratio, 0.0)])
 
 
-def shift_path(plan: Plan, length: float) -> Plan:
+def shift_path(plan: Plan, length: float, fade: float | None = None) -> Plan:
     """Return the plan for the shifted path.
 
     Args:
         plan: plan without compensation, with points added at corners.
         length: m, ℓ over which the engaged force changes.
+        fade: m, λ over which the shift fades in and out; None: ℓ.
     """
     before, path = plan.chosen.assignment, plan.path
-    force = compute_engaged_force(path, plan.options.force, length)
+    force = compute_engaged_force(path, plan.options.force, length, fade)
     known = np.flatnonzero((before.reason == InfeasibilityReason.OK) & force.any(axis=1))
     setup = _with_room(plan.setup)
     offset = np.zeros_like(path.position)
@@ -89,7 +91,7 @@ def shift_path(plan: Plan, length: float) -> Plan:
         after = solve_joint_path(moved, setup.arm, setup.robot, before.phi, before.q)
     reason, check, notes = after.reason.copy(), plan.check, dict(plan.notes)
     keep = before.reason != InfeasibilityReason.OK  # excluded points stay excluded
-    for p, why in _refused(plan, offset, length).items():
+    for p, why in _refused(plan, offset, length if fade is None else max(length, fade)).items():
         if reason[p] == InfeasibilityReason.OK:
             reason[p], notes[p] = InfeasibilityReason.SHIFT, why
     reason[keep] = before.reason[keep]
@@ -98,7 +100,13 @@ def shift_path(plan: Plan, length: float) -> Plan:
         check = checker.whole(after.phi, np.where((reason == InfeasibilityReason.OK)[:, None], after.q, np.nan))
         reason[check.hit & (reason == InfeasibilityReason.OK)] = InfeasibilityReason.COLLIDING
     after = replace(after, reason=reason)
-    found = PathCompensation(offset, force, length, (reason != InfeasibilityReason.OK) & ~keep)
+    found = PathCompensation(
+        offset=offset,
+        force=force,
+        length=length,
+        fade=length if fade is None else fade,
+        lost=(reason != InfeasibilityReason.OK) & ~keep,
+    )
     out = rescore_plan(replace(plan, setup=setup, path=moved, check=check, compensation=found, notes=notes), after)
     # the baselines with the same lengths, which the shift changes by some micrometres
     weighed = [replace(s, objective=_objective(out, s.assignment, s.cost)) for s in (plan.jiao2022, plan.cam_default)]

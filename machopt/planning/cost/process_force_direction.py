@@ -10,17 +10,16 @@ c the sideways direction of the next place in the run (else the last one) that t
 projected on the plane normal to n; in a run without such a place (a hole) the workpiece x axis (y where x is parallel
 to n). |t| ≤ 1. The force is f = f_travel t + f_normal (n × t) + f_axial n.
 
-A shift of the path is computed with a force that has no jumps, over a given length ℓ:
+A shift of the path is computed with a force that has no jumps, over two given lengths ℓ and λ:
 
-    F(s) = a(s) · 1/(2ℓ) ∫_{−ℓ}^{ℓ} f(s + σ) dσ,      |F(s₁) − F(s₂)| ≤ 2 |f| |s₁ − s₂| / ℓ
+    F(s) = a(s) · 1/(2ℓ) ∫_{−ℓ}^{ℓ} f(s + σ) dσ,      |F(s₁) − F(s₂)| ≤ |f| (1/ℓ + 1/λ) |s₁ − s₂|
 
 s is the length of the path in its run. Outside the cuts, and in those without a force (the way out of a hole, say), f
 is that of the nearest cut with a force: the tool leaves a hole along the line that it was drilled on. a fades: 1 while
-cutting, to 0 over ℓ away from the cuts, and from 0 over ℓ at the ends of a run that the tool approaches or leaves
-without cutting, where that way is at least ℓ long. On a shorter one (2 mm above a hole, say) a ramp would reach into
-the cut: the rapid move goes to a shifted point instead.
-Each of the two factors changes by no more than |f|/ℓ per length, which gives the bound. A sharp corner turns the force
-over 2ℓ.
+cutting, to 0 over λ away from the cuts, and from 0 over λ at the ends of a run that the tool approaches or leaves
+without cutting, where that way is at least λ long. On a shorter one (2 mm above a hole, say) a ramp would reach into
+the cut: the rapid move goes to a shifted point instead. Between two cuts of a run that are no more than 2λ apart (the
+pecks of a hole that are left at feed) a is 1. A sharp corner turns the force over 2ℓ.
 """
 
 from __future__ import annotations
@@ -79,13 +78,14 @@ def compute_process_force(axis: Array, t: Array, force: ProcessForce, own: Array
     return np.asarray(travel * t + normal * np.cross(axis, t) + axial * axis)
 
 
-def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float) -> Array:
+def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float, fade: float | None = None) -> Array:
     """Return (P, 3) F in N at every planning point, in the workpiece frame.
 
     Args:
         path: planning points.
         force: force components along travel, normal and tool axis, N.
         length: m, ℓ.
+        fade: m, λ; None: ℓ.
     """
     path = path.programmed
     out = np.zeros_like(path.position)
@@ -96,7 +96,7 @@ def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float
             continue
         s = run.s[:, None] + places
         mean = run.force(_move_into(s, run.loaded), force).mean(axis=1)
-        out[first : last + 1] = run.share(length)[:, None] * mean
+        out[first : last + 1] = run.share(length if fade is None else fade)[:, None] * mean
     return out
 
 
@@ -180,7 +180,9 @@ class _Run:
         Args:
             length: m, ℓ.
         """
-        away = np.abs(_move_into(self.s, self.cuts) - self.s)
+        is_apart = self.cuts[1:, 0] - self.cuts[:-1, 1] > 2.0 * length
+        held = np.column_stack([self.cuts[np.r_[True, is_apart], 0], self.cuts[np.r_[is_apart, True], 1]])
+        away = np.abs(_move_into(self.s, held) - self.s)
         out = np.clip(1.0 - away / length, 0.0, 1.0)
         if self.comes and self.cuts[0, 0] >= length:
             out = np.minimum(out, self.s / length)

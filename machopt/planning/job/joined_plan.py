@@ -289,16 +289,18 @@ def _compensation(plans: Sequence[Plan]) -> PathCompensation | None:
     some = [p.compensation for p in plans if p.compensation is not None]
     if not some:
         return None
-    every = [
-        p.compensation
-        or PathCompensation(
-            np.zeros((len(p.path.index), 3)), np.zeros((len(p.path.index), 3)), 0.0, np.zeros(len(p.path.index), bool)
-        )
-        for p in plans
-    ]
+    every = [p.compensation or _build_no_compensation(len(p.path.index)) for p in plans]
     return PathCompensation(
-        np.concatenate([c.offset for c in every]),
-        np.concatenate([c.force for c in every]),
-        max(c.length for c in every),
-        np.concatenate([c.lost for c in every]),
+        offset=np.concatenate([c.offset for c in every]),
+        force=np.concatenate([c.force for c in every]),
+        length=max(c.length for c in every),
+        fade=max(c.fade for c in every),
+        lost=np.concatenate([c.lost for c in every]),
     )
+
+
+def _build_no_compensation(count: int) -> PathCompensation:
+    """Return a shift of zero at a number of planning points."""
+    zero = np.zeros((count, 3))
+    lost = np.zeros(count, bool)
+    return PathCompensation(offset=zero, force=zero, length=0.0, fade=0.0, lost=lost)

@@ -34,6 +34,7 @@ class PathCompensation:
     offset: Array  # (P, 3) m in workpiece
     force: Array  # (P, 3) N in workpiece, F: the force whose deflection is compensated
     length: float  # m, ℓ
+    fade: float  # m, λ
     lost: NDArray[np.bool_]  # (P,) feasible as programmed, not as shifted
 
 

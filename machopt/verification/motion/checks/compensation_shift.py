@@ -15,14 +15,18 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
-from machopt.verification.motion.path_geometry.process_force import compute_process_force, list_runs
+from machopt.verification.motion.path_geometry.process_force import (
+    compute_engaged_share,
+    compute_mean_force,
+    list_runs,
+)
 from machopt.verification.motion.stiffness.arm_compliance import ComplianceModel
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints, ExportedShift
 
 RELATIVE, ABSOLUTE_MM = 0.02, 0.002  # of the deflection, which the last smoothing of the rotation changes a little
 FORCE_TOLERANCE = 0.02  # of the force: the mean over a window is taken at other places than in the plan
-WINDOW_LENGTHS_M = (0.005, 0.010, 0.020, 0.040)  # m, over which the force may turn, come and go
+WINDOW_LENGTHS_M = (0.005, 0.010, 0.020, 0.040)  # m, over which the force may turn, and over which it may come and go
 MAX_SHIFT_SLOPE = 0.1 * 1.001  # m/m; six decimals of a millimetre over a short step
 ROTATION_LEVER_M = 0.15  # m/rad: a turn of the tool axis on the spot is a way too, on which the compliance changes
 SHIFT_TOLERANCE_M = 2e-9  # m, the last decimal
@@ -180,7 +184,7 @@ def _find_cutting_joints(
 
 
 def _compare_force(toolpath: Toolpath, shift: ExportedShift, options: PlanOptions) -> ShiftComparison:
-    """Force of the file against the options' along the toolpath, at the length of the list that fits it best."""
+    """Force of the file against the options' along the toolpath, at the lengths of the list that fit it best."""
     name, o = "process force", options.force
     if not o.given:
         return ShiftComparison(
@@ -194,10 +198,9 @@ def _compare_force(toolpath: Toolpath, shift: ExportedShift, options: PlanOption
     size = float(np.sqrt(o.travel**2 + o.normal**2 + o.axial**2))
     if toolpath.force is not None:
         size = max(size, float(np.nan_to_num(np.linalg.norm(toolpath.force, axis=1)).max()))
-    off = [
-        np.linalg.norm(shift.force - compute_process_force(toolpath, shift.index, o, n), axis=1)
-        for n in WINDOW_LENGTHS_M
-    ]
+    shares = [compute_engaged_share(toolpath, shift.index, n) for n in WINDOW_LENGTHS_M]
+    means = [compute_mean_force(toolpath, shift.index, o, n) for n in WINDOW_LENGTHS_M]
+    off = [np.linalg.norm(shift.force - share[:, None] * mean, axis=1) for mean in means for share in shares]
     best = min(off, key=lambda values: float(values.max()))
     return ShiftComparison(
         name=name, unit="N", limit=FORCE_TOLERANCE * size, values=best, where=tuple(f"point {k:g}" for k in shift.index)

@@ -1,9 +1,10 @@
 """Process force for the check of a compensated path, recomputed piece by piece along the toolpath.
 
 The law is the one that machopt states for its compensation. A mean over 2ℓ of the force along the run (outside the cuts
-that of the nearest one), times a share that fades over ℓ away from the cuts and at ends of a run that is only come from
-or gone to. The sideways direction of the force is that of the travel across the tool axis, and within 10° of the axis
-it is blended into that of the next place that travels across (else the last; else the workpiece x axis).
+that of the nearest one), times a share that fades over λ away from the cuts and at ends of a run that is only come from
+or gone to. Between two cuts no more than 2λ apart the share is 1. The sideways direction of the force is that of the
+travel across the tool axis, and within 10° of the axis it is blended into that of the next place that travels across
+(else the last; else the workpiece x axis).
 """
 
 from __future__ import annotations
@@ -52,6 +53,19 @@ def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce,
         force: The force of the cut: along, across and axial components, N.
         length: Path length over which the force fades and turns, m.
     """
+    share = compute_engaged_share(toolpath, index, length)
+    return np.asarray(share[:, None] * compute_mean_force(toolpath, index, force, length))
+
+
+def compute_mean_force(toolpath: Toolpath, index: Array, force: ProcessForce, length: float) -> Array:
+    """Return the (P, 3) mean of the force over ± a length of path in the workpiece frame, N; zero in runs without one.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        index: (P,) fractional toolpath points.
+        force: The force of the cut: along, across and axial components, N.
+        length: Path length over which the force turns, m.
+    """
     out = np.zeros((len(index), 3))
     for first, last in list_runs(toolpath):
         rows = np.flatnonzero((index >= first - 1e-9) & (index <= last + 1e-9))
@@ -61,10 +75,26 @@ def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce,
         table = _RunForce(pieces, force)
         places = np.interp(index[rows], np.arange(first, last + 1), at)
         for row, s in zip(rows.tolist(), places.tolist(), strict=True):
-            share = _compute_share(pieces, s, length)
-            if share > 0:
-                window = s + length * ((np.arange(WINDOW_PIECES) + 0.5) / WINDOW_PIECES * 2 - 1)
-                out[row] = share * table.compute_force(window).mean(axis=0)
+            window = s + length * ((np.arange(WINDOW_PIECES) + 0.5) / WINDOW_PIECES * 2 - 1)
+            out[row] = table.compute_force(window).mean(axis=0)
+    return out
+
+
+def compute_engaged_share(toolpath: Toolpath, index: Array, length: float) -> Array:
+    """Return the (P,) share of the force that is left away from the cuts, 0 to 1.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        index: (P,) fractional toolpath points.
+        length: Path length over which the force fades, m.
+    """
+    out = np.zeros(len(index))
+    for first, last in list_runs(toolpath):
+        rows = np.flatnonzero((index >= first - 1e-9) & (index <= last + 1e-9))
+        pieces, at = list_run_pieces(toolpath, first, last)
+        if pieces.cut.any():
+            places = np.interp(index[rows], np.arange(first, last + 1), at)
+            out[rows] = [_compute_share(pieces, s, length) for s in places.tolist()]
     return out
 
 
@@ -139,7 +169,8 @@ def list_run_pieces(toolpath: Toolpath, first: int, last: int) -> tuple[RunPiece
 def _compute_share(pieces: RunPieces, s: float, length: float) -> float:
     starts, ends = pieces.start[pieces.cut], pieces.end[pieces.cut]
     away = float(np.maximum(np.maximum(starts - s, s - ends), 0.0).min())
-    share = 1.0 - away / length
+    between = (ends[:-1] <= s) & (s <= starts[1:]) & (starts[1:] - ends[:-1] <= 2.0 * length)
+    share = 1.0 if between.any() else 1.0 - away / length
     last = float(pieces.end[-1])
     if not pieces.cut[0] and float(starts[0]) >= length:  # a shorter way in has no room for a ramp
         share = min(share, s / length)
