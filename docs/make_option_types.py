@@ -25,6 +25,7 @@ from machopt.cell_setup.template.init_request import InitRequest
 from machopt.measurement.cutting.request import ProcessRequest
 from machopt.measurement.design.request import PosesRequest
 from machopt.measurement.diagnosis.request import DiagnoseRequest
+from machopt.measurement.identification.frequency_response.request import FrequencyResponseRequest
 from machopt.measurement.identification.request import IdentifyRequest
 from machopt.options.option_schema import OptionKeys
 from machopt.toolpath.toolpath_reader import read_toolpath
@@ -33,6 +34,7 @@ from machopt.workspace_map.request import MapRequest
 MODULE = Path(__file__).resolve().parents[1] / "machopt" / "api" / "option_types.py"
 REQUESTS: tuple[tuple[str, str, type[Any], tuple[str, ...]], ...] = (
     ("IdentifyOptions", "machopt.identify", IdentifyRequest, ()),
+    ("FrequencyResponseOptions", "machopt.identify_frequency_responses", FrequencyResponseRequest, ()),
     ("CuttingCoefficientsOptions", "machopt.fit_cutting_coefficients", ProcessRequest, ()),
     ("DiagnoseOptions", "machopt.diagnose", DiagnoseRequest, ()),
     ("PlanPosesOptions", "machopt.plan_poses", PosesRequest, ()),

@@ -14,6 +14,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+import machopt
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.process_file import load_process
 from machopt.cell.stiffness.stiffness_file import load_stiffness
@@ -183,8 +184,11 @@ def test_a_joint_that_is_not_excited_gets_a_bound_and_no_interval(tmp_path: Path
     """In a pose with a plane of symmetry, forces in the plane move joints 2, 3 and 5 only."""
     out = tmp_path / "out"
     folder = record(tmp_path / "r", build_rows(((2, 2), (0, 0)), poses=1))
-    assert main(["identify", str(CELL), str(folder), "-o", str(out), "--quiet"]) == 0
+    identified = machopt.identify_frequency_responses(CELL, folder)
+    assert identified.save(out) == out / "stiffness.yaml"
     found = json.loads((out / "frequency_response.json").read_text(encoding="utf-8"))
+    assert identified.is_identified == tuple(joint["identified"] for joint in found["joints"])
+    np.testing.assert_allclose(identified.joint_damping, [joint["damping"] for joint in found["joints"]], rtol=1e-9)
     loose = [joint for joint in found["joints"] if not joint["identified"]]
     assert {1, 4} <= {joint["joint"] for joint in loose}
     assert all("do not determine" in joint["reason"] for joint in loose)
@@ -193,6 +197,9 @@ def test_a_joint_that_is_not_excited_gets_a_bound_and_no_interval(tmp_path: Path
         assert high is None
         assert low < SPRINGS[joint["joint"] - 1]
     written = load_stiffness(out / "stiffness.yaml")
+    np.testing.assert_allclose(identified.joint_stiffness, written.joints, rtol=1e-9)
+    with pytest.raises(machopt.InputError, match="level_percent"):
+        machopt.identify_frequency_responses(CELL, folder, level_percent=20.0)
     assert written.covariance is not None
     for joint in loose:
         n = joint["joint"] - 1

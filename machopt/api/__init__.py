@@ -21,6 +21,7 @@ from machopt.api.cell import Cell
 from machopt.api.cutting_coefficients import CuttingCoefficients, fit_cutting_coefficients
 from machopt.api.diagnosis import Diagnosis, diagnose
 from machopt.api.figure import Figure
+from machopt.api.frequency_responses import FrequencyResponseIdentification, identify_frequency_responses
 from machopt.api.identification import Identification, identify
 from machopt.api.placement import Placement, place
 from machopt.api.plan import Plan, optimize
@@ -34,6 +35,7 @@ __all__ = [
     "CuttingCoefficients",
     "Diagnosis",
     "Figure",
+    "FrequencyResponseIdentification",
     "Identification",
     "Map",
     "Placement",
@@ -45,6 +47,7 @@ __all__ = [
     "diagnose",
     "fit_cutting_coefficients",
     "identify",
+    "identify_frequency_responses",
     "map",
     "optimize",
     "place",

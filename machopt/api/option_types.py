@@ -76,6 +76,15 @@ class IdentifyOptions(TypedDict, total=False):
     overwrite: bool  # default False
 
 
+class FrequencyResponseOptions(TypedDict, total=False):
+    """Options of ``machopt.identify_frequency_responses``."""
+
+    level_percent: float  # default 90.0
+    seed: int  # default 0
+    tables: str  # default 'csv'
+    overwrite: bool  # default False
+
+
 class CuttingCoefficientsOptions(TypedDict, total=False):
     """Options of ``machopt.fit_cutting_coefficients``."""
 

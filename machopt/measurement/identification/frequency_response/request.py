@@ -51,9 +51,7 @@ def convert_identify_request(request: IdentifyRequest) -> FrequencyResponseReque
             f"found {len(request.recordings)} recordings; expected one of kind frf with all files in its list data",
             where="RECORDING",
         )
-    if not 50.0 <= request.level_percent < 100.0:
-        raise OptionError(f"found {request.level_percent:g}; 50 to below 100 would work", where="--level")
-    return FrequencyResponseRequest(
+    converted = FrequencyResponseRequest(
         cell=request.cell,
         recording=request.recordings[0],
         out=request.out,
@@ -63,3 +61,18 @@ def convert_identify_request(request: IdentifyRequest) -> FrequencyResponseReque
         tables=request.tables,
         overwrite=request.overwrite,
     )
+    check_frequency_response_request(converted)
+    return converted
+
+
+def check_frequency_response_request(request: FrequencyResponseRequest) -> None:
+    """Check a request.
+
+    Args:
+        request: The request.
+
+    Raises:
+        OptionError: Names the option, the value found and what would be accepted.
+    """
+    if not 50.0 <= request.level_percent < 100.0:
+        raise OptionError(f"found {request.level_percent:g}; 50 to below 100 would work", where="--level")
