@@ -327,15 +327,16 @@ def mark_dominated_plans(points: list[FrontPlan]) -> list[FrontPlan]:
     """Return the points with ``dominated`` set, by significant differences (INDEX, TIME, TRAVEL, CLEARANCE).
 
     A plan is dominated by one that is worse in nothing and better in something; of two equal ones the later is
-    dominated.
+    dominated, unless the earlier is worse by however little and better in nothing.
     This equality is not transitive. Dominated plans are therefore removed one by one, the last first, and the others
-    are
-    compared with the remaining ones, so that at least one plan remains.
+    are compared with the remaining ones, so that at least one plan remains.
 
     Args:
         points: plans of the front, the requested one first.
     """
-    remaining = list(range(len(points)))
+    remaining = [
+        b for b, own in enumerate(points) if not any(_is_better(other, own) for other in points if other is not own)
+    ]
 
     def beaten(a: int, b: int, *, alike: bool) -> bool:
         """Plan b by plan a."""
@@ -347,3 +348,9 @@ def mark_dominated_plans(points: list[FrontPlan]) -> list[FrontPlan]:
             if b in remaining and any(beaten(a, b, alike=alike) for a in remaining if a != b):
                 remaining.remove(b)
     return [replace(p, dominated=k not in remaining) for k, p in enumerate(points)]
+
+
+def _is_better(plan: FrontPlan, other: FrontPlan) -> bool:
+    """Return whether a plan is worse in nothing, not even by an insignificant difference, and better in something."""
+    loss = plan.worse(other)
+    return max(loss) <= 0.0 and min(loss) < 1.0 - SAME
