@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,8 +28,9 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     minimise_bounded_quadratics,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search import forward_selection, kept_searches
-from machopt.measurement.diagnosis.model_selection.search.kept_searches import KeptSearches
+from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_cache
+from machopt.measurement.diagnosis.model_selection.search.search_cache import SearchCache
+from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.statistics import holdout_residuals, normal_equations_by_fold, replicate_noise
 from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
@@ -442,27 +444,27 @@ def test_what_a_law_keeps_of_itself_is_of_its_own_readings() -> None:
         other.with_law(one, 0)
 
 
-def test_models_with_laws_are_kept_and_equal_those_built_step_by_step() -> None:
+def test_models_extended_by_laws_are_cached_and_equal_those_built_step_by_step() -> None:
     problem, column = build_synthetic_problem(7, extra=12e-6)
     rng = np.random.default_rng(7)
     n = ReplicateNoise(np.array([OWN]), np.array([CYCLE]), np.array([VISIT]), GAIN, True)
     base, _ = build_base_model(problem, build_whitening(problem, n, np.ones(len(problem), bool)), rng)
     prior = replace(law(rng.standard_normal(column.shape), "known"), prior_sigma=1e-6)
     laws = [(t, 0) for t in whiten_hypotheses(base, [*catalogue(column, rng).hypotheses, prior])]
-    assert base.with_laws([]) is base
-    pair = base.with_laws(laws[-2:])
-    assert base.with_laws(laws[-2:]) is pair
+    assert base.extend_by_laws([]) is base
+    pair = base.extend_by_laws(laws[-2:])
+    assert base.extend_by_laws(laws[-2:]) is pair
     step = base.with_law(*laws[-2], held=True).with_law(*laws[-1], held=True)
     for a, b in ((pair.XX, step.XX), (pair.Xy, step.Xy), (pair.prior, step.prior), (pair.X, step.X)):
         np.testing.assert_array_equal(a, b)
     for k in range(len(laws)):
-        base.with_laws(laws[: k + 1])
-    assert base.with_laws(laws[-2:]) is pair  # few and small models are all kept
+        base.extend_by_laws(laws[: k + 1])
+    assert base.extend_by_laws(laws[-2:]) is pair  # few and small models are all cached
     for a in laws:
         for b in laws:
-            base.with_laws([a, b])
+            base.extend_by_laws([a, b])
     assert len(base.extensions) == normal_equations_by_fold.MOST_EXTENSIONS
-    assert base.with_laws(laws[-2:]) in base.extensions.values()
+    assert base.extend_by_laws(laws[-2:]) in base.extensions.values()
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -489,24 +491,44 @@ def test_the_selected_law_is_the_best_of_all_that_are_supported(seed: int) -> No
 
 
 @pytest.mark.slow
-def test_a_kept_search_gives_the_result_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cached_search_is_not_run_again_and_gives_the_result_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, column = build_synthetic_problem(201, extra=12e-6)
     offered = catalogue(column, np.random.default_rng(1), 4)
-    searches = KeptSearches()
+    cache, runs = SearchCache(), []
+    search = selection_pipeline.search_iteratively
 
-    def run(searches: KeptSearches | None, key: str = "same", most: int = 3) -> DiagnosisResult:
-        options = selection_pipeline.DiagnosisOptions(max_effects=most, searches=searches)
+    def count(*given: Any) -> SearchState:
+        runs.append(1)
+        return search(*given)
+
+    monkeypatch.setattr(selection_pipeline, "search_iteratively", count)
+
+    def run(searches: SearchCache | None, key: str = "same") -> DiagnosisResult:
+        options = selection_pipeline.DiagnosisOptions(max_effects=3, searches=searches)
         return selection_pipeline.diagnose_problem(problem, offered, options, np.random.default_rng(5), key=key)
 
-    first, kept, new = run(searches), run(searches), run(None)
-    for other in (kept, new):
+    first, again = run(cache), run(cache)
+    assert len(runs) == 1
+    new = run(None)
+    assert len(runs) == 2
+    for other in (again, new):
         assert (other.verdict, other.heldout_after) == (first.verdict, first.heldout_after)
         assert [(f.effect, f.p_value, f.parameters) for f in other.findings] == [
             (f.effect, f.p_value, f.parameters) for f in first.findings
         ]
         assert repr(other.proof) == repr(first.proof)
-    assert searches.find_state("same") is not None
-    assert searches.find_state("other") is None
-    monkeypatch.setattr(kept_searches, "MOST_KEPT_BYTES", 0)
-    run(searches, "large")
-    assert searches.find_state("large") is None
+    state = cache.find_state("same")
+    assert state is not None
+    assert cache.find_state("other") is None
+    size = search_cache._measure_bytes(state.whitened_hypotheses[0])
+    assert size > state.whitened_hypotheses[0].X.nbytes  # the products count
+    total = sum(search_cache._measure_bytes(t) for t in state.whitened_hypotheses)
+    monkeypatch.setattr(search_cache, "MAX_CACHED_BYTES", int(1.5 * total))  # room for one
+    cache.store_state("second", state)
+    assert cache.find_state("same") is None
+    assert cache.find_state("second") is state
+    monkeypatch.setattr(search_cache, "MAX_CACHED_BYTES", total - 1)  # room for none
+    cache.store_state("third", state)
+    assert cache.find_state("third") is None
+    cache.clear()
+    assert cache.find_state("second") is None

@@ -29,7 +29,7 @@ from machopt.measurement.diagnosis.diagnosis_pipeline import (
 )
 from machopt.measurement.diagnosis.effect_columns import user_hypotheses
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
-from machopt.measurement.diagnosis.model_selection.search.kept_searches import KeptSearches
+from machopt.measurement.diagnosis.model_selection.search.search_cache import SearchCache
 from machopt.measurement.diagnosis.outputs.diagnosis_document import build_diagnosis_document
 from machopt.measurement.diagnosis.outputs.extended_stiffness import (
     ExtendedStiffness,
@@ -86,13 +86,15 @@ def _diagnose_load_tests(
 ) -> tuple[DiagnosedRecording, ExtendedStiffness, ModelAssessment | None]:
     """Return the diagnosis of load tests, its model, and the assessment of the written files."""
     accept, seed = request.accept, request.seed
-    options = replace(options, searches=KeptSearches())
+    searches = SearchCache()
+    options = replace(options, searches=searches)
     useful = diagnose_with_useful_files(
         cell,
         lambda barred, unstated: diagnose_static_recording(
             cell, recording, options, laws, accept=accept, seed=seed, barred=barred, unstated=unstated
         ),
     )
+    searches.clear()
     found = replace(useful.found, diagnosis=state_written_errors(useful.found.diagnosis, useful.assessed))
     options.progress("what the model may still lack")
     made = replace(useful.made, after=add_model_uncertainty(cell, found, useful.made.after))

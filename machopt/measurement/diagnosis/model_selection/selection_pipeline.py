@@ -54,7 +54,7 @@ from machopt.measurement.diagnosis.model_selection.search.forward_selection impo
     SelectedEffect,
     add_selected_effects,
 )
-from machopt.measurement.diagnosis.model_selection.search.kept_searches import KeptSearches
+from machopt.measurement.diagnosis.model_selection.search.search_cache import SearchCache
 from machopt.measurement.diagnosis.model_selection.search.search_iterations import Rebuild, search_iteratively
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.statistics import holdout_residuals, instrument_uncertainty_check
@@ -73,7 +73,7 @@ class DiagnosisOptions:
     unstated: frozenset[tuple[str, str]] = frozenset()  # effects and places that stiffness.yaml cannot state
     is_static: bool = False  # readings at rest: stiffness.yaml and kinematics.yaml state the whole model
     progress: Callable[[str], None] = lambda _: None
-    searches: KeptSearches | None = None  # earlier searches of the same recording; None: each search is run
+    searches: SearchCache | None = None  # earlier searches of the same recording; None: each search is run
 
 
 def diagnose_problem(
@@ -94,7 +94,7 @@ def diagnose_problem(
         rebuild: Function that rebuilds problem and catalogue about fitted base coefficients (P,) SI and
             load-independent corrections, without implausible unknowns. It makes the iterations Gauss–Newton
             steps. None keeps them.
-        key: All that the search depends on, if its state may be kept in ``options.searches``.
+        key: All that the search depends on, if its state may be stored in ``options.searches``.
 
     Returns:
         The result.
@@ -115,7 +115,7 @@ def diagnose_problem(
         )
         found = attribution_guard.withhold_unsupported_names(found, np.random.default_rng([seed, 4]))
         if searches is not None:
-            searches.keep_state(key, found)
+            searches.store_state(key, found)
         return found
 
     return _build_diagnosis(search(), options, np.random.default_rng([seed, 1]))
@@ -157,7 +157,7 @@ class _VerdictReason:
 
 
 def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.random.Generator) -> DiagnosisResult:
-    """Build the result of a finished search; the columns of all laws are released before the validation."""
+    """Build the result of a finished search; columns of laws are released before the proof, unless they are cached."""
     options.progress("rivals and intervals")
     written_state = fold_fits.fix_unstated_unknowns(state) if options.is_static else state
     validated = _validate_findings(state, written_state, options, rng)
@@ -170,8 +170,9 @@ def _build_diagnosis(state: SearchState, options: DiagnosisOptions, rng: np.rand
         tuple(_list_base_coefficients(written_state, validated.written)),
         sum(len(t.shapes) for t in state.whitened_hypotheses),
     )
-    state = replace(state, whitened_hypotheses=())
-    state.base.extensions.clear()  # they contain columns of laws
+    state, written_state = (replace(one, whitened_hypotheses=()) for one in (state, written_state))
+    for one in (state, written_state):
+        one.base.extensions.clear()  # they contain columns of laws
     options.progress("proof on readings that no step saw")
     proof = validate_on_holdout(state, options.max_effects, rng) if validated.findings or validated.withdrawn else None
     result = _build_diagnosis_result(state, validated, judged, options.predicted)

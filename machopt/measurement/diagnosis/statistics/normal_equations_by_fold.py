@@ -188,7 +188,7 @@ class WhitenedModel:
         known = law.precision(shape) if held else None
         return self._grown(ModelColumns(None, law, shape), law.products_by_fold(self)[:, shape], own, known)
 
-    def with_laws(self, laws: Sequence[tuple[LawSums, int]]) -> WhitenedModel:
+    def extend_by_laws(self, laws: Sequence[tuple[LawSums, int]]) -> WhitenedModel:
         """Return the model with laws and their priors; the models used last are kept with their cached results.
 
         Args:

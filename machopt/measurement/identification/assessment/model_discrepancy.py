@@ -121,11 +121,11 @@ def _average_models(equations: NormalEquations, near: Sequence[LambdaLikelihood]
     share = np.exp(np.array([b[0] for b in near]) - max(b[0] for b in near))
     share /= share.sum()
     mean, second = np.zeros(len(h)), np.zeros_like(H)
-    part: _EquationsOfColumns | None = None
+    part: _ColumnEquations | None = None
     for w, (_, spread, _) in zip(share, near, strict=True):
         use, P = _select_possible_columns(H, spread)
         if part is None or not np.array_equal(part.use, use):
-            part = _EquationsOfColumns(use, equations)
+            part = _ColumnEquations(use, equations)
         S = np.asarray(np.linalg.inv(P), float)
         x = np.zeros(len(h))
         x[use] = S @ h[use]
@@ -282,7 +282,7 @@ def _compute_coefficient_scale(term: LinearTerm, p: int) -> float:
     return max(alike, default=0.0)
 
 
-class _EquationsOfColumns:
+class _ColumnEquations:
     """Normal equations of some columns by pose, and their sum; most models that are averaged share their columns.
 
     Args:
@@ -296,7 +296,7 @@ class _EquationsOfColumns:
         self.total = self.H.sum(axis=0)
 
 
-def _robustify_information(part: _EquationsOfColumns, S: Array, x: Array) -> Array:
+def _robustify_information(part: _ColumnEquations, S: Array, x: Array) -> Array:
     """Return S with a cluster-robust data part where that is larger."""
     scores = part.h - part.H @ x[part.use]
     more = S @ (scores.T @ scores - part.total) @ S

@@ -65,7 +65,7 @@ def compute_least_gain(model: WhitenedModel, s: FittedHypothesis) -> float:
 
     Args:
         model: Whitened base model.
-        s: Scored hypothesis.
+        s: Hypothesis fitted to all readings.
 
     Returns:
         Required gain.
@@ -127,7 +127,7 @@ def has_plausible_sizes(s: FittedHypothesis) -> bool:
     """Return whether the size of a fitted law is one that its effect can have.
 
     Args:
-        s: Scored hypothesis.
+        s: Hypothesis fitted to all readings.
 
     Returns:
         True if it can.
@@ -184,7 +184,7 @@ def _select_greedily(
 ) -> WhitenedModel:
     """Return the model with effects and the best supported hypotheses, without a chance level."""
     laws = [(c.whitened, c.scored.shape) for c in start]
-    extended, added = model.with_laws(laws), list[WhitenedHypothesis]()
+    extended, added = model.extend_by_laws(laws), list[WhitenedHypothesis]()
     for _ in range(most):
         taken = {t.hypothesis.name for t in added}
         fitted = fit_hypotheses(extended, [t for t in tried if t.hypothesis.name not in taken])
@@ -194,7 +194,7 @@ def _select_greedily(
         laws.append((best.whitened, best.shape))
         added.append(best.whitened)
         is_free = all(t.hypothesis.prior_sigma is None for t in added)  # else the prior would be applied
-        extended = model.with_laws(laws) if is_free else extended.with_law(best.whitened, best.shape)
+        extended = model.extend_by_laws(laws) if is_free else extended.with_law(best.whitened, best.shape)
     return extended
 
 
@@ -288,7 +288,7 @@ def add_selected_effects(model: WhitenedModel, chosen: Sequence[SelectedEffect])
     Returns:
         The extended model.
     """
-    return model.with_laws([(c.whitened, c.scored.shape) for c in chosen])
+    return model.extend_by_laws([(c.whitened, c.scored.shape) for c in chosen])
 
 
 @dataclass(frozen=True)
