@@ -11,6 +11,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+from output_damage.damage_case import update_manifest_hashes
 from test_cli import changed_cell, optimize, result
 
 from machopt.cell.cell_reader import load_cell
@@ -86,6 +87,8 @@ def test_the_command_writes_what_it_shifts(job: tuple[FilePath, FilePath, FilePa
     assert len(lin) >= len(table(path)) - 1
     # the feed is held as it was but at the corner, which is driven round a step of half a millimetre
     assert result(shifted)["feed_held_share"] > result(plain)["feed_held_share"] - 0.05  # type: ignore[operator]
+    assert found["length_mm"] in (5.0, 10.0, 20.0, 40.0)
+    assert found["fade_mm"] in (5.0, 10.0, 20.0, 40.0)
     for verdict in (result(plain), result(shifted)):
         assert verdict["verification"]["passed"]  # type: ignore[index]  # limits, feed, path, contacts
 
@@ -246,29 +249,63 @@ def test_pecked_holes_have_a_stated_residual(tmp_path: FilePath) -> None:
     assert 0.0 < found["residual_mean_mm"] < 0.5 * found["uncompensated_mean_mm"]
 
 
+def plan_pecks(folder: FilePath, rows: list[str], strength: tuple[float, float]) -> dict[str, float]:
+    """Compensate a pecked hole through two layers; ``strength``: kc1 of the upper and the lower one, N/mm²."""
+    (folder / "pecks.csv").write_text("x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "\n".join(rows) + "\n")
+    materials = ""
+    for name, kc1 in zip(("upper", "lower"), strength, strict=True):
+        law = f"kc1: {kc1}, mc: 0.25, chisel_N_mm2: {0.3 * kc1}"
+        spread = "thrust_spread_percent: 2, torque_spread_percent: 2, source: t"
+        materials += f"  {name}: {{drilling: {{{law}, {spread}}}}}\n"
+    (folder / "process.yaml").write_text(
+        f"machopt_process: 1\nmaterials:\n{materials}"
+        "operations:\n  default: {kind: drilling, spindle_rpm: 4000, depth_mm: 18,\n"
+        "    layers: [{material: upper, thickness_mm: 10}, {material: lower, thickness_mm: 7}]}\n"
+    )
+    given = ("--process", str(folder / "process.yaml"), "--compensate", "--set", "compensation_max_mm=9")
+    files = (str(ROOT / "cells" / "kr240_drilling"), str(folder / "pecks.csv"), "-o", str(folder / "out"))
+    assert main(["optimize", *files, *given, "--set", "rotation_step_deg=30", "--quiet"]) == 0
+    found: dict[str, float] = json.loads((folder / "out" / "result.json").read_text())["compensation"]
+    return found
+
+
+def list_pecks(tops: tuple[float, float]) -> list[str]:
+    """Cuts of the three strokes and the moves at feed between them, to a height after each."""
+    rows = []
+    for z, top in zip((16, 8), tops, strict=True):
+        rows += [f"-150,-200,{z},0,0,1,cut,420", f"-150,-200,{top},0,0,1,retract,3000"]
+        rows += [f"-150,-200,{z + 1},0,0,1,approach,3000"]
+    return [*rows, "-150,-200,0,0,0,1,cut,420", "-150,-200,40,0,0,1,retract,3000"]
+
+
 @pytest.mark.slow
 def test_pecks_of_different_thrust_that_are_left_at_feed_are_corrected_whole(tmp_path: FilePath) -> None:
     """The shift changes in the air between the pecks and holds in the cuts, also on the long way out."""
-    rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"]
-    rows += [f"-150,-200,{z},0,0,1,rapid," for z in (40, 25)]
-    for z in (16, 8):
-        rows += [f"-150,-200,{z},0,0,1,cut,420", "-150,-200,25,0,0,1,retract,3000"]
-        rows += [f"-150,-200,{z + 1},0,0,1,approach,3000"]
-    rows += ["-150,-200,0,0,0,1,cut,420", "-150,-200,40,0,0,1,retract,3000"]
-    (tmp_path / "pecks.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    drill = "thrust_spread_percent: 2, torque_spread_percent: 2, source: t"
-    (tmp_path / "process.yaml").write_text(
-        f"machopt_process: 1\nmaterials:\n  al: {{drilling: {{kc1: 800, mc: 0.25, chisel_N_mm2: 300, {drill}}}}}\n"
-        f"  ti: {{drilling: {{kc1: 2110, mc: 0.22, chisel_N_mm2: 600, {drill}}}}}\n"
-        "operations:\n  default: {kind: drilling, spindle_rpm: 4000, depth_mm: 18,\n"
-        "    layers: [{material: al, thickness_mm: 10}, {material: ti, thickness_mm: 7}]}\n",
-        encoding="utf-8",
-    )
-    out = tmp_path / "out"
-    options = ("--process", str(tmp_path / "process.yaml"), "--compensate", "--set", "compensation_max_mm=9")
-    given = (*options, "--set", "rotation_step_deg=30", "--quiet")
-    files = (str(ROOT / "cells" / "kr240_drilling"), str(tmp_path / "pecks.csv"), "-o", str(out))
-    assert main(["optimize", *files, *given]) == 0
-    found = json.loads((out / "result.json").read_text(encoding="utf-8"))["compensation"]
+    rows = [f"-150,-200,{z},0,0,1,rapid," for z in (40, 25)]
+    found = plan_pecks(tmp_path, [*rows, *list_pecks((25, 25))], (800, 2000))
     assert found["uncompensated_mean_mm"] > 1.0
     assert found["residual_max_mm"] < 0.01
+
+
+@pytest.mark.slow
+def test_the_fade_is_lengthened_only_where_the_shift_fades(
+    tmp_path: FilePath, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Between the last two pecks the shift turns too quickly; a longer fade would only cost the approach its ramp."""
+    rows = [f"-150,-200,{z},0,0,1,rapid," for z in (60, 45)] + ["-150,-200,20,0,0,1,approach,3000"]
+    found = plan_pecks(tmp_path, [*rows, *list_pecks((25, 14))], (100, 1300))
+    assert (found["length_mm"], found["fade_mm"]) == (10.0, 20.0)
+    first = [r for r in table(tmp_path / "out" / "compensation.csv") if float(r["point"]) == 1.0]
+    assert len(first) == 1
+    assert all(float(first[0][f"d{c}_mm"]) == 0.0 for c in "xyz")  # the approach of 28 mm begins unshifted
+    file = tmp_path / "out" / "result.json"
+    text = file.read_text(encoding="utf-8")
+    for name in ("length_mm", "fade_mm"):
+        document = json.loads(text)
+        document["compensation"][name] = 40.0
+        file.write_text(json.dumps(document), encoding="utf-8")
+        update_manifest_hashes(tmp_path / "out")
+        given = (str(ROOT / "cells" / "kr240_drilling"), str(tmp_path / "pecks.csv"), str(tmp_path / "out"))
+        process = ("--process", str(tmp_path / "process.yaml"))
+        assert main(["verify", *given, *process, "--quiet"]) == 4
+        assert "turns and fades" in capsys.readouterr().err

@@ -193,7 +193,8 @@ class PositionErrorSection(DocumentModel):
 class CompensationSection(DocumentModel):
     """The shift and what it is predicted to leave: by the model, and with what is known of the model's error."""
 
-    length_mm: Known
+    length_mm: Known  # over which the shift turns at a corner; the longest of the tools
+    fade_mm: Known = None  # over which it fades in and out; the longest of the tools
     max_mm: Number
     mean_mm: Number
     uncompensated_mean_mm: Number

@@ -11,6 +11,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.steering_rules import list_constrained_points
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.compensation.shifted_path import LENGTHS, STEEPEST, compute_offset_slope, rescore_plan, shift_path
+from machopt.planning.cost.process_force_direction import compute_engaged_share
 from machopt.planning.cost.stiffness_index import compute_load_directions
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
@@ -22,8 +23,8 @@ from machopt.planning.stations.tilt_curve import get_tilt_curve
 def compensate_plan(plan: Plan, toolpath: Toolpath) -> Plan:
     """Return the plan for the path shifted against its deflection, with the same rotation.
 
-    Points that cannot be shifted carry a reason. The shift turns and fades over the smallest of LENGTHS at which its
-    slope is nowhere above STEEPEST.
+    Points that cannot be shifted carry a reason. The shift turns and fades over the shortest of LENGTHS. While its
+    slope is above STEEPEST somewhere, the next length is taken: to fade where the steepest step fades, else to turn.
 
     Args:
         plan: finished plan without compensation.
@@ -39,7 +40,8 @@ def compensate_plan(plan: Plan, toolpath: Toolpath) -> Plan:
         steepest = int(slope.argmax())
         if slope[steepest] <= STEEPEST:
             return found
-        if fade < len(LENGTHS) - 1 and (not fine.path.counted[steepest] or turn == len(LENGTHS) - 1):
+        share = compute_engaged_share(fine.path, LENGTHS[fade])
+        if fade < len(LENGTHS) - 1 and min(share[steepest - 1], share[steepest]) < 1.0:
             fade += 1
         elif turn < len(LENGTHS) - 1:
             turn += 1

@@ -9,14 +9,14 @@ corner over 2ℓ. With S = max |d(f)|,
 
     |δ(s₁) − δ(s₂)| ≤ (S/ℓ + S/λ + |dC/ds| |f|) |s₁ − s₂|
 
-(C the compliance, which changes with the pose). ℓ and λ are the smallest of LENGTHS at which no step exceeds STEEPEST:
-λ grows where the steepest step lies in the air, ℓ where it lies in a cut, or where λ is at its end.
+(C the compliance, which changes with the pose). ℓ and λ begin with the shortest of LENGTHS. While a step exceeds
+STEEPEST, λ grows where the steepest one lies in a fade, else ℓ.
 A run that begins or ends with a cut (a hole drilled straight from a rapid move) is shifted from its first point on: the
 rapid move goes to the shifted point, and the drill enters straight.
 
 A shift is refused, with point and numbers, if it is larger than ``compensation_max``, larger than the deflection it
-corrects (the greatest within 2ℓ), or steeper than STEEPEST at the greatest ℓ. :func:`compute_residual` returns the
-residual that a shift without jumps leaves at corners.
+corrects (the greatest within twice the longer of ℓ and λ), or steeper than STEEPEST at the last lengths.
+:func:`compute_residual` returns the residual that a shift without jumps leaves at corners.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def shift_path(plan: Plan, length: float, fade: float | None = None) -> Plan:
         after = solve_joint_path(moved, setup.arm, setup.robot, before.phi, before.q)
     reason, check, notes = after.reason.copy(), plan.check, dict(plan.notes)
     keep = before.reason != InfeasibilityReason.OK  # excluded points stay excluded
-    for p, why in _refused(plan, offset, length if fade is None else max(length, fade)).items():
+    for p, why in _refused(plan, offset, length, length if fade is None else fade).items():
         if reason[p] == InfeasibilityReason.OK:
             reason[p], notes[p] = InfeasibilityReason.SHIFT, why
     reason[keep] = before.reason[keep]
@@ -126,11 +126,11 @@ def _filled(path: PlanningPath, offset: Array, there: NDArray[np.bool_]) -> Arra
     return out
 
 
-def _refused(plan: Plan, offset: Array, length: float) -> dict[int, str]:
+def _refused(plan: Plan, offset: Array, length: float, fade: float) -> dict[int, str]:
     """Return the planning points whose shift is refused, with the reason."""
     path, most = plan.path, plan.options.compensation_max
     size, slope = np.linalg.norm(offset, axis=1), compute_offset_slope(path, offset)
-    deflection = _nearby(path, plan, length)
+    deflection = _nearby(path, plan, 2.0 * max(length, fade))
     out = {}
     for p in np.flatnonzero((size > most) | (slope > STEEPEST) | (size > MENDS * deflection + NOTHING)):
         message = f"the shift against the deflection is refused: it is {1e3 * size[p]:.3f} mm"
@@ -143,8 +143,8 @@ def _refused(plan: Plan, offset: Array, length: float) -> dict[int, str]:
     return out
 
 
-def _nearby(path: PlanningPath, plan: Plan, length: float) -> Array:
-    """Return the (P,) greatest deflection in m within 2ℓ of each point, along its run."""
+def _nearby(path: PlanningPath, plan: Plan, reach: float) -> Array:
+    """Return the (P,) greatest deflection in m within a reach in m of each point, along its run."""
     q, ok = plan.chosen.assignment.q, np.isfinite(plan.chosen.assignment.q).all(axis=1)
     bent = np.zeros(len(q))
     rows = np.flatnonzero(ok)
@@ -156,7 +156,7 @@ def _nearby(path: PlanningPath, plan: Plan, length: float) -> Array:
     way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))]
     for first, last in path.runs:
         s = way[first : last + 1]
-        a, b = np.searchsorted(s, s - 2 * length), np.searchsorted(s, s + 2 * length, side="right")
+        a, b = np.searchsorted(s, s - reach), np.searchsorted(s, s + reach, side="right")
         a, b = np.maximum(a - 1, 0), np.minimum(b + 1, len(s))  # and the points just outside, for interpolation
         out[first : last + 1] = [bent[first + i : first + j].max() for i, j in zip(a, b, strict=True)]
     return out

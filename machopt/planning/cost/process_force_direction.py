@@ -100,6 +100,22 @@ def compute_engaged_force(path: PlanningPath, force: ProcessForce, length: float
     return out
 
 
+def compute_engaged_share(path: PlanningPath, fade: float) -> Array:
+    """Return (P,) a at every planning point, 0 in runs without a force.
+
+    Args:
+        path: planning points.
+        fade: m, λ.
+    """
+    path = path.programmed
+    out = np.zeros(len(path.position))
+    for first, last in path.runs:
+        run = _Run(path, first, last)
+        if len(run.loaded):
+            out[first : last + 1] = run.share(fade)
+    return out
+
+
 class _Run:
     """One run parameterised by its length."""
 
@@ -174,20 +190,20 @@ class _Run:
         own = None if self.own is None else self.own[move + 1]
         return compute_process_force(axis, self.direction(move, axis), force, own)
 
-    def share(self, length: float) -> Array:
+    def share(self, fade: float) -> Array:
         """Return (n,) a.
 
         Args:
-            length: m, ℓ.
+            fade: m, λ.
         """
-        is_apart = self.cuts[1:, 0] - self.cuts[:-1, 1] > 2.0 * length
+        is_apart = self.cuts[1:, 0] - self.cuts[:-1, 1] > 2.0 * fade
         held = np.column_stack([self.cuts[np.r_[True, is_apart], 0], self.cuts[np.r_[is_apart, True], 1]])
         away = np.abs(_move_into(self.s, held) - self.s)
-        out = np.clip(1.0 - away / length, 0.0, 1.0)
-        if self.comes and self.cuts[0, 0] >= length:
-            out = np.minimum(out, self.s / length)
-        if self.goes and self.s[-1] - self.cuts[-1, 1] >= length:
-            out = np.minimum(out, (self.s[-1] - self.s) / length)
+        out = np.clip(1.0 - away / fade, 0.0, 1.0)
+        if self.comes and self.cuts[0, 0] >= fade:
+            out = np.minimum(out, self.s / fade)
+        if self.goes and self.s[-1] - self.cuts[-1, 1] >= fade:
+            out = np.minimum(out, (self.s[-1] - self.s) / fade)
         return np.asarray(out)
 
 

@@ -211,9 +211,12 @@ def build_compensation_section(the_plan: Plan, toolpath: Toolpath) -> optimize_d
     )
     if found is None:
         return None
-    length = the_plan.compensation.length if the_plan.compensation else float("nan")
+    length, fade = (
+        (the_plan.compensation.length, the_plan.compensation.fade) if the_plan.compensation else (np.nan, np.nan)
+    )
     return optimize_document.CompensationSection(
         length_mm=1e3 * length,
+        fade_mm=1e3 * fade,
         max_mm=1e3 * found.shift_worst,
         mean_mm=1e3 * found.shift_mean,
         uncompensated_mean_mm=1e3 * found.uncompensated,

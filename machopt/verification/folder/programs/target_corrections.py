@@ -53,7 +53,7 @@ def tilt_commanded_path(tilt: ToolTilt | None, path: CommandedPath) -> Commanded
 
 
 def turn_samples_back(tilt: ToolTilt | None, tcp: Array, index: Array) -> Array:
-    """Return poses of the motion (S, 4, 4) turned back to the axes of the CAM file.
+    """Return poses of the motion (S, 3, 4) turned back to the axes of the CAM file.
 
     Args:
         tilt: Tilt of the tool; None: there is none.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from machopt.data_types.documents.optimize_document import (
     ChoiceObjectiveSection,
+    CompensationSection,
     ExternalSearchBoundSection,
     MeanGainEntry,
     ObjectivePartsSection,
@@ -26,6 +27,7 @@ from machopt.verification.folder.result_json.comparison_inputs import (
     require_number,
 )
 from machopt.verification.folder.result_json.rapid_terms import check_rapid_terms
+from machopt.verification.motion.checks.compensation_shift import compute_force_errors, compute_force_tolerance
 from machopt.verification.tables.csv_columns import read_columns
 
 PRINTED_TOLERANCE = 2e-6  # relative: tables print seven significant digits
@@ -220,6 +222,25 @@ def check_compensation(t: ResultComparison) -> Iterable[str]:
     for small, large in (("mean_mm", "max_mm"), ("residual_mean_mm", "residual_max_mm")):
         if not 0.0 <= getattr(stated, small) <= getattr(stated, large) * (1 + PRINTED_TOLERANCE):
             yield f"compensation.{small} is not between nothing and {large}"
+    yield from _check_force_lengths(t, stated, columns)
+
+
+def _check_force_lengths(
+    t: ResultComparison, stated: CompensationSection, columns: Mapping[str, list[str]]
+) -> Iterable[str]:
+    """The force of compensation.csv turns and fades over the stated lengths; a job with several tools has several."""
+    segments, options = t.segments
+    if stated.fade_mm is None or stated.length_mm is None or len(segments) > 1 or not options.force.given:
+        return
+    toolpath = segments[0].toolpath
+    force = np.array([columns[f"f{c}_N"] for c in "xyz"], float).T
+    errors = compute_force_errors(toolpath, np.array(columns["point"], float), force, options)
+    off = errors.get((round(1e-3 * stated.length_mm, 9), round(1e-3 * stated.fade_mm, 9)))
+    if off is None or not off.max() <= compute_force_tolerance(toolpath, options):
+        yield (
+            f"compensation.length_mm {stated.length_mm:g} and fade_mm {stated.fade_mm:g} are not those over which the "
+            "force of compensation.csv turns and fades"
+        )
 
 
 def check_trade_off_front(t: ResultComparison) -> Iterable[str]:

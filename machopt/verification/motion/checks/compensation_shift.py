@@ -195,16 +195,45 @@ def _compare_force(toolpath: Toolpath, shift: ExportedShift, options: PlanOption
             where=(),
             not_run="no force is given here; --set force_N={…} as in the run would",
         )
+    off = compute_force_errors(toolpath, shift.index, shift.force, options)
+    best, limit = min(off.values(), key=lambda values: float(values.max())), compute_force_tolerance(toolpath, options)
+    return ShiftComparison(
+        name=name, unit="N", limit=limit, values=best, where=tuple(f"point {k:g}" for k in shift.index)
+    )
+
+
+def compute_force_tolerance(toolpath: Toolpath, options: PlanOptions) -> float:
+    """Return by how much a stated force may miss the recomputed one, N.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        options: The planning options in force.
+    """
+    o = options.force
     size = float(np.sqrt(o.travel**2 + o.normal**2 + o.axial**2))
     if toolpath.force is not None:
         size = max(size, float(np.nan_to_num(np.linalg.norm(toolpath.force, axis=1)).max()))
-    shares = [compute_engaged_share(toolpath, shift.index, n) for n in WINDOW_LENGTHS_M]
-    means = [compute_mean_force(toolpath, shift.index, o, n) for n in WINDOW_LENGTHS_M]
-    off = [np.linalg.norm(shift.force - share[:, None] * mean, axis=1) for mean in means for share in shares]
-    best = min(off, key=lambda values: float(values.max()))
-    return ShiftComparison(
-        name=name, unit="N", limit=FORCE_TOLERANCE * size, values=best, where=tuple(f"point {k:g}" for k in shift.index)
-    )
+    return FORCE_TOLERANCE * size
+
+
+def compute_force_errors(
+    toolpath: Toolpath, index: Array, force: Array, options: PlanOptions
+) -> dict[tuple[float, float], Array]:
+    """Return by how much a stated force misses the recomputed one, (P,) N, for each pair of lengths to turn and fade.
+
+    Args:
+        toolpath: The toolpath, points in the workpiece frame, SI.
+        index: (P,) fractional toolpath indices.
+        force: (P, 3) N in workpiece, the stated force.
+        options: The planning options in force.
+    """
+    shares = {fade: compute_engaged_share(toolpath, index, fade) for fade in WINDOW_LENGTHS_M}
+    means = {turn: compute_mean_force(toolpath, index, options.force, turn) for turn in WINDOW_LENGTHS_M}
+    return {
+        (turn, fade): np.linalg.norm(force - share[:, None] * mean, axis=1)
+        for turn, mean in means.items()
+        for fade, share in shares.items()
+    }
 
 
 def _compare_deflection(

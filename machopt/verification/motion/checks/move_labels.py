@@ -177,7 +177,7 @@ def _compute_rotation_error(
     tcp: Array,
     rows: NDArray[np.intp],
 ) -> Array:
-    """(M,) rad by which some rows (M,) with TCP poses (M, 4, 4) miss the nearest rotation that the path gives them."""
+    """(M,) rad by which some rows (M,) with TCP poses (M, 3, 4) miss the nearest rotation that the path gives them."""
     s = np.clip(motion.point[rows], 0.0, len(toolpath) - 1)
     off = np.full(len(rows), np.inf)
     for leaving in (False, True):

@@ -44,19 +44,6 @@ class RunPieces:
         return self.cut if self.force is None else self.cut & (self.force != 0.0).any(axis=1)
 
 
-def compute_process_force(toolpath: Toolpath, index: Array, force: ProcessForce, length: float) -> Array:
-    """Return the (P, 3) process force in the workpiece frame, N.
-
-    Args:
-        toolpath: The toolpath, points in the workpiece frame, SI.
-        index: (P,) fractional toolpath points.
-        force: The force of the cut: along, across and axial components, N.
-        length: Path length over which the force fades and turns, m.
-    """
-    share = compute_engaged_share(toolpath, index, length)
-    return np.asarray(share[:, None] * compute_mean_force(toolpath, index, force, length))
-
-
 def compute_mean_force(toolpath: Toolpath, index: Array, force: ProcessForce, length: float) -> Array:
     """Return the (P, 3) mean of the force over ± a length of path in the workpiece frame, N; zero in runs without one.
 

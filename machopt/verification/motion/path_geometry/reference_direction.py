@@ -42,7 +42,7 @@ class PathDirections:
         """Return the (M, 2) rotation about the TCP's own z from either reference, projected across z, rad.
 
         Args:
-            tcp: (M, 4, 4) poses of the TCP in the workpiece frame.
+            tcp: (M, 4, 4) or (M, 3, 4) poses of the TCP in the workpiece frame.
         """
         x, z = tcp[:, :3, 0], tcp[:, :3, 2]
         out = np.full((len(x), 2), np.nan)
