@@ -22,9 +22,11 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.compensation.plan_compensation import add_corner_points, compensate_plan
 from machopt.planning.compensation.shifted_path import STEEPEST, compute_offset_slope, compute_residual, shift_path
-from machopt.planning.cost.process_force_direction import compute_engaged_force
+from machopt.planning.cost.process_force_direction import compute_engaged_force, compute_sideways_directions
+from machopt.planning.job.joined_plan import ToolSegmentPlan, join_plans
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.infeasibility_reasons import explain_points
+from machopt.planning.tolerance.error_columns import locate_poses
 from machopt.stiffness.arm_stiffness import ArmElasticity, compute_joint_stiffness
 from machopt.verification.motion.checks.compensation_shift import FORCE_TOLERANCE
 from machopt.verification.motion.path_geometry.process_force import compute_engaged_share, compute_mean_force
@@ -92,6 +94,18 @@ def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> No
     base = after.setup.arm.machine.T_base_workpiece_zero
     np.testing.assert_allclose(-T[:, :3, 2] @ base[:3, :3], after.path.axis, atol=1e-8)  # and the same tool axis
     np.testing.assert_allclose((T[:, :3, 3] - base[:3, 3]) @ base[:3, :3], after.path.position, atol=1e-8)
+
+
+def test_the_shift_changes_no_direction_of_the_loads(bent: tuple[Plan, Plan]) -> None:
+    """The force acts along the programmed moves: a shift that fades would turn them by up to six degrees."""
+    before, after = bent
+    assert np.linalg.norm(after.path.position - before.path.position, axis=1).max() > 5e-4
+    for path in (after.path, join_plans([ToolSegmentPlan(p, 0, "") for p in (after, before)]).path):
+        rows = slice(0, len(before.path.index))
+        np.testing.assert_array_equal(compute_sideways_directions(path)[rows], compute_sideways_directions(before.path))
+        np.testing.assert_array_equal(path.programmed.position[rows], before.path.position)
+    poses = [locate_poses(p, p.chosen, np.linspace(0.0, 9.0, 40)) for p in bent]
+    np.testing.assert_array_equal(poses[1].travel, poses[0].travel)
 
 
 def test_the_shift_fades_along_approach_and_retract_and_never_jumps(bent: tuple[Plan, Plan]) -> None:

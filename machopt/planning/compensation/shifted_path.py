@@ -87,7 +87,7 @@ def shift_path(plan: Plan, length: float, fade: float | None = None) -> Plan:
         bent = plan.directions.elastic(plan.setup.elasticity, q, known).compute_deflection(push)
         offset[known] = -setup.arm.back(path.external[known], bent)
         offset = _filled(path, offset, before.reason == InfeasibilityReason.OK)
-        moved = replace(path, position=path.position + offset)
+        moved = path.shift_positions(offset)
         after = solve_joint_path(moved, setup.arm, setup.robot, before.phi, before.q)
     reason, check, notes = after.reason.copy(), plan.check, dict(plan.notes)
     keep = before.reason != InfeasibilityReason.OK  # excluded points stay excluded

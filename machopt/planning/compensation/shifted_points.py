@@ -28,7 +28,7 @@ def shift_points(plan: Plan, rows: NDArray[np.intp], phi: Array, seeds: Array) -
     """
     found, setup = plan.compensation, plan.setup
     assert found is not None
-    bare = replace(plan.path, position=plan.path.position - found.offset)
+    bare = plan.path.without_shift
     offset, moved = found.offset.copy(), bare
     turned = solve_joint_path(bare, setup.arm, setup.robot, phi, seeds)
     for _ in range(PASSES):
@@ -38,7 +38,7 @@ def shift_points(plan: Plan, rows: NDArray[np.intp], phi: Array, seeds: Array) -
         push = setup.arm.directions(bare.external[known], found.force[known])
         elastic = plan.directions.elastic(setup.elasticity, turned.q[known], known)
         offset[known] = -setup.arm.back(bare.external[known], elastic.compute_deflection(push))
-        moved = replace(bare, position=bare.position + offset)
+        moved = bare.shift_positions(offset)
         turned = solve_joint_path(moved, setup.arm, setup.robot, phi, seeds)
-    moved = replace(bare, position=bare.position + offset)
+    moved = bare.shift_positions(offset)
     return replace(plan, path=moved, compensation=replace(found, offset=offset)), turned

@@ -32,8 +32,8 @@ from machopt.planning.sampling.candidate_grid import CandidateGrid, spread_branc
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 from machopt.planning.stations.planning_path import PlanningPath
 
-TILT_FIELDS = ("untilted", "lead", "side")
-NO_TILT: dict[str, Any] = dict.fromkeys(TILT_FIELDS)
+OPTIONAL_FIELDS = ("untilted", "lead", "side", "unshifted")  # of a path; one stretch may have them, another not
+NO_OPTIONAL_FIELDS: dict[str, Any] = dict.fromkeys(OPTIONAL_FIELDS)
 COUNTED_UP = ("time", "s")  # columns of a path that increase over all stretches
 
 
@@ -201,7 +201,7 @@ def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
     row = run = 0
     for path in paths:
         for f in fields(path):
-            if f.name in TILT_FIELDS:
+            if f.name in OPTIONAL_FIELDS:
                 continue
             value = getattr(path, f.name)
             if f.name == "runs":
@@ -215,7 +215,9 @@ def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
         row += len(path.index)
         run += int(path.run[-1]) + 1
     stacked: dict[str, Any] = {name: _stacked(some) for name, some in columns.items()}
-    whole = replace(paths[0], runs=tuple(runs), **stacked, **NO_TILT)
+    whole = replace(paths[0], runs=tuple(runs), **stacked, **NO_OPTIONAL_FIELDS)
+    if any(path.unshifted is not None for path in paths):
+        whole = replace(whole, unshifted=np.concatenate([path.without_shift.position for path in paths]))
     return whole if all(path.untilted is None for path in paths) else _add_tilts(whole, paths)
 
 

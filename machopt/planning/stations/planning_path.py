@@ -71,13 +71,28 @@ class PlanningPath:
     untilted: PlanningPath | None = None  # the path of the CAM file, where position and axis are those of a tilted tool
     lead: Array | None = None  # (P,) rad, tilt against it (:mod:`machopt.numerics.tool_tilt`); None: no tilt
     side: Array | None = None  # (P,) rad
+    unshifted: Array | None = None  # (P, 3) m, positions before a shift against the deflection; None: no shift
 
     @property
     def programmed(self) -> PlanningPath:
         """The path of the CAM file, with the same external joints: loads refer to its axes, lengths to its points."""
         if self.untilted is None:
-            return self
+            return self.without_shift
         return replace(self.untilted, external=self.external)
+
+    @property
+    def without_shift(self) -> PlanningPath:
+        """The path before a shift against the deflection, tilted as this one."""
+        return self if self.unshifted is None else replace(self, position=self.unshifted, unshifted=None)
+
+    def shift_positions(self, offset: Array) -> PlanningPath:
+        """Return the commanded path, shifted against the programmed one.
+
+        Args:
+            offset: (P, 3) m, from the positions before any shift, in the workpiece frame.
+        """
+        before = self.without_shift.position
+        return replace(self, position=before + offset, unshifted=before)
 
     def whole(self, q: Array, rows: NDArray[Any] | slice = slice(None)) -> Array:
         """Return (n, 6 + E) machine joints.
@@ -128,7 +143,7 @@ class PlanningPath:
         has one unit. Without any length (touches) every counted point has equal weight.
         """
         cut = self.counted
-        position = self.position if self.untilted is None else self.untilted.position
+        position = self.programmed.position
         half = 0.5 * np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] * cut
         out = half + np.r_[half[1:], 0.0] * cut
         out[1:] += half[1:] * ~cut[:-1]

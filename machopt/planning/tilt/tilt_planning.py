@@ -144,7 +144,7 @@ def return_to_cam_axes(plan: Plan) -> Plan:
         return plan
     path = plan.path.programmed
     if plan.compensation is not None:
-        path = replace(path, position=path.position + plan.compensation.offset)
+        path = path.shift_positions(plan.compensation.offset)
     return replace(plan, path=path)
 
 

@@ -157,9 +157,7 @@ def _count_before(plan: Plan, toolpath: Toolpath, loads: PointLoads, wall_force:
     """Return the outcomes of the baselines, whose external joints are at home."""
     home = plan.setup.cell.external_home
     path = plan.path if not len(home) else fix_external_axes(plan.path, home)
-    if plan.compensation is not None:
-        path = replace(path, position=path.position - plan.compensation.offset)
-    bare = replace(plan, path=path, compensation=None)
+    bare = replace(plan, path=path.without_shift, compensation=None)
     pairs = (("cam_default", plan.cam_default), ("jiao2022", plan.jiao2022))
     return {
         name: compute_point_errors(bare, toolpath, loads, chosen, wall_force=wall_force).count_outcomes()
