@@ -109,6 +109,19 @@ def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
     agree(cell, model, random_q(model, 60), band=0.05 * ROUND)
 
 
+def test_bound_is_the_distance_of_the_covering_spheres_from_the_box(model: CollisionModel) -> None:
+    stack = model.stack
+    rows = MotionRows(stack, random_q(model, 300))  # more than one block
+    for p, (i, j) in enumerate(stack.index):
+        ball, boxed = (stack.bodies[k] for k in ((i, j) if stack.flip[p] else (j, i)))
+        T = [np.eye(4) if body.link == 0 else rows.poses[:, body.link] for body in (ball, boxed)]
+        place = (T[0] @ np.c_[ball.sphere_centres, np.ones(len(ball.sphere_centres))].T)[..., :3, :]
+        to_link = np.linalg.inv(T[1]) @ np.concatenate([place, np.ones_like(place[..., :1, :])], axis=-2)
+        away = np.maximum(np.abs(stack.to_box[p] @ to_link) - boxed.box_half[:, None], 0.0)
+        expected = np.linalg.norm(away, axis=-2).min(axis=-1) - ball.sphere_radius
+        np.testing.assert_allclose(rows.bound[:, p], expected, atol=1e-9)
+
+
 def test_bounds_never_exceed_the_distance_nor_fall_below_the_motion(folder: Path, model: CollisionModel) -> None:
     q = random_q(model, 40)
     exact = coal_distances(small_cell(folder), model, q)

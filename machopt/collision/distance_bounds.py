@@ -1,4 +1,4 @@
-"""Cheap bounds on distances and motions of pairs of bodies, for many rows at once (NumPy only).
+"""Cheap bounds on distances and motions of pairs of bodies, for many rows at once.
 
 The collision check uses two facts. Spheres that cover one body and a box around the other bound their
 distance from below. And while the joints move by Δq, no point of one body moves relative to the other by more
@@ -26,7 +26,7 @@ from machopt.numerics.compiled_functions import jit_compile
 from machopt.numerics.parallel_map import map_in_threads
 from machopt.numerics.rigid_transforms import invert_transform
 
-BLOCK_ROWS = 256  # rows per block and thread; the work arrays fit the cache, and the threads need little memory
+BLOCK_ROWS = 256  # rows per block and thread
 MAX_REMEMBERED = 3000  # maximum number of stored distances of one pair
 UNKNOWN_MOTION_M = 1e3  # m, the motion bound of joint steps too large for one
 
@@ -49,11 +49,10 @@ class BodyPairs:
         self.flip = np.array([bodies[i].sphere_radius < bodies[j].sphere_radius for i, j in index], bool)
         boxed = [bodies[j if f else i] for (i, j), f in zip(index, self.flip, strict=True)]
         balls = [bodies[i if f else j] for (i, j), f in zip(index, self.flip, strict=True)]
-        most = max((len(b.sphere_centres) for b in balls), default=1)
         self.to_box = np.array([_build_box_transform(b) for b in boxed]).reshape(-1, 3, 4)
-        self.half = np.array([b.box_half for b in boxed]).reshape(-1, 3, 1)
-        padded = [np.resize(b.sphere_centres, (most, 3)) for b in balls]
-        self.centres = np.array([np.vstack([c.T, np.ones(most)]) for c in padded]).reshape(-1, 4, most)
+        self.half = np.array([b.box_half for b in boxed]).reshape(-1, 3)
+        self.spheres = np.cumsum([0, *(len(b.sphere_centres) for b in balls)])  # (P + 1,) first row of each pair
+        self.centres = np.concatenate([np.zeros((0, 3)), *(b.sphere_centres for b in balls)])
         self.radius = np.array([b.sphere_radius for b in balls])
         self.reach = _bound_reach(lines, bodies)
         self.scale = _compute_joint_scale(lines, self.reach)
@@ -110,21 +109,18 @@ class MotionRows:
         self.reach = _bound_step_motion(delta @ pairs.reach, self._turn)
 
     def _fill_bounds(self, start: int) -> None:
-        rows = slice(start, start + BLOCK_ROWS)
-        self.bound[rows] = self._compute_bounds(rows)
-
-    def _compute_bounds(self, rows: slice) -> Array:
-        """(B, P): distance of spheres from boxes."""
-        pairs = self.pairs
-        forth = self._relative[:, rows]
-        M = np.where(pairs.flip[:, None, None, None], invert_transform(forth)[pairs.group], forth[pairs.group])
-        local = pairs.to_box[:, None, :, :3] @ M[..., :3, :]  # rotation part onto the box axes
-        local[..., 3] += pairs.to_box[:, None, :, 3]
-        away = np.abs(local @ pairs.centres[:, None]) - pairs.half[:, None]
-        np.maximum(away, 0.0, out=away)
-        distance = np.sqrt(np.einsum("pbxk,pbxk->pbk", away, away).min(axis=-1))
-        bound: Array = (distance - pairs.radius[:, None]).T
-        return bound
+        pairs, rows = self.pairs, slice(start, start + BLOCK_ROWS)
+        _bound_pair_distances(
+            self._relative[:, rows],
+            pairs.group,
+            pairs.flip,
+            pairs.to_box,
+            pairs.half,
+            pairs.spheres,
+            pairs.centres,
+            pairs.radius,
+            self.bound[rows],
+        )
 
     def compute_relative_motion(self, p: int) -> Array:
         """Return the (S, 4, 4) motion of a pair's second body from q = 0, relative to the first body's link.
@@ -216,6 +212,61 @@ class DistanceMemory:
         self._at[self._count % MAX_REMEMBERED] = q[self.joints]
         self._distance[self._count % MAX_REMEMBERED] = distance
         self._count += 1
+
+
+@jit_compile
+def _bound_pair_distances(
+    relative: Array,
+    group: NDArray[np.int64],
+    flip: Bools,
+    to_box: Array,
+    half: Array,
+    spheres: NDArray[np.int64],
+    centres: Array,
+    radius: Array,
+    bound: Array,
+) -> None:
+    """Write the (S, P) distances in m of the spheres around one body of each pair from the box around the other.
+
+    Args:
+        relative: (G, S, 4, 4) pose of the second body's link relative to the first one's, by pair of links.
+        group: (P,) index into them.
+        flip: (P,) the spheres are around the first body.
+        to_box: (P, 3, 4) frame of the box from the link of its body.
+        half: (P, 3) m, half edges of the box.
+        spheres: (P + 1,) first row of ``centres`` of each pair.
+        centres: (n, 3) m, in the link of the body that the spheres are around.
+        radius: (P,) m, of all spheres of a pair.
+        bound: (S, P) m, output.
+    """
+    local, place = np.empty((3, 4)), np.empty((3, 4))
+    for s in range(relative.shape[1]):
+        for p in range(len(group)):
+            link = relative[group[p], s]
+            for i in range(3):
+                place[i, 3] = link[i, 3]
+                for j in range(3):
+                    place[i, j] = link[j, i] if flip[p] else link[i, j]
+            if flip[p]:
+                for i in range(3):
+                    place[i, 3] = -(link[0, i] * link[0, 3] + link[1, i] * link[1, 3] + link[2, i] * link[2, 3])
+            for i in range(3):
+                for j in range(4):
+                    local[i, j] = to_box[p, i, 3] if j == 3 else 0.0
+                    for k in range(3):
+                        local[i, j] += to_box[p, i, k] * place[k, j]
+            nearest = np.inf
+            for n in range(spheres[p], spheres[p + 1]):
+                squared = 0.0
+                for i in range(3):
+                    along = local[i, 3]
+                    for k in range(3):
+                        along += local[i, k] * centres[n, k]
+                    away = abs(along) - half[p, i]
+                    if away > 0.0:
+                        squared += away * away
+                nearest = min(nearest, squared)
+            bound[s, p] = np.sqrt(nearest) - radius[p]
 
 
 @jit_compile

@@ -67,6 +67,11 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
         f"{_MESHES},{_F2},i8,i8",
     ),
     ("collision.bodies", "_sum_solid_angles", f"{_F2},i8[:,::1],{_F2}"),
+    (
+        "collision.distance_bounds",
+        "_bound_pair_distances",
+        f"Array(float64, 4, 'A'),{_I1},b1[::1],{_F3},{_F2},{_I1},{_F2},{_F1},{_F2}",
+    ),
     ("collision.distance_bounds", "_find_farther", f"{_F2},{_F1},{_F2},{_F1},{_F1}"),
     (
         "collision.proximity_test",
