@@ -14,7 +14,11 @@ from machopt.toolpath.readers.gcode.syntax.dwell_units import Control, convert_d
 _FEED_OUT = {74, 84, 85, 89}
 _PECK = {73, 83}
 _DWELLING = tuple(f"CYCLE8{n}" for n in (2, 3, 4, 5, 6, 8, 9))
-_DEPTH_MODES = {"CYCLE81": (6, 8), "CYCLE82": (6, 8), "CYCLE83": (17, 19)}  # places of GMODE and AMODE; DMODE between
+# places of AMODE; DMODE and GMODE are before it
+_DEPTH_MODES = {"CYCLE81": 8, "CYCLE82": 8, "CYCLE83": 19, "CYCLE84": 23, "CYCLE840": 19, "CYCLE85": 10}
+_DEPTH_MODES |= {"CYCLE86": 13, "CYCLE89": 8}
+_TIP_MODES = ("CYCLE81", "CYCLE82", "CYCLE83")  # their GMODE says what the depth counts to
+_THREAD_NAMES = {"CYCLE84": (18, 21), "CYCLE840": (14, 17)}  # places of PITM, PTAB and PTABA: texts
 _SAME_DEPTH = 1e-6  # of a unit
 SIEMENS = re.compile(r"CYCLE(?:8[1-9]|840)")
 
@@ -110,7 +114,7 @@ _COARSE_PITCH: dict[float, float] = dict(
 
 
 def _compute_tapping_feeds(
-    name: str, values: list[float | None], scale: float, rpm: float
+    name: str, text: str, values: list[float | None], scale: float, rpm: float
 ) -> tuple[float | None, float | None]:
     """Feeds in and out of CYCLE84 and CYCLE840, mm/min: pitch PIT or thread size MPIT times the speeds SST and SST1.
 
@@ -125,6 +129,8 @@ def _compute_tapping_feeds(
             raise DrillingCycleError(f"{name}: thread size M{abs(size):g} is not in the coarse series; give the pitch")
     elif pitch:
         pitch_mm = _convert_pitch(name, abs(pitch), values[13 if name == "CYCLE84" else 12], scale)
+    elif table := _read_thread_name(name, text):
+        raise DrillingCycleError(f"{name}: the pitch of {table} is not stated; expected the argument PIT")
     else:
         return None, None
     speed, speed_out = (values[10], values[11]) if name == "CYCLE84" else (None, None)
@@ -150,14 +156,22 @@ def _convert_pitch(name: str, pitch: float, unit: float | None, scale: float) ->
 
 
 def _parse_cycle_arguments(name: str, text: str) -> list[float | None]:
-    """The 24 arguments of a cycle, None where one is left out."""
+    """The 24 arguments of a cycle, None where one is left out or names a thread."""
     values: list[float | None] = []
-    for part in map(str.strip, text.split(",")):
+    first, last = _THREAD_NAMES.get(name, (0, 0))
+    for place, part in enumerate(map(str.strip, text.split(","))):
+        is_text = part == '""' or (first <= place < last and part[:1] + part[-1:] == '""')
         try:
-            values.append(parse_plain_decimal(part) if part else None)
+            values.append(parse_plain_decimal(part) if part and not is_text else None)
         except ValueError:
             raise DrillingCycleError(f"{name}: argument {part!r} is not a number") from None
     return values + [None] * (24 - len(values))
+
+
+def _read_thread_name(name: str, text: str) -> str:
+    """Return the thread that PTAB and PTABA name, such as M10; empty where none is named."""
+    first, last = _THREAD_NAMES[name]
+    return " ".join(filter(None, (part.strip(' "') for part in text.split(",")[first + 1 : last])))
 
 
 def check_plane_mode(name: str, mode: float, plane: int) -> None:
@@ -184,7 +198,7 @@ def _check_stated_twice(name: str, values: list[float | None]) -> None:
     places = [("DP", "DPR", 3)] + ([("FDEP", "FDPR", 5)] if name == "CYCLE83" else [])
     for absolute, relative, at in places:
         depth, below = values[at : at + 2]
-        if at == 3 and name in _DEPTH_MODES and (values[_DEPTH_MODES[name][1]] or 0.0) % 10:
+        if at == 3 and name in _DEPTH_MODES and (values[_DEPTH_MODES[name]] or 0.0) % 10:
             continue  # AMODE says which of both counts
         if surface is None or depth is None or not below:
             continue
@@ -200,8 +214,9 @@ def _check_depth_modes(name: str, values: list[float | None]) -> None:
     _check_stated_twice(name, values)
     if name not in _DEPTH_MODES:
         return
-    of_tip, of_depth = _DEPTH_MODES[name]
-    if values[of_tip]:
+    of_depth = _DEPTH_MODES[name]
+    of_tip = of_depth - 2
+    if name in _TIP_MODES and values[of_tip]:
         raise DrillingCycleError(
             f"{name}: GMODE={values[of_tip]:g} counts the depth to the shank, or by a diameter. Write the depth "
             "of the tip and GMODE 0"
@@ -233,7 +248,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
     values = _parse_cycle_arguments(name, text)
     _check_depth_modes(name, values)
     if name in _DEPTH_MODES:
-        check_plane_mode(name, values[_DEPTH_MODES[name][1] - 1] or 0.0, plane)
+        check_plane_mode(name, values[_DEPTH_MODES[name] - 1] or 0.0, plane)
     rtp, rfp, sdis, dp, dpr = values[:5]
     if rtp is None or rfp is None or (dp is None and dpr is None):
         raise DrillingCycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")
@@ -250,7 +265,7 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
             "as -0.001 to -1, and a share of the feed, 0.001 to 1 or in percent"
         )
     chip_break = deep and values[11] in (0.0, None)
-    way_in, way_out = _compute_tapping_feeds(name, values, scale, rpm)
+    way_in, way_out = _compute_tapping_feeds(name, text, values, scale, rpm)
     if name == "CYCLE85":  # FFR, RFF
         way_in, way_out = ((v or 0.0) * scale for v in values[6:8])
     gap = abs(values[14 if chip_break else 16] or 0.0) if deep else 0.0  # VRT, or DIS1 behind which it feeds again
