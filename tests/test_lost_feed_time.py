@@ -7,12 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_planning_path import Rows
+from test_planning_pipeline import small_job
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell, JointLimits
 from machopt.data_types.plan_options import PlanOptions
+from machopt.data_types.toolpath import MoveKind
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.robot import Robot, load_robot
+from machopt.planning.cost import clearance_cost, lost_feed_time
 from machopt.planning.cost.lost_feed_time import FeedMotion, compute_excess
 from machopt.planning.cost.objective import AXIS_SPEED
 from machopt.planning.retiming.joint_derivatives import solve_joints_near_seeds
@@ -155,3 +159,22 @@ def test_no_motion_loses_no_time() -> None:
     cell, robot = load("kr500_milling")
     q = np.array([0.1, -0.9, 1.5, 0.2, 0.5, 0.4])
     assert lose(cell, robot, cell.limits, q, segment(np.zeros(6))) == 0.0
+
+
+def test_prices_of_the_grid_do_not_depend_on_the_block_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    rows: Rows = [((x, 0.02 * (n % 3), 0.01), (0.0, 0.0, 1.0), MoveKind.CUT) for n, x in enumerate(np.arange(9) * 0.03)]
+    plan = small_job(tmp_path, [((0.0, 0.0, 0.06), (0.0, 0.0, 1.0), MoveKind.RAPID), *rows], PlanOptions())
+    assert plan.setup.collision is not None
+    modules = (lost_feed_time, clearance_cost)
+    by_size = []
+    for size in (512, 4):
+        for module in modules:
+            monkeypatch.setattr(module, "BLOCK", size)
+        price = lost_feed_time.compute_grid_price(plan.path, plan.setup.drives, plan.options, plan.candidates)
+        crowding = clearance_cost.compute_grid_crowding(plan.path, plan.setup.collision, plan.candidates, plan.options)
+        assert price is not None
+        assert crowding is not None
+        assert price.any()
+        by_size.append((price, crowding))
+    for whole, in_blocks in zip(*by_size, strict=True):
+        np.testing.assert_allclose(in_blocks, whole, rtol=1e-12, atol=1e-15)

@@ -18,6 +18,7 @@ from machopt.planning.cost.objective import compute_crowding
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.stations.planning_path import PlanningPath
 
+BLOCK = 512  # stations at a time
 MEASURED = 5  # number of stations at which configurations are measured
 ROTATIONS = 18  # number of their rotations
 POINTS = 12  # number of planning points of a plan that are measured
@@ -89,7 +90,12 @@ def compute_grid_crowding(
     after = np.minimum(np.searchsorted(at, np.arange(S)), len(at) - 1)
     before = np.maximum(after - 1, 0)
     f = (np.arange(S) - at[before]) / np.maximum(at[after] - at[before], 1)
-    return np.asarray(np.nan_to_num(_interpolate(found[before], found[after], f[:, None, None])))
+    out = np.empty(usable.shape)
+    for first in range(0, S, BLOCK):
+        rows = slice(first, first + BLOCK)
+        between = _interpolate(found[before[rows]], found[after[rows]], f[rows, None, None])
+        out[rows] = np.nan_to_num(between, copy=False)
+    return out
 
 
 def _interpolate(low: Array, high: Array, f: Array | float) -> Array:

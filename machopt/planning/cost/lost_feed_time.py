@@ -38,6 +38,7 @@ from machopt.planning.sampling.planning_arm import PlanningArm
 from machopt.planning.stations.planning_path import PlanningPath
 
 CHUNK = 8_192  # configurations at a time
+BLOCK = 512  # stations at a time
 MOST = 1e3  # largest share of time lost: the retiming is slower only at a singularity, which the margins exclude
 BENDING = 8.0  # q'' and q''' of an arm stay below this times the square and cube of its largest joint speed
 DEVIATION = 0.15625  # of a rounded corner, per half-width and change of direction
@@ -181,11 +182,24 @@ def compute_grid_price(
         return None
     motion = FeedMotion.of(path, drives.arm, options).at_stations(path)
     usable = candidates.usable & (motion.seconds > 0)[:, None, None]
+    out = np.empty(usable.shape)
+    price_per_second = options.weights.feed / max(float(path.time[-1]), 1e-9)
+    for first in range(0, len(usable), BLOCK):
+        rows = slice(first, first + BLOCK)
+        lost = _compute_lost_seconds(drives, options, candidates, motion, usable[rows], first)
+        out[rows] = np.where(usable[rows], price_per_second * lost, 0.0)
+    return out
+
+
+def _compute_lost_seconds(
+    drives: ArmDrives, options: PlanOptions, candidates: CandidateGrid, motion: FeedMotion, usable: Bools, first: int
+) -> Array:
+    """Return (n, R, B) s that usable configurations of n stations from ``first`` on lose, NaN elsewhere."""
     out = np.full(usable.shape, np.nan)
 
     def evaluate(wanted: Bools) -> None:
         s, r, b = np.nonzero(wanted)
-        out[s, r, b] = drives.compute_excess(options, candidates.q[s, r, b], motion, s)
+        out[s, r, b] = drives.compute_excess(options, candidates.q[first + s, r, b], motion, first + s)
 
     R = usable.shape[1]
     if R % STRIDE == 0:  # some rotations, and the mean of their neighbours between them
@@ -198,7 +212,7 @@ def compute_grid_price(
             between = low + k / STRIDE * (high - low)
             out[:, k::STRIDE] = np.where(np.isnan(between), np.where(np.isnan(low), high, low), between)
     evaluate(usable & np.isnan(out))
-    return np.where(usable, options.weights.feed / max(float(path.time[-1]), 1e-9) * out, 0.0)
+    return out
 
 
 def compute_excess(
