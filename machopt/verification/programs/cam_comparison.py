@@ -18,13 +18,12 @@ from machopt.numerics.array_types import Array
 from machopt.verification.checks import CheckName, VerificationCheck, build_file_check
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.motion_polyline import MotionPolyline
-from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, PATH_MM
+from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, AXIS_LEVER_M, PATH_MM
 from machopt.verification.programs.difference_list import MAX_NAMED, build_list_check
 from machopt.verification.programs.event_comparison import check_events, check_operation_labels
 from machopt.verification.programs.expected_cuts import INDEX_TOLERANCE, ExpectedCuts
 from machopt.verification.programs.ordered_matching import match_lines_in_order
 from machopt.verification.programs.repeated_points import count_repeats_before
-from machopt.verification.programs.target_matching import AXIS_LEVER_M
 
 FEED_TOLERANCE = 1e-4  # of the feed: what is left of a number printed to six digits
 LINE_TIE_M = 5e-6  # m: of two lines that are equally near within this, the first one leads to the point

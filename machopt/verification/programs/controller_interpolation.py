@@ -12,8 +12,8 @@ from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.data_types.robot_program import LIN
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import CheckName, VerificationCheck
+from machopt.verification.motion.path_geometry.sample_location import AXIS_LEVER_M
 from machopt.verification.programs.target_matching import (
-    AXIS_LEVER_M,
     TargetTolerances,
     build_worst_move_check,
     interpolate_rows,

@@ -14,11 +14,10 @@ from machopt.data_types.robot_program import LIN
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import VerificationCheck, build_file_check
 from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath, build_motion_polyline
-from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, PATH_MM
+from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, AXIS_LEVER_M, PATH_MM
 from machopt.verification.programs.ordered_matching import match_targets_in_order
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-AXIS_LEVER_M = float(1e-3 * PATH_MM / np.radians(AXIS_DEG))  # m/rad: both tolerances of the path count alike
 MAX_TARGET_DISTANCE_M = 2.5e-4  # m: a target farther from the motion is not on it; ten times what a right one is off
 MAX_JOINT_DISTANCE_RAD = float(np.radians(0.3))  # rad, the same of joint targets
 ARRIVAL_RAD = 1e-4  # rad: a right joint target is nearer, as samples and digits have it

@@ -22,6 +22,7 @@ from machopt.verification.motion.path_geometry.sample_location import SampleLoca
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
 BLOCK_ROWS = 10_000  # samples compared at a time
+SAME_ROTATION = 1e-6  # rad; a larger difference may be that of the other move at a point
 ROTATION_TOLERANCE_DEG = (
     0.1  # the axis may be 0.05° off while the tool rounds a corner, which turns what is measured about it
 )
@@ -178,13 +179,17 @@ def _compute_rotation_error(
     rows: NDArray[np.intp],
 ) -> Array:
     """(M,) rad by which some rows (M,) with TCP poses (M, 3, 4) miss the nearest rotation that the path gives them."""
-    s = np.clip(motion.point[rows], 0.0, len(toolpath) - 1)
-    off = np.full(len(rows), np.inf)
-    for leaving in (False, True):
-        there = reference_direction.interpolate_directions(toolpath, known, s, leaving=leaving)
-        for found in there.compute_rotation_angle(tcp).T:
-            apart = np.abs((found - motion.gamma[rows] + np.pi) % (2.0 * np.pi) - np.pi)
-            off = np.fmin(off, np.maximum(apart - _compute_rotation_tolerance(toolpath, known, s, there), 0.0))
+    s, gamma = np.clip(motion.point[rows], 0.0, len(toolpath) - 1), motion.gamma[rows]
+    off, left = np.full(len(rows), np.inf), np.arange(len(rows))
+    for leaving in (False, True):  # both are the same inside a move: the second one is needed at points only
+        there = reference_direction.interpolate_directions(toolpath, known, s[left], leaving=leaving)
+        tolerance = _compute_rotation_tolerance(toolpath, known, s[left], there)
+        for angle in there.compute_rotation_angle(tcp[left]).T:
+            apart = np.abs((angle - gamma[left] + np.pi) % (2.0 * np.pi) - np.pi)
+            off[left] = np.fmin(off[left], np.maximum(apart - tolerance, 0.0))
+        left = np.flatnonzero(off > SAME_ROTATION)
+        if not len(left):
+            break
     return off
 
 
@@ -198,9 +203,11 @@ def _compute_rotation_tolerance(
     axis that turns sideways, its projection turns away from that.
     """
     low = np.clip(np.ceil(s - INDEX_TOLERANCE).astype(int) - 1, 0, len(toolpath) - 1)
-    a, b, x = toolpath.axis[low], there.axis, known.zero[low]
+    out = np.zeros(len(s))
+    rows = np.flatnonzero(np.abs(toolpath.axis[low] - there.axis).max(axis=1) > 1e-9)
+    a, b, x, zero = toolpath.axis[low[rows]], there.axis[rows], known.zero[low[rows]], there.zero[rows]
     v = np.cross(a, b)
     c = np.einsum("ij,ij->i", a, b)[:, None]
     carried = x + np.cross(v, x) + np.cross(v, np.cross(v, x)) / np.maximum(1.0 + c, 0.1)
-    turn = np.arctan2(np.linalg.norm(np.cross(carried, there.zero), axis=1), np.einsum("ij,ij->i", carried, there.zero))
-    return np.where(np.abs(a - b).max(axis=1) > 1e-9, turn, 0.0)
+    out[rows] = np.arctan2(np.linalg.norm(np.cross(carried, zero), axis=1), np.einsum("ij,ij->i", carried, zero))
+    return out

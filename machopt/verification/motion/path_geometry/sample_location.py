@@ -21,6 +21,7 @@ from machopt.verification.motion.path_geometry.tool_tilt import ToolTilt
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 PATH_MM, AXIS_DEG = 0.02, 0.05  # how far the TCP may leave the toolpath at a feed
+AXIS_LEVER_M = float(1e-3 * PATH_MM / np.radians(AXIS_DEG))  # m/rad: both tolerances of the path count alike
 BLOCK_ROWS = 10_000  # samples compared at a time: intermediate arrays are many times larger than the result
 MAX_RETRACT_M = 0.5  # m, to which the tool is lifted along its axis
 
