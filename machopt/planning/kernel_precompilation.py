@@ -101,7 +101,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
         "match_targets_in_order",
         f"{_F2},{_F3},{_F2},{_F2},{_F3},{_F2},b1[::1],{_F2},f8,f8,i8,b1[::1]",
     ),
-    ("verification.motion.path_geometry.motion_polyline", "_find_nearest_chords", f"{_F3},{_F3},{_I1}"),
+    ("verification.motion.path_geometry.nearest_chords", "find_nearest_chords", f"{_F3},{_F3},{_I1},f8,f8,f8"),
     ("verification.programs.ordered_matching", "match_lines_in_order", f"{_F2},{_F2},{_F2},{_F2},b1[::1],f8,f8,f8,i8"),
     ("verification.motion.kinematics.urdf_kinematics", "_compute_frames", f"{_F2},{_I1},{_F3},{_F2},{_F2},{_F2}"),
     ("verification.motion.collision.contact_search", "_compute_relative_poses", f"f8[:,:,:,::1],i8,i8,{_I1}"),

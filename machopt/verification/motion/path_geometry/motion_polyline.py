@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import jit_compile
+from machopt.verification.motion.path_geometry.nearest_chords import find_nearest_chords
 from machopt.verification.motion.path_geometry.sample_location import AXIS_LEVER_M, PATH_MM
 from machopt.verification.tables.exported_tables import ExportedMotion
 
@@ -26,7 +26,6 @@ CHORD_TOLERANCE_M = 5e-6  # m: a corner nearer than this to the chord between it
 CHORD_TOLERANCE_RAD = float(np.radians(0.01))  # rad, the same of the tool axis
 INDEX_TOLERANCE = 1e-6  # of an index, which is printed with six decimals
 LOCATION_REACH_M = 2e-3 * PATH_MM  # m along the motion: a rounded point is at most this far from its stated samples
-MAX_ROWS = 1000  # samples on either side that are searched: the motion may stand there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +83,14 @@ def build_motion_polyline(
     before, share, T, corner = before[keep], share[keep], T[keep], corner[keep]
     if not len(T):
         return own
-    nearest = _find_nearest_chords(np.ascontiguousarray(tcp), np.ascontiguousarray(T), before)
+    nearest = find_nearest_chords(
+        np.ascontiguousarray(tcp),
+        np.ascontiguousarray(T),
+        before,
+        AXIS_LEVER_M,
+        LOCATION_REACH_M,
+        0.5 * CHORD_TOLERANCE_M,
+    )
     if (nearest != before).any():
         before = np.maximum.accumulate(nearest)
         T, share = _compute_corner_poses(tcp, path, before, corner)
@@ -138,55 +144,6 @@ def _compute_corner_poses(
     shank = np.where(whole[:, None], path.toolpath.axis[low] - tilt, -R.apply([0.0, 0.0, 1.0]))
     T[:, :3, :3] = _tilt_rotations(R, -shank)
     return T, share
-
-
-@jit_compile
-def _find_nearest_chords(tcp: Array, T: Array, before: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return (C,) the sample before the chord that passes each corner best, its own where no other is nearer.
-
-    Args:
-        tcp: (S, 3, 4) poses at the samples.
-        T: (C, 4, 4) poses at the corners.
-        before: (C,) sample before the chord whose samples state the corner.
-    """
-    out = before.copy()
-    for c in range(len(before)):
-        own = best = _compute_chord_distance(tcp, T[c], before[c])
-        for step in (1, -1):
-            way = 0.0
-            for n in range(1, MAX_ROWS):
-                k = before[c] + step * n
-                if k < 0 or k > len(tcp) - 2:
-                    break
-                passed = k if step > 0 else k + 1
-                length = 0.0
-                for i in range(3):
-                    length += (tcp[passed, i, 3] - tcp[passed - step, i, 3]) ** 2
-                way += np.sqrt(length) if n > 1 else 0.0
-                if way > LOCATION_REACH_M:
-                    break
-                away = _compute_chord_distance(tcp, T[c], k)
-                if away < best and away < own - 0.5 * CHORD_TOLERANCE_M:
-                    best, out[c] = away, k
-    return out
-
-
-@jit_compile
-def _compute_chord_distance(tcp: Array, corner: Array, k: int) -> float:
-    """Return the distance in m of a pose (4, 4) from the chord between samples k and k + 1, the tool axis counted."""
-    length, along = 0.0, 0.0
-    for i in range(3):
-        for j, weight in ((3, 1.0), (2, AXIS_LEVER_M**2)):
-            step = tcp[k + 1, i, j] - tcp[k, i, j]
-            length += weight * step * step
-            along += weight * step * (corner[i, j] - tcp[k, i, j])
-    share = min(max(along / length, 0.0), 1.0) if length > 1e-24 else 0.0
-    away = 0.0
-    for i in range(3):
-        for j, weight in ((3, 1.0), (2, AXIS_LEVER_M**2)):
-            foot = tcp[k, i, j] + share * (tcp[k + 1, i, j] - tcp[k, i, j])
-            away += weight * (foot - corner[i, j]) ** 2
-    return float(np.sqrt(away))
 
 
 def _sort_shares(before: NDArray[np.intp], share: Array) -> Array:
