@@ -22,6 +22,7 @@ from machopt.measurement.diagnosis.outputs.model_assessment import (
 from machopt.measurement.recording import load_recording
 from machopt.measurement.recording.recording_columns import CHANNELS
 from machopt.measurement.recording.recording_writer import write_recording
+from machopt.numerics.array_types import Array
 from machopt.numerics.content_cache import build_content_key
 
 READINGS, READINGS_KEYS = "readings_corrected.csv", "readings_corrected.yaml"
@@ -117,12 +118,15 @@ def _are_inputs_equal(recording: Recording, folds: tuple[FoldModel, ...], assess
         digit = 10.0**-channel.decimals * max(channel.units(slides if channel.turns else ()))
         if (a is None) != (b is None) or not (a is None or np.allclose(a, b, 1e-12, digit, equal_nan=True)):
             return False
-    points = [
-        np.array([*(t.place for t in r.targets), *(() if r.wrench_point is None else (r.wrench_point,))])
-        for r in (stated, recording)
-    ]
-    same_points = len(points[0]) == len(points[1]) and np.allclose(*points, rtol=1e-11, atol=0.0)
+    a, b = _list_points(stated), _list_points(recording)
+    same_points = len(a) == len(b) and np.allclose(a, b, rtol=1e-11, atol=0.0)
     return same_points and _build_fold_key(folds) == _build_fold_key(assessed.folds)
+
+
+def _list_points(recording: Recording) -> Array:
+    """Return the places (K, 3) m of reflectors and of the wrench's reference, in flange."""
+    wrench = () if recording.wrench_point is None else (recording.wrench_point,)
+    return np.array([*(t.place for t in recording.targets), *wrench]).reshape(-1, 3)
 
 
 def _build_fold_key(folds: tuple[FoldModel, ...]) -> Hashable:
