@@ -88,16 +88,12 @@ def check_written_errors(folder: Path, cell: Cell, d: DiagnosisResult, assessed:
     Raises:
         MachoptError: They differ, which is a bug of this program.
     """
-    cell, recording, folds = (
-        place_tool_where_found(cell, d.findings),
-        load_recording(folder / READINGS_KEYS),
-        _read_folds(folder),
-    )
-    if assessed is not None and _are_inputs_equal(recording, folds, assessed):
-        in_sample, _ = compute_assessment(cell, recording, read_model_files(folder), ()).errors_mm
-        own = in_sample, assessed.errors_mm[1]
+    cell, recording = place_tool_where_found(cell, d.findings), load_recording(folder / READINGS_KEYS)
+    if assessed is not None and _are_inputs_equal(recording, _read_folds(folder), assessed):
+        in_sample = compute_assessment(cell, recording, read_model_files(folder), ())
+        own = in_sample.errors_mm[0], assessed.errors_mm[1]
     else:
-        own = compute_assessment(cell, recording, read_model_files(folder), folds).errors_mm
+        own = read_assessment(folder, cell).errors_mm
     for name, stated, again in zip(("final.rmse", "final.heldout_rmse"), (d.rmse, d.heldout_after), own, strict=True):
         if not abs(stated - again) <= TOLERANCE * stated + PRINTED_MM:
             raise MachoptError(f"internal error: {name} is {stated:.6g} mm, and the written files have {again:.6g} mm")
