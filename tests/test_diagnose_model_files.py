@@ -9,7 +9,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -21,6 +21,8 @@ from machopt.commands.diagnose.model_files import check_written_errors, read_ass
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import MachoptError
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.outputs import model_assessment
+from machopt.measurement.diagnosis.outputs.written_model_error import WrittenResidual
 from machopt.measurement.recording import load_recording, write_recording
 from machopt.numerics.array_types import Array
 
@@ -106,8 +108,11 @@ def test_the_folds_hold_out_every_pose_once(case: Path) -> None:
     assert sorted(unseen.tolist()) == sorted(set(assessed.recording.pose.tolist()))
 
 
-def test_a_number_changed_in_any_file_is_noticed(case: Path, tmp_path: Path) -> None:
-    """Of the model, of one fold, of the readings: the check fails, and so does the script."""
+def test_a_number_changed_in_any_file_is_noticed(case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the model, of one fold, of the readings: the check fails, and so does the script.
+
+    The errors of the folds are computed again only where a file is not what they were computed from.
+    """
     cell = load_cell(CELL)
     stated = json.loads((case / "out" / "diagnosis.json").read_text(encoding="utf-8"))["final"]
     d = cast(
@@ -115,6 +120,20 @@ def test_a_number_changed_in_any_file_is_noticed(case: Path, tmp_path: Path) -> 
         SimpleNamespace(rmse=stated["rmse"], heldout_after=stated["heldout_rmse"], findings=()),
     )
     check_written_errors(case / "out", cell, d)
+    known = read_assessment(case / "out", cell)
+    runs: list[int] = []
+    compute = model_assessment.compute_written_residual
+
+    def count(*given: Any) -> WrittenResidual:
+        runs.append(1)
+        return compute(*given)
+
+    monkeypatch.setattr(model_assessment, "compute_written_residual", count)
+    check_written_errors(case / "out", cell, d, known)
+    assert len(runs) == 1
+    wrong = replace(known, heldout=1.01 * known.heldout)
+    with pytest.raises(MachoptError, match=r"internal error: final.heldout_rmse"):
+        check_written_errors(case / "out", cell, d, wrong)
     model = "kinematics.yaml" if (case / "out" / "kinematics.yaml").exists() else "stiffness.yaml"
     for name in (model, f"folds/3/{model}", "readings_corrected.csv"):
         shutil.copytree(case / "out", tmp_path / "out")
@@ -130,7 +149,7 @@ def test_a_number_changed_in_any_file_is_noticed(case: Path, tmp_path: Path) -> 
         assert changed != text
         file.write_text(changed, encoding="utf-8")
         with pytest.raises(MachoptError, match="internal error: final"):
-            check_written_errors(tmp_path / "out", cell, d)
+            check_written_errors(tmp_path / "out", cell, d, known)
         shutil.rmtree(tmp_path / "out")
 
 

@@ -372,6 +372,14 @@ def test_the_nearest_body_is_nearest_as_the_readings_count() -> None:
     np.testing.assert_array_equal(find_nearest_semidefinite(possible, pairs, metric), possible)
 
 
+@pytest.mark.parametrize("readings", [1.0, 1e10, 1e20, 1e40])
+def test_the_nearest_body_does_not_depend_on_how_much_the_readings_count(readings: float) -> None:
+    """Of [[1, 5], [5, 1]] it is all 7/3; the distance to it was beyond the range of numbers."""
+    pairs = ((0, 0), (0, 1), (1, 1))
+    near = find_nearest_semidefinite(np.array([1.0, 5.0, 1.0]), pairs, readings * np.eye(3))
+    np.testing.assert_allclose(near, 7.0 / 3.0, rtol=1e-8)
+
+
 def test_what_no_reading_shows_is_the_least_that_what_it_is_coupled_to_needs() -> None:
     """A tool pulled through its tip shows shift and the tilt that comes with it, never a tilt by a moment."""
     pairs, metric = ((0, 0), (1, 1), (0, 1)), np.diag([2e15, 3e-18, 2e14])

@@ -51,7 +51,7 @@ def write(name: str, folder: Path, share: float) -> list[str]:
         scene = Motion(nominal, built, replace(lab, cycles=round(SAMPLES * share * STEP / lab.period)), rng)
         wanted = "payload"
     quiet = scene.clean([])
-    effect = make_cases.pick(scene, wanted, 1.5, quiet, set(), rng)
+    effect = make_cases.pick(scene, (wanted, 1.5), quiet, set(), rng)
     robot_models.write_cell(nominal, folder / "cell")
     table = channel_dispatch.table(scene, scene.clean([effect]), rng)
     recording_tables.write(table, folder / "recording")

@@ -79,7 +79,7 @@ def diagnose_subset(
     fitted, wanted = np.zeros(len(recording), bool), np.isin(recording.pose, unseen)
     fitted[rows] = done.assessed.recording.used
     place = place_tool_where_found(cell, done.diagnosis.findings)
-    residual = compute_written_residual(place, done.assessed.model, recording, fitted, wanted)
+    residual = compute_written_residual(place, done.assessed.model, recording, fitted, wanted).values
     names = tuple(f"{f.effect} {f.location}" for f in done.diagnosis.findings)
     return 1e3 * compute_rms(residual), done.diagnosis.heldout_after, done.diagnosis.verdict, names
 

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 from machopt.data_types.effect_locations import ARM, BASE, COLUMN, JOINT, LINK, ROWS, SENSOR, TOOL, parse_location
 from machopt.effects import registry
+from machopt.effects.protocol import UNCATALOGUED
 
+_UNCATALOGUED_NOUN = "effect outside the catalogue"
 _SENSORS = {
     "force": "force sensor",
     "displacement": "tracker",
@@ -33,6 +35,8 @@ def format_effect_noun(effect: str) -> str:
         The noun; for a user-defined effect its name without underscores.
     """
     known = registry.find_effect(effect)
+    if effect == UNCATALOGUED:
+        return _UNCATALOGUED_NOUN
     return known.noun if known else effect.replace("_", " ")
 
 
@@ -83,6 +87,8 @@ def format_effect_at_place(effect: str, location: str) -> str:
         The phrase.
     """
     known, name = registry.find_effect(effect), format_effect_noun(effect)
+    if effect == UNCATALOGUED:
+        return format_effect_in_sentence(effect, location)
     if not location or (known is not None and not known.preposition):
         return name
     article = "the " if parse_location(location).kind in (BASE, TOOL, SENSOR, ARM) else ""
@@ -106,6 +112,8 @@ def format_effect_in_sentence(effect: str, location: str) -> str:
         The phrase.
     """
     known = registry.find_effect(effect)
+    if effect == UNCATALOGUED:
+        return f"an {_UNCATALOGUED_NOUN} at {format_place(location)}"
     name = known.short_noun or known.noun if known else effect.replace("_", " ")
     at = parse_location(location)
     if at.kind in (JOINT, LINK):

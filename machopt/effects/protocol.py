@@ -63,6 +63,7 @@ __all__ = [
     "EXACT_FORM_UNCERTAINTY",
     "JOINTS",
     "MEMORIES",
+    "UNCATALOGUED",
     "BodyLaw",
     "CompliantBody",
     "DelayLaw",
@@ -99,6 +100,8 @@ __all__ = [
     "compute_compliance_percent",
     "is_time_dependent",
 ]
+
+UNCATALOGUED = "unnamed"  # effect of an explanation that is none of the catalogue
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,8 +62,8 @@ def build_content_key(value: object) -> Hashable:
     """Return a key that is equal for equal content, in whatever objects and folders it is.
 
     Args:
-        value: A number, word, bytes, array, path, or tuples, lists, mappings and dataclasses of these. A file counts
-            by its bytes, a folder not at all: name its files, too.
+        value: A number, word, bytes, array, path, or tuples, lists, sets, mappings and dataclasses of these. A file
+            counts by its bytes, a folder not at all: name its files, too.
 
     Raises:
         OSError: A file cannot be read.
@@ -79,6 +79,8 @@ def build_content_key(value: object) -> Hashable:
         return "folder" if value.is_dir() else hashlib.sha256(value.read_bytes()).digest()
     if isinstance(value, tuple | list):
         return tuple(build_content_key(v) for v in value)
+    if isinstance(value, frozenset):
+        return frozenset(build_content_key(v) for v in value)
     if isinstance(value, Mapping):
         return "mapping", tuple((build_content_key(k), build_content_key(v)) for k, v in value.items())
     if is_dataclass(value):

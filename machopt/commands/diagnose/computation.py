@@ -106,7 +106,7 @@ def write_diagnosis_files(done: DiagnoseComputation, folder: Path, progress: Pro
     write_kinematics_file(folder, done.cell, done.diagnosis)
     if done.assessed is not None:
         write_assessed_files(folder, done.assessed)
-        check_written_errors(folder, done.cell, done.diagnosis)
+        check_written_errors(folder, done.cell, done.diagnosis, done.assessed)
     write_residual_table(folder / "residuals.csv", done.recording, done.diagnosis, done.problem)
     progress("report")
     write_diagnosis_page(folder / "report.html", done.page)

@@ -67,7 +67,9 @@ def find_nearest_semidefinite(values: Array, pairs: Sequence[tuple[int, int]], m
     x0 = np.where((rows == columns) & unseen[rows], 1.0, values / scale)
     eigen, axes = np.linalg.eigh(metric * np.outer(scale, scale))
     root = np.sqrt(np.maximum(eigen, CONVERGENCE_TOLERANCE * eigen[-1]))
-    back = axes / root  # of z = root axesᵀ (x − x0); |z|² is the increase of the residual sum
+    farthest = float(np.linalg.norm(root * (axes.T @ x0)))  # to the zero matrix, which is admissible
+    root /= farthest if farthest > 0.0 else 1.0
+    back = axes / root  # of z = root axesᵀ (x − x0); |z|² is proportional to the increase of the residual sum
 
     def matrix(x: Array) -> Array:
         C = np.zeros((n, n))

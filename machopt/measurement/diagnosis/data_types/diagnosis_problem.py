@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.data_types.parameter_keys import JOINT_SPRING, ParameterKey
 from machopt.data_types.stiffness import StiffnessTerm
+from machopt.effects.protocol import UNCATALOGUED as UNCATALOGUED  # noqa: PLC0414 - family of uncatalogued forms
 from machopt.effects.protocol import Quantity as Quantity  # noqa: PLC0414 - laws of users take it from here
 from machopt.effects.protocol import Shape as Shape  # noqa: PLC0414 - with it
 from machopt.numerics.array_types import Array
@@ -23,7 +24,6 @@ from machopt.numerics.array_types import Array
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Channel = Literal["deflection", "position", "torque"]
-UNCATALOGUED = "unnamed"  # family of hypotheses that are no effect of the catalogue
 
 
 @dataclass(frozen=True, kw_only=True)

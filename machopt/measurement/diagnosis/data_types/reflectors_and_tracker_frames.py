@@ -205,14 +205,24 @@ def fit_rigid_transform(x: Array, p: Array) -> tuple[Array, Array]:
     """
     weight, turn, shift = np.ones(len(p)), np.eye(3), np.zeros(3)
     for _ in range(ALIGNMENTS):
-        w = weight[:, None] / weight.sum()
-        a, b = (w * x).sum(axis=0), (w * p).sum(axis=0)
-        U, _, Vt = np.linalg.svd((w * (x - a)).T @ (p - b))
-        turn = (Vt.T * (1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T)))) @ U.T
+        w = weight / weight.sum()
+        a, b = w @ x, w @ p
+        from_a, from_b = x - a, p - b
+        U, _, Vt = np.linalg.svd((w[:, None] * from_a).T @ from_b)
+        turn = Vt.T @ U.T
+        if _compute_determinant(turn) < 0.0:  # a mirror image: the nearest rotation is another one
+            turn = (Vt.T * (1.0, 1.0, -1.0)) @ U.T
         shift = b - turn @ a
-        size = np.linalg.norm((x - a) @ turn.T + b - p, axis=1)
+        left = from_a @ turn.T - from_b
+        size = np.sqrt(np.einsum("ni,ni->n", left, left))
         weight = 1.0 / np.maximum(size, max(0.1 * _compute_median(size), 1e-9))
     return turn, shift
+
+
+def _compute_determinant(M: Array) -> float:
+    """Determinant of a (3, 3) matrix; NumPy's takes longer for its checks."""
+    (a, b, c), (d, e, f), (g, h, i) = M.tolist()
+    return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def _compute_median(values: Array) -> float:

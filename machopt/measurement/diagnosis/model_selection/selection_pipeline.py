@@ -60,6 +60,7 @@ from machopt.measurement.diagnosis.model_selection.search.search_state import Se
 from machopt.measurement.diagnosis.statistics import holdout_residuals, instrument_uncertainty_check
 from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import compute_cluster_robust_fit
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.measurement.diagnosis.verdict import base_model_notes, verdict_text
 from machopt.numerics.array_types import Array
 
@@ -266,7 +267,8 @@ def _validate_findings(
     )
     power = max(there.power, 0.0)
     real = _is_mismatch_relevant(state, there, power)
-    findings = [_build_finding(state, k, effect) for k, effect in zip(named, values, strict=True)]
+    forms = _whiten_competing_forms(state) if named else []
+    findings = [_build_finding(state, k, effect, forms) for k, effect in zip(named, values, strict=True)]
     withdrawn = list[Finding]()
     beside = (before, after)
     if nameless:
@@ -387,14 +389,22 @@ def _compute_limits(
     return out
 
 
-def _build_finding(state: SearchState, k: int, written: SelectedEffect) -> Finding:
+def _whiten_competing_forms(state: SearchState) -> list[WhitenedHypothesis]:
+    """Return the forms outside the catalogue that may explain the displacements of a load test as well as a law."""
+    if state.problem.channel != "deflection":
+        return []
+    tried = [t for t in state.whitened_hypotheses if not t.hypothesis.is_in_catalogue]
+    return [*tried, *whiten_hypotheses(state.base, state.catalogue.uncatalogued_hypotheses)]
+
+
+def _build_finding(state: SearchState, k: int, written: SelectedEffect, forms: Sequence[WhitenedHypothesis]) -> Finding:
     """Build the finding of the k-th effect; its values are those of the written model."""
     c = written
     h, shape = c.whitened.hypothesis, c.whitened.shapes[c.scored.shape]
     x = c.scored.x * c.whitened.unit[c.scored.shape]
     without = state.fit_effects([o for i, o in enumerate(state.chosen) if i != k]).heldout()
     full = state.fit_effects(state.chosen)
-    others, names = find_rival_explanations(state.base, state.chosen, k, state.catalogue_hypotheses)
+    others, names = find_rival_explanations(state.base, state.chosen, k, [*state.catalogue_hypotheses, *forms])
     names = [*names, *(u.name for u in state.catalogue.untestable if u.same_as in names)]
     is_kept = c is state.chosen[k] or h.family == BODY  # sizes of bodies are those that readings determine
     estimates = estimate_parameters(state.base, state.chosen, k, state.catalogue_hypotheses)

@@ -88,12 +88,12 @@ def compute_assessment(
         The assessment.
     """
     used = np.ones(len(recording), bool) if recording.used is None else recording.used
-    residual = compute_written_residual(cell, model, recording, used, np.ones(len(recording), bool))
-    heldout = residual.copy()
+    whole = compute_written_residual(cell, model, recording, used, np.ones(len(recording), bool))
+    heldout = whole.values.copy()
     for fold in folds:
-        unseen = np.isin(recording.pose, fold.unseen_poses)
-        heldout[unseen] = compute_written_residual(cell, fold.model, recording, used & ~unseen, unseen)
-    return ModelAssessment(replace(recording, used=used), model, folds, residual, heldout)
+        unseen, start = np.isin(recording.pose, fold.unseen_poses), whole.registration
+        heldout[unseen] = compute_written_residual(cell, fold.model, recording, used & ~unseen, unseen, start).values
+    return ModelAssessment(replace(recording, used=used), model, folds, whole.values, heldout)
 
 
 def state_written_errors(d: DiagnosisResult, assessed: ModelAssessment) -> DiagnosisResult:

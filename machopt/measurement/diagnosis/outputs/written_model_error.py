@@ -42,9 +42,30 @@ class WrittenModel:
     kinematics: KinematicCorrections | None
 
 
+@dataclass(frozen=True)
+class Registration:
+    """Registration of measured poses, and the arm in it."""
+
+    fit: FirstPoseFit
+    angles: Array  # (N, n) rad, loaded equilibrium
+
+
+@dataclass(frozen=True)
+class WrittenResidual:
+    """Residual of written files."""
+
+    values: Array  # (K, 3) m, of the wanted readings
+    registration: Registration | None  # None of load tests
+
+
 def compute_written_residual(
-    cell: Cell, model: WrittenModel, recording: Recording, fitted: Flags, wanted: Flags
-) -> Array:
+    cell: Cell,
+    model: WrittenModel,
+    recording: Recording,
+    fitted: Flags,
+    wanted: Flags,
+    start: Registration | None = None,
+) -> WrittenResidual:
     """Compute measured minus predicted positions or displacements of written files.
 
     Args:
@@ -53,9 +74,10 @@ def compute_written_residual(
         recording: Corrected readings.
         fitted: (N,) readings that the registration is fitted to.
         wanted: (N,) readings whose residuals are returned.
+        start: Registration of similar files of these readings, from which fewer steps are needed; None: nominal.
 
     Returns:
-        (K, 3) m, of the K wanted readings.
+        The residual of the K wanted readings.
     """
     cell = replace(
         cell,
@@ -63,10 +85,11 @@ def compute_written_residual(
         kinematics=model.kinematics if model.kinematics is not None else cell.kinematics,
     )
     if not wanted.any():
-        return np.zeros((0, 3))
+        return WrittenResidual(np.zeros((0, 3)), start)
     if recording.kind == "deflection":
-        return _compute_load_test_residual(cell, recording, wanted)
-    return _compute_pose_residual(cell, recording, fitted)[wanted]
+        return WrittenResidual(_compute_load_test_residual(cell, recording, wanted), None)
+    residual, registration = _compute_pose_residual(cell, recording, fitted, start)
+    return WrittenResidual(residual[wanted], registration)
 
 
 def _compute_load_test_residual(cell: Cell, recording: Recording, wanted: Flags) -> Array:
@@ -96,7 +119,9 @@ def _compute_load_test_residual(cell: Cell, recording: Recording, wanted: Flags)
     return np.asarray(out[:, :3])
 
 
-def _compute_pose_residual(cell: Cell, recording: Recording, fitted: Flags) -> Array:
+def _compute_pose_residual(
+    cell: Cell, recording: Recording, fitted: Flags, start: Registration | None
+) -> tuple[Array, Registration]:
     """Return the residual (N, 3) of measured poses with the registration fitted to some readings."""
     stated = frozenset(range(1, len(cell.arm_joints) + 1)) if cell.stiffness is not None else frozenset()
     model = NominalPoseModel(recording, cell, load_robot(cell), read_stated_masses(cell), stated)
@@ -104,6 +129,9 @@ def _compute_pose_residual(cell: Cell, recording: Recording, fitted: Flags) -> A
     at = FirstPoseFit(
         np.zeros((model.frame_count, 3)), np.zeros((model.frame_count, 3)), np.zeros((model.targets, 3)), model.nominal
     )
+    if start is not None:
+        at = replace(start.fit, compliance=start.fit.compliance if model.cell.stiffness is None else model.nominal)
+        model.settled = start.angles
     for _ in range(REGISTRATION_STEPS):
         state, p, R = model.predict(at)
         residual = model.residual(at, p, R)
@@ -117,7 +145,8 @@ def _compute_pose_residual(cell: Cell, recording: Recording, fitted: Flags) -> A
         if np.abs(step).max() < CONVERGED_M:
             break
         at = _move_registration(at, model.split_unknowns(unknowns, step))
-    return np.asarray(residual[:, :3])
+    assert model.settled is not None  # by the prediction
+    return np.asarray(residual[:, :3]), Registration(at, model.settled)
 
 
 def _solve_registration(columns: Array, residual: Array) -> Array:

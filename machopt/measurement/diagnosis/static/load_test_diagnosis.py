@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from machopt.measurement.diagnosis.static import load_test_channel, loaded_equil
 from machopt.measurement.diagnosis.verdict.data_sufficiency import check_enough_readings
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 from machopt.numerics.array_types import Array
+from machopt.numerics.content_cache import NoContentKeyError, build_content_key
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
 UserLaws = Sequence[tuple[str, user_hypotheses.HypothesisSource]]
@@ -62,8 +63,31 @@ class LoadTestDiagnosis:
         check_enough_readings(problem, self.recording)
         options = replace(self.options, predicted="load tests", is_static=True)
         rng = np.random.default_rng(self.seed)
-        key = (T_flange_tcp.tobytes(), repr(None if self._known is None else self._known.terms))
+        key = self.build_search_key(T_flange_tcp, self._known)
         return selection_pipeline.diagnose_problem(problem, catalogue, options, rng, equations.rebuild, key), problem
+
+    def build_search_key(self, T_flange_tcp: Array, known: ArmStiffness | None) -> Hashable:
+        """Build a key that is equal for equal inputs of the search.
+
+        What a search finds is the same whatever is written or shown of it; that has no part in the key.
+
+        Args:
+            T_flange_tcp: (4, 4) TCP in the flange frame.
+            known: joint springs and known terms of the cell.
+
+        Returns:
+            The key; None where an input cannot be compared, so that the search must not be stored.
+        """
+        stiffness = self.cell.stiffness
+        inputs = (
+            (T_flange_tcp, known, self.recording, self.robot, self.masses, self.excluded),
+            (self.seed, self.options.max_effects),
+            (self.cell.T_world_base, self.cell.arm_limits, existing_terms.has_geometric_stiffness(stiffness)),
+        )
+        try:
+            return build_content_key(inputs), tuple(self.user_laws)
+        except NoContentKeyError:
+            return None
 
 
 class _LoadTestEquations:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from machopt.effects.effect_wording import format_effect_in_sentence, format_place
 from machopt.measurement.diagnosis import thresholds
-from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import UNCATALOGUED, DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
 from machopt.measurement.diagnosis.verdict.base_model_notes import describe_unstated_values
 
 Flags = NDArray[np.bool_]
 MOST_PLACES = 5  # most places in the sentence, the largest shares first
+MAX_ALTERNATIVES = 3  # most alternatives in the proposal of a measurement
 
 
 def format_verdict(d: DiagnosisResult) -> str:
@@ -141,6 +142,10 @@ def is_mismatch_closed(d: DiagnosisResult) -> bool:
     return d.explained >= thresholds.PROOF.closes
 
 
+def _list_named_alternatives(f: Finding) -> list[tuple[str, str]]:
+    return [name for name in f.one_of[1:] if name[0] != UNCATALOGUED]
+
+
 def suggest_next_experiment(d: DiagnosisResult) -> str:
     """Propose the next measurement in words.
 
@@ -152,8 +157,14 @@ def suggest_next_experiment(d: DiagnosisResult) -> str:
     """
     sets = [f for f in d.findings if len(f.one_of) > 1]
     if sets:
-        f = sets[0]
-        others = ", ".join(format_effect_in_sentence(*n) for n in f.one_of[1:4])
+        f = next((f for f in sets if _list_named_alternatives(f)), sets[0])
+        named = _list_named_alternatives(f)
+        others = ", ".join(format_effect_in_sentence(*n) for n in (named or f.one_of[1:])[:MAX_ALTERNATIVES])
+        if not named:
+            return (
+                f"To tell {format_effect_in_sentence(f.effect, f.location)} from {others}: repeat the readings with a "
+                f"second target on each side of {format_place(f.one_of[1][1])}; what moves between the two?"
+            )
         return (
             f"To tell {format_effect_in_sentence(f.effect, f.location)} from {others}: machopt plan-poses CELL "
             f"--discriminate OUT chooses "

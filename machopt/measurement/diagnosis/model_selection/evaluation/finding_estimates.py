@@ -39,11 +39,14 @@ def find_rival_explanations(
 ) -> tuple[list[RivalExplanation], list[EffectLocation]]:
     """Find the effects that could replace the k-th effect, with all other effects present.
 
+    Forms outside the catalogue have no size that a file states: they are rivals without a fit. They are open only
+    where they explain as much, and not where a few groups cannot decide.
+
     Args:
         model: Whitened base model.
         chosen: Selected effects, each fitted together with the others.
         k: Index of the effect in ``chosen``.
-        tried: All whitened hypotheses.
+        tried: All whitened hypotheses that compete, the selected one included.
 
     Returns:
         Rivals, the best first, and the effects that are not excluded, the selected one first.
@@ -78,11 +81,12 @@ def find_rival_explanations(
             float(d.sum()) / spread < thresholds.DETECTION.as_good
             or (selected_score.gain - s.gain) / spread < thresholds.DETECTION.as_good
         )
-        is_open = s.total > 0 and (
-            close or (p > thresholds.DETECTION.paired and s.total > thresholds.DETECTION.most_of * selected_score.total)
-        )
+        as_likely = p > thresholds.DETECTION.paired and s.total > thresholds.DETECTION.most_of * selected_score.total
+        is_open = s.total > 0 and (close or (as_likely and h.is_in_catalogue))
         if is_open:
             names.append(name)
+        elif not h.is_in_catalogue:
+            continue
         out.append(
             RivalExplanation(
                 effect=h.effect,
@@ -92,7 +96,7 @@ def find_rival_explanations(
                 standing="not excluded" if is_open else "rejected",
                 p_value=p,
                 placebo=h.effect == mine.effect,
-                fit=fit(s),
+                fit=fit(s) if h.is_in_catalogue else None,
                 named=named,
             )
         )

@@ -1,0 +1,129 @@
+"""Explanations with the same compliance matrix over the recorded poses: both are stated, whatever decides the name.
+
+A link that twists about its own axis moves the arm behind it as the bearing at its end does that tilts about this
+axis. An elastic coupling of joints 2 and 3 moves the arm as link 2 does that bends in the plane of both.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_diagnose_bearing_tilt import across, tilted
+from test_effects import posed
+
+from machopt.cell.cell_reader import load_cell
+from machopt.data_types.measurements.recording import Recording
+from machopt.effects.protocol import UNCATALOGUED
+from machopt.kinematics.robot import load_masses, load_robot
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
+from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
+from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.effect_columns import joint_torque, structural_compliance
+from machopt.measurement.diagnosis.model_selection import selection_pipeline
+from machopt.measurement.diagnosis.static import bearing_tilt
+from machopt.numerics.array_types import Array
+
+ROOT = Path(__file__).resolve().parents[1]
+LARGEST = 1e-4  # m, largest displacement that the joint springs leave of what is concealed
+CELLS = ("kr500_milling", "irb6700_drilling", "s420f_handling", "cutting_cobot")
+
+
+def build_readings(cell_name: str, seed: int = 0) -> StaticReadings:
+    """Twelve poses, four loads of forces and moments at each, two sessions."""
+    cell = load_cell(ROOT / "cells" / cell_name)
+    robot, tool = load_robot(cell), cell.tool.T_flange_tcp
+    assert cell.stiffness is not None
+    rng = np.random.default_rng(seed)
+    q = np.radians([0, -90, 100, 0, 60, 0]) + rng.uniform(-0.5, 0.5, (12, 6))
+    q = np.tile(np.repeat(q, 4, axis=0), (2, 1))
+    w = np.tile(np.concatenate([rng.uniform(-900, 900, (48, 3)), rng.uniform(-90, 90, (48, 3))], axis=1), (2, 1))
+    pose, session, rows = np.tile(np.repeat(np.arange(12), 4), 2), np.repeat(np.arange(2), 48), np.arange(96)
+    recording = Recording(
+        kind="deflection", source="made up", q=q, pose=pose, cycle=rows, session=session, line=rows, wrench=w
+    )
+    return StaticReadings(
+        recording=recording,
+        robot=robot,
+        T_flange_tcp=tool,
+        masses=load_masses(cell),
+        state=robot.compute_state(q, tool, bodies=True),
+        wrench=w,
+        dimensions=6,
+        is_difference=True,
+        compliance=1.0 / cell.stiffness.joints,
+        session=session,
+        visit=session * 12 + pose,
+        cycle=rows,
+    )
+
+
+def list_laws(r: StaticReadings) -> list[EffectHypothesis]:
+    return [*structural_compliance.build_structure_hypotheses(r), *joint_torque.build_load_test_couplings(r)]
+
+
+def diagnose(r: StaticReadings, moved: Array) -> DiagnosisResult:
+    forms = tuple(bearing_tilt.build_bearing_hypotheses(r))
+    tried = HypothesisCatalogue(tuple(list_laws(r)), uncatalogued_hypotheses=forms)
+    springs = (r.state.J * r.load_torque[:, None, :]).reshape(-1, 6)
+    left = moved - (springs @ np.linalg.lstsq(springs, moved.reshape(-1), rcond=None)[0]).reshape(moved.shape)
+    size = LARGEST / np.abs(left[:, :3]).max()
+    options = selection_pipeline.DiagnosisOptions()
+    return selection_pipeline.diagnose_problem(posed(r, moved * size), tried, options, np.random.default_rng(0))
+
+
+def move_by(r: StaticReadings, effect: str, location: str, law: str) -> Array:
+    """Displacement (N, 6) of a law at its middle shape, each coefficient with the same share."""
+    h = next(h for h in list_laws(r) if (*h.name, h.law) == (effect, location, law))
+    columns = h.columns(h.shapes[len(h.shapes) // 2])
+    return np.asarray(columns @ (1.0 / np.abs(columns).max(axis=(0, 1))))
+
+
+def is_never_one_name(found: DiagnosisResult, joint: int) -> bool:
+    """Return whether nothing is named, or the bearing of a joint (1-based) is among what could not be told apart."""
+    return all((UNCATALOGUED, f"joint:{joint}") in f.one_of for f in found.findings)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("cell_name", CELLS)
+@pytest.mark.parametrize(("joint", "way"), [(2, 0.7), (2, 2.0), (3, 1.2), (1, 1.5)])
+def test_a_soft_bearing_is_never_one_name(cell_name: str, joint: int, way: float) -> None:
+    r = build_readings(cell_name)
+    assert is_never_one_name(diagnose(r, tilted(r, joint - 1, across(r, joint - 1, way))), joint)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "cell_name", [pytest.param(c, marks=[] if c == CELLS[-1] else [pytest.mark.proof]) for c in CELLS]
+)
+def test_a_link_that_twists_is_named_with_the_bearing_that_moves_alike(cell_name: str) -> None:
+    r = build_readings(cell_name)
+    found = diagnose(r, move_by(r, "link_compliance", "link:2", "twists"))
+    assert found.verdict == "explained"
+    assert [(f.effect, f.location) for f in found.findings] == [("link_compliance", "link:2")]
+    assert (UNCATALOGUED, "joint:2") in found.findings[0].one_of or (UNCATALOGUED, "joint:3") in found.findings[
+        0
+    ].one_of
+    assert "outside the catalogue" in found.sentence
+    rivals = [n for n in found.findings[0].rivals if n.effect == UNCATALOGUED]
+    assert rivals
+    assert all(n.standing == "not excluded" and n.fit is None for n in rivals)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("cell_name", CELLS)
+def test_an_elastic_coupling_and_the_link_that_bends_alike_are_both_stated(cell_name: str) -> None:
+    r = build_readings(cell_name)
+    found = diagnose(r, move_by(r, "joint_coupling", "joint:2-3", "elastic coupling"))
+    (finding,) = found.findings
+    assert {("joint_coupling", "joint:2-3"), ("link_compliance", "link:2")} <= set(finding.one_of)
+    assert "--discriminate" in found.next_experiment
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("cell_name", ["kr500_milling", "cutting_cobot"])
+def test_a_link_that_nothing_imitates_keeps_its_name_alone(cell_name: str) -> None:
+    r = build_readings(cell_name)
+    found = diagnose(r, move_by(r, "link_compliance", "link:2", "bends"))
+    assert [f.one_of for f in found.findings] == [(("link_compliance", "link:2"),)]
