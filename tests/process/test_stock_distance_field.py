@@ -182,3 +182,18 @@ def test_a_cell_size_that_cannot_work_is_refused_with_one_that_does(cell: float,
     with pytest.raises(CuttingInputError, match=words) as caught:
         build_distance_field(build_body(mesh, cell))
     assert caught.value.key == "cell_mm"
+
+
+@pytest.mark.parametrize("turn", [TURNS[0], TURNS[4], (0.0, 0.0, 0.615)])
+@pytest.mark.parametrize("ae", [1e-3, 1.1e-3, 2.3e-3])
+def test_the_volume_of_a_narrow_pass_does_not_depend_on_its_place_in_the_cells(
+    turn: tuple[float, ...], ae: float
+) -> None:
+    Q, R = Rotation.from_rotvec(turn).as_matrix(), 6e-3
+    mesh = build_block((0, 0, 0), (0.06, 0.015, 0.009), Q)
+    stock = build_distance_field(build_body(mesh))
+    assert stock.volume == pytest.approx(mesh.volume, rel=5e-4)
+    x = np.arange(-R - 1e-3, 0.06 + R + 1e-3, 2e-3)
+    path = np.column_stack([x, np.full_like(x, ae - R), np.full_like(x, 0.004)])
+    volume, _, _ = remove(stock, path @ Q.T, Q[:, 2], R)
+    assert volume.sum() == pytest.approx(0.06 * ae * 0.005, rel=5e-4)

@@ -52,8 +52,8 @@ def remove_field_path(
     found = _remove_path(
         stock.arrays,
         (stock.origin, stock.cell),
-        np.array(position, float, order="C"),
-        np.array(axis, float, order="C"),
+        stock.convert_vectors(position),
+        stock.convert_vectors(axis),
         wanted,
         cutter,
         circle,

@@ -17,7 +17,19 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.process.stock.field_types import AIR, BLOCK, EDGE, LIMIT, MOST, Cutter, FieldArrays, Frame, Step
+from machopt.process.stock.field_types import (
+    AIR,
+    BLOCK,
+    EDGE,
+    KNOTS,
+    LIMIT,
+    MOST,
+    WIDE,
+    Cutter,
+    FieldArrays,
+    Frame,
+    Step,
+)
 
 Motion = tuple[Step, float, bool]
 
@@ -84,15 +96,17 @@ def _find_least(
 def compute_share(value: float) -> float:
     """Share of material of a cell from its stored distance, 0 … 1.
 
+    It is a step averaged over two intervals, the distances of lattice planes across (1 0 0) and (1 1 0). The sum of
+    shares across a flat surface with one of these normals is then exact wherever the surface lies. With the first
+    interval alone a surface at 45° to the cells moves by up to 0.5 % of a cell, with its place in the grid.
+
     Args:
         value: Stored distance.
     """
-    t = value / EDGE
-    if t >= 1.0:
-        return 0.0
-    if t <= -1.0:
-        return 1.0
-    return 1.0 - 0.5 * (1.0 + t) * (1.0 + t) if t < 0.0 else 0.5 * (1.0 - t) * (1.0 - t)
+    t = abs(value) / EDGE
+    a, b = max(KNOTS[0] - t, 0.0), max(KNOTS[1] - t, 0.0)
+    out = (a * a - b * b) / (2.0 * WIDE)
+    return out if value > 0.0 else 1.0 - out
 
 
 @jit_compile
