@@ -230,10 +230,14 @@ def _refine_ends(
     cutter: Cutter,
     slices: Array,
     has: tuple[int, int, int],
+    span: tuple[float, float],
     circle: Array,
     arcs: Array,
 ) -> None:
-    """Move the lower end of the first slice in contact and the upper end of the last to where the contact ends."""
+    """Move the lower end of the first slice in contact and the upper end of the last to where the contact ends.
+
+    That is within ``span``: beyond it, a wall that was cut before may touch the cutter.
+    """
     first, last, count = has
     h = frame[1]
     ends = np.zeros(2)
@@ -246,6 +250,7 @@ def _refine_ends(
     below = 0.0
     if ends[1] > 0.0:
         below = _find_end(arrays, frame, axes, cutter, ends, circle, arcs)
+    above, below = min(above, span[1]), max(below, span[0])
     for m, is_top, height in ((last, True, above), (first, False, below)):
         is_corner = slices[m, 1] <= cutter[1]
         limit = cutter[1]
@@ -280,6 +285,7 @@ def find_field_contact(
     axes: Axes,
     cutter: Cutter,
     heights: Array,
+    span: Array,
     circle: Array,
     arcs: Array,
     rows: Array,
@@ -292,6 +298,7 @@ def find_field_contact(
         axes: (4, 3) tip, normal (axis × travel), travel across the axis, tool axis.
         cutter: radius, corner radius, slope of the cone, height.
         heights: (n,) volume that the move removed by height above the tip, bins of one cell.
+        span: (2,) m, lowest and highest material above the tip that the move removed.
         circle: (n, 2) sine and cosine of even angles from 0 to π.
         arcs: (n, 2) work space.
         rows: (m, 4) low, high, start, end of each arc.
@@ -306,7 +313,10 @@ def find_field_contact(
         if heights[n] > RISING * most:
             first, last = (n if first < 0 else first), n
     slices = np.zeros((CORNER_SLICES + SLICES, 2))
-    count = _divide(cutter, max((first - 1) * h, 0.0), min((last + 1) * h, cutter[3]), h, slices)
+    low, high = max((first - 1) * h, span[0], 0.0), min((last + 1) * h, span[1], cutter[3])
+    if low >= high:
+        return 0
+    count = _divide(cutter, low, high, h, slices)
     lowest, highest = -1, -1
     for n in range(count):
         w = 0.5 * (slices[n, 0] + slices[n, 1])
@@ -314,7 +324,7 @@ def find_field_contact(
             lowest, highest = (n if lowest < 0 else lowest), n
     if lowest < 0:
         return 0
-    _refine_ends(arrays, frame, axes, cutter, slices, (lowest, highest, count), circle, arcs)
+    _refine_ends(arrays, frame, axes, cutter, slices, (lowest, highest, count), (low, high), circle, arcs)
     bottom, top = slices[lowest, 0], slices[highest, 1]
     margin = min(h, 0.5 * (top - bottom))
     found, before = 0, (0, 0)

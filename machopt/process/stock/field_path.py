@@ -103,7 +103,7 @@ def _find_turn(ends: Array) -> tuple[float, Array]:
 
 @jit_compile
 def _remove_move(
-    arrays: FieldArrays, frame: Frame, ends: Array, is_first: bool, cutter: Cutter, heights: Array
+    arrays: FieldArrays, frame: Frame, ends: Array, is_first: bool, cutter: Cutter, heights: Array, span: Array
 ) -> float:
     """Remove a move in short steps; returns the removed volume, m³."""
     turn, across = _find_turn(ends)
@@ -115,10 +115,11 @@ def _remove_move(
     if size == 0.0 and not is_first:
         return 0.0
     heights[:] = 0.0
+    span[0], span[1] = np.inf, -np.inf
     total = 0.0
     for n in range(count):
         step = _build_step(ends, turn, across, n / count, (n + 1) / count)
-        total += remove_step(arrays, frame, (step, size / count, is_first and n == 0), cutter, heights)
+        total += remove_step(arrays, frame, (step, size / count, is_first and n == 0), cutter, heights, span)
     return total
 
 
@@ -181,7 +182,7 @@ def _remove_path(
     volume = np.zeros(len(position))
     heights = np.zeros(max(ceil(cutter[3] / frame[1]), 1))
     arcs, rows = np.zeros((ARCS, 2)), np.zeros((_ROWS, 4))
-    ends, axes = np.zeros((4, 3)), np.zeros((4, 3))
+    ends, axes, span = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros(2)
     point, found = np.zeros(256, np.int64), np.zeros((256, 4))
     count = 0
     for k in range(len(position)):
@@ -189,10 +190,10 @@ def _remove_path(
         ends[0], ends[1], ends[2], ends[3] = position[before], axis[before], position[k], axis[k]
         if end[k] > 0.0:
             end[k] = measure_field_end(arrays, frame, ends, cutter[0] - cutter[1])
-        volume[k] = _remove_move(arrays, frame, ends, k == 0, cutter, heights)
+        volume[k] = _remove_move(arrays, frame, ends, k == 0, cutter, heights, span)
         if volume[k] <= NOTHING or not wanted[k] or not _set_axes(axes, ends):
             continue
-        number = find_field_contact(arrays, frame, axes, cutter, heights, circle, arcs, rows)
+        number = find_field_contact(arrays, frame, axes, cutter, heights, span, circle, arcs, rows)
         number = _drop_idle_arcs(rows, number, ends, axes, cutter, heights, frame[1])
         if count + number > len(point):
             room = 2 * len(point) + number
