@@ -22,7 +22,7 @@ SOFT = 0.25  # cells of height over which a smooth surface passes from material 
 THIN_CHIP = 0.1  # cells: a contact less deep than this is none
 SPACING = 2.0  # cells between two samples along the circle; a narrower contact may be missed
 _HALVINGS = 5
-_SEARCH = 48  # steps along the circle in which the boundary is followed
+SEARCH = 48  # steps along the circle in which the boundary is followed
 CLOSE = (0.25, 0.75)  # cells outside of the cutter where its tangent is checked, and found anew
 FITS = 0.5  # cells; a tangent that is nearer there fits
 _SAME_LEVEL = 5e-3  # of the largest height
@@ -162,7 +162,7 @@ def _carry_back(
     carried, expected = phi, np.inf
     if np.isfinite(far):
         carried = extrapolate_boundary(phi, reach, far, outer, radius)
-        misses = _measure_line(phi, reach, far, outer) > radius + CLOSE[0] * size
+        misses = measure_line(phi, reach, far, outer) > radius + CLOSE[0] * size
         if abs(carried - phi) * radius < size and not misses:
             return carried
         expected = extrapolate_boundary(phi, reach, far, outer, close)
@@ -194,7 +194,7 @@ def _follow_boundary(
     """
     begins_inside = _is_inside(grid, origin, cell, p, cu, cv, reach, phi, w)
     sign = -into if begins_inside else into
-    for n in range(1, _SEARCH + 1):
+    for n in range(1, SEARCH + 1):
         there = phi + sign * n * step
         if _is_inside(grid, origin, cell, p, cu, cv, reach, there, w) != begins_inside:
             near = there - sign * step
@@ -204,7 +204,7 @@ def _follow_boundary(
 
 
 @jit_compile
-def _measure_line(phi: float, reach: float, far: float, outer: float) -> float:
+def measure_line(phi: float, reach: float, far: float, outer: float) -> float:
     """Distance from the centre of the straight line through two places in polar coordinates."""
     x, y = reach * cos(phi), reach * sin(phi)
     dx, dy = outer * cos(far) - x, outer * sin(far) - y

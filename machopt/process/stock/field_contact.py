@@ -13,7 +13,16 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.process.stock.contact_kernels import CORNER_SLICES, SPACING, THIN_CHIP, extrapolate_boundary
+from machopt.process.stock.contact_kernels import (
+    CLOSE,
+    CORNER_SLICES,
+    FITS,
+    SEARCH,
+    SPACING,
+    THIN_CHIP,
+    extrapolate_boundary,
+    measure_line,
+)
 from machopt.process.stock.field_types import (
     AIR,
     BLOCK,
@@ -34,7 +43,7 @@ THICKNESS = 2.0  # cells, of a slice, at least
 SAME_ANGLE = 0.004  # rad; neighbouring slices whose arcs differ by less become one
 RISING = 1e-3  # of the largest removed volume of a bin; bins with less are left out
 _HALVINGS = 6
-_SEARCH = 16  # half cells along the circle in which the boundary is followed outwards
+STEP_ANGLE = 0.1  # rad of all arcs of a slice; at a larger difference of neighbours their boundary is found
 
 Axes = Array  # (4, 3) tip, normal, travel, tool axis
 
@@ -118,25 +127,49 @@ def _find_crossing(
 
 
 @jit_compile
+def _follow_boundary(
+    arrays: FieldArrays, frame: Frame, axes: Axes, phi: float, into: float, reach: float, w: float, step: float
+) -> float:
+    """Angle at which a boundary meets another circle, near an angle; NaN where it does not.
+
+    ``into`` is 1 where the material lies at larger angles, −1 at smaller; ``step`` is that of the search, rad.
+    """
+    begins_inside = _is_inside(arrays, frame, axes, reach, sin(phi), cos(phi), w)
+    sign = -into if begins_inside else into
+    for n in range(1, SEARCH + 1):
+        there = phi + sign * n * step
+        if _is_inside(arrays, frame, axes, reach, sin(there), cos(there), w) != begins_inside:
+            near = there - sign * step
+            inside, outside = (near, there) if begins_inside else (there, near)
+            return _find_crossing(arrays, frame, axes, reach, w, inside, outside)
+    return np.nan
+
+
+@jit_compile
 def _carry_back(
     arrays: FieldArrays, frame: Frame, axes: Axes, phi: float, into: float, radius: float, w: float
 ) -> float:
     """Angle at which the stock's boundary meets the cutter, from the angle at which it meets the circle outside.
 
-    ``into`` is 1 where the material lies at larger angles, −1 at smaller.
+    A boundary that is no straight line is found anew nearer to the cutter, as on a height map. ``into`` is 1 where the
+    material lies at larger angles, −1 at smaller.
     """
-    reach = radius + frame[1]
-    outer = reach + frame[1]
-    step = 0.5 * frame[1] / outer
-    sign = -into if _is_inside(arrays, frame, axes, outer, sin(phi), cos(phi), w) else into
-    for n in range(1, _SEARCH + 1):
-        there = phi + sign * n * step
-        if _is_inside(arrays, frame, axes, outer, sin(there), cos(there), w) == (sign == into):
-            near = there - sign * step
-            inside, outside = (there, near) if sign == into else (near, there)
-            far = _find_crossing(arrays, frame, axes, outer, w, inside, outside)
-            return extrapolate_boundary(phi, reach, far, outer, radius)
-    return phi
+    h = frame[1]
+    reach, outer, close = radius + h, radius + 2.0 * h, radius + CLOSE[0] * h
+    far = _follow_boundary(arrays, frame, axes, phi, into, outer, w, 0.5 * h / outer)
+    carried, expected = phi, np.inf
+    if np.isfinite(far):
+        carried = extrapolate_boundary(phi, reach, far, outer, radius)
+        misses = measure_line(phi, reach, far, outer) > radius + CLOSE[0] * h
+        if abs(carried - phi) * radius < h and not misses:
+            return carried
+        expected = extrapolate_boundary(phi, reach, far, outer, close)
+    near = _follow_boundary(arrays, frame, axes, phi, into, close, w, 0.25 * h / radius)
+    if not np.isfinite(near) or abs(near - expected) * radius < FITS * h:
+        return carried
+    middle = radius + CLOSE[1] * h
+    between = _follow_boundary(arrays, frame, axes, near, into, middle, w, 0.25 * h / radius)
+    return extrapolate_boundary(near, close, between, middle, radius) if np.isfinite(between) else near
 
 
 @jit_compile
@@ -263,6 +296,44 @@ def _refine_ends(
 
 
 @jit_compile
+def _measure_width(
+    arrays: FieldArrays, frame: Frame, axes: Axes, cutter: Cutter, w: float, circle: Array, arcs: Array
+) -> float:
+    """Sum of the arcs of contact at a height, rad."""
+    total = 0.0
+    for n in range(_add_arcs(arrays, frame, axes, _compute_radius(cutter, w), w, circle, arcs)):
+        total += arcs[n, 1] - arcs[n, 0]
+    return total
+
+
+@jit_compile
+def _refine_boundaries(
+    arrays: FieldArrays,
+    frame: Frame,
+    axes: Axes,
+    cutter: Cutter,
+    slices: Array,
+    has: tuple[int, int],
+    circle: Array,
+    arcs: Array,
+) -> None:
+    """Move the boundary of two slices to where the arcs change, above the corner."""
+    for m in range(has[0], has[1]):
+        first, last = slices[m, 2], slices[m + 1, 2]
+        if slices[m, 0] < cutter[1] or abs(last - first) < STEP_ANGLE:
+            continue
+        a, b = slices[m, 3], slices[m + 1, 3]
+        for _ in range(_HALVINGS):
+            w = 0.5 * (a + b)
+            width = _measure_width(arrays, frame, axes, cutter, w, circle, arcs)
+            if abs(width - first) < abs(width - last):
+                a = w
+            else:
+                b = w
+        slices[m, 1] = slices[m + 1, 0] = 0.5 * (a + b)
+
+
+@jit_compile
 def _merge(rows: Array, before: tuple[int, int], found: int) -> bool:
     """Join the rows from ``before[1]`` with those of the slice below where their arcs are equal."""
     first, second = before
@@ -285,7 +356,7 @@ def find_field_contact(
     axes: Axes,
     cutter: Cutter,
     heights: Array,
-    span: Array,
+    span: tuple[float, float],
     circle: Array,
     arcs: Array,
     rows: Array,
@@ -298,7 +369,7 @@ def find_field_contact(
         axes: (4, 3) tip, normal (axis × travel), travel across the axis, tool axis.
         cutter: radius, corner radius, slope of the cone, height.
         heights: (n,) volume that the move removed by height above the tip, bins of one cell.
-        span: (2,) m, lowest and highest material above the tip that the move removed.
+        span: m, lowest and highest material above the tip that was removed within a cell of travel.
         circle: (n, 2) sine and cosine of even angles from 0 to π.
         arcs: (n, 2) work space.
         rows: (m, 4) low, high, start, end of each arc.
@@ -312,7 +383,7 @@ def find_field_contact(
     for n in range(len(heights)):
         if heights[n] > RISING * most:
             first, last = (n if first < 0 else first), n
-    slices = np.zeros((CORNER_SLICES + SLICES, 2))
+    slices = np.zeros((CORNER_SLICES + SLICES, 4))  # low, high, width of the arcs at a height, that height
     low, high = max((first - 1) * h, span[0], 0.0), min((last + 1) * h, span[1], cutter[3])
     if low >= high:
         return 0
@@ -320,11 +391,13 @@ def find_field_contact(
     lowest, highest = -1, -1
     for n in range(count):
         w = 0.5 * (slices[n, 0] + slices[n, 1])
-        if _add_arcs(arrays, frame, axes, _compute_radius(cutter, w), w, circle, arcs):
+        slices[n, 2], slices[n, 3] = _measure_width(arrays, frame, axes, cutter, w, circle, arcs), w
+        if slices[n, 2] > 0.0:
             lowest, highest = (n if lowest < 0 else lowest), n
     if lowest < 0:
         return 0
     _refine_ends(arrays, frame, axes, cutter, slices, (lowest, highest, count), (low, high), circle, arcs)
+    _refine_boundaries(arrays, frame, axes, cutter, slices, (lowest, highest), circle, arcs)
     bottom, top = slices[lowest, 0], slices[highest, 1]
     margin = min(h, 0.5 * (top - bottom))
     found, before = 0, (0, 0)

@@ -246,7 +246,7 @@ def remove_step(
         motion: The step; the most that a place of the cutter moves along it, m; whether its start was not removed yet.
         cutter: radius, corner radius, slope of the cone, height.
         heights: (n,) removed volume by height above the tip in bins of one cell, which is added to.
-        span: (2,) m, lowest and highest removed material above the tip, which is widened.
+        span: (2 or more,) m, lowest and highest removed material above the tip, which is widened.
     """
     table = arrays[0]
     origin, h = frame
