@@ -99,8 +99,9 @@ def build_distance_field(body: StockBody) -> DistanceField:
     vertices = body.vertices @ GRID_AXES.T
     least, most = vertices.min(axis=0), vertices.max(axis=0)
     h = body.cell_size
-    _check_size(most - least, h)
-    _check_resolution(body.vertices.max(axis=0) - body.vertices.min(axis=0), h)
+    extent = body.vertices.max(axis=0) - body.vertices.min(axis=0)
+    _check_size(most - least, h, _describe_extent(extent, h))
+    _check_resolution(extent, h)
     blocks = np.ceil(((most - least) / h + 2 * MARGIN) / BLOCK - 1e-9).astype(int)
     return _fill_field(body, least - MARGIN * h, h, tuple(blocks.tolist()))
 
@@ -146,8 +147,12 @@ def build_memory_error(cell: float, ratio: float) -> CuttingInputError:
     )
 
 
-def _check_size(extent: Array, cell: float) -> None:
-    shown = " x ".join(f"{1e3 * e:.4g}" for e in extent.tolist()) + f" mm at cell_mm: {1e3 * cell:g}"
+def _describe_extent(extent: Array, cell: float) -> str:
+    return " x ".join(f"{1e3 * e:.4g}" for e in extent.tolist()) + f" mm at cell_mm: {1e3 * cell:g}"
+
+
+def _check_size(extent: Array, cell: float, shown: str) -> None:
+    """Refuse a grid that is too large by its extent along its own axes; the message names that along the CAM axes."""
     blocks = np.ceil((extent / cell + 2 * MARGIN) / BLOCK)
     strip = float(blocks[0] * blocks[2]) * BLOCK**3
     ratio = max(float(blocks.prod() / MOST_TABLE) ** (1 / 3), (strip / MOST_STRIP) ** 0.5)
@@ -160,8 +165,7 @@ def _check_size(extent: Array, cell: float) -> None:
 
 
 def _check_resolution(extent: Array, cell: float) -> None:
-    shown = " x ".join(f"{1e3 * e:.4g}" for e in extent.tolist()) + f" mm at cell_mm: {1e3 * cell:g}"
-    least = float(extent.min())
+    least, shown = float(extent.min()), _describe_extent(extent, cell)
     if least / cell < LEAST_CELLS:
         raise CuttingInputError(
             f"{shown} gives {least / cell:.0f} cells across the stock; at least {LEAST_CELLS} are needed: a cell_mm of "

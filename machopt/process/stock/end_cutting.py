@@ -15,7 +15,7 @@ from machopt.data_types.stock import StockEngagement
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.contact_kernels import THIN
-from machopt.process.stock.field_contact import measure_field
+from machopt.process.stock.field_arcs import measure_field
 from machopt.process.stock.field_types import FieldArrays, Frame
 from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair
 
