@@ -192,9 +192,10 @@ def test_an_axis_that_turns_a_little_changes_the_contact_a_little(tmp_path: Path
     assert turned is not None
     inside = slice(20, 60)
     assert turned.volume[inside] == pytest.approx(level.volume[inside], rel=3e-3)
-    for name in ("low", "high", "start", "end"):
-        a, b = (getattr(e, name)[np.isin(e.point, np.arange(20, 60))] for e in (level, turned))
-        assert np.abs(a - b).max() < (0.05e-3 if name in ("low", "high") else 0.03)
+    for point in range(20, 60):  # the turned one may have several slices
+        for name, choose in (("low", np.min), ("high", np.max), ("start", np.min), ("end", np.max)):
+            a, b = (choose(getattr(e, name)[e.point == point]) for e in (level, turned))
+            assert abs(a - b) < (0.05e-3 if name in ("low", "high") else 0.03)
 
 
 def test_a_stock_of_too_many_cells_names_the_cell_size_where_the_axis_turns(tmp_path: Path) -> None:

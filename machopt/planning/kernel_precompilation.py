@@ -119,7 +119,7 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     (
         "process.stock.path_removal",
         "_remove_path",
-        f"UniTuple(f4[:,::1],4),UniTuple(f8,2),UniTuple(f8,2),{_F2},b1[::1],UniTuple(f8,3),f8,{_F2},{_F1}",
+        f"f4[:,:,::1],UniTuple(f8,2),UniTuple(f8,2),{_F2},b1[::1],UniTuple(f8,3),f8,{_F2},{_F1}",
     ),
     ("process.stock.field_mesh", "fill_blocks", f"{_F3},{_FIELD}"),
     (

@@ -182,3 +182,88 @@ def test_a_cell_size_that_cannot_work_is_refused_with_one_that_does(cell: float,
     with pytest.raises(CuttingInputError, match=words) as caught:
         build_distance_field(build_body(mesh, cell))
     assert caught.value.key == "cell_mm"
+
+
+@pytest.mark.parametrize("turn", [TURNS[0], TURNS[4], (0.0, 0.0, 0.615)])
+@pytest.mark.parametrize("ae", [1e-3, 1.1e-3, 2.3e-3])
+def test_the_volume_of_a_narrow_pass_does_not_depend_on_its_place_in_the_cells(
+    turn: tuple[float, ...], ae: float
+) -> None:
+    Q, R = Rotation.from_rotvec(turn).as_matrix(), 6e-3
+    mesh = build_block((0, 0, 0), (0.06, 0.015, 0.009), Q)
+    stock = build_distance_field(build_body(mesh))
+    assert stock.volume == pytest.approx(mesh.volume, rel=5e-4)
+    x = np.arange(-R - 1e-3, 0.06 + R + 1e-3, 2e-3)
+    path = np.column_stack([x, np.full_like(x, ae - R), np.full_like(x, 0.004)])
+    volume, _, _ = remove(stock, path @ Q.T, Q[:, 2], R)
+    assert volume.sum() == pytest.approx(0.06 * ae * 0.005, rel=5e-4)
+
+
+LAYERS = (  # turn rad, cell, radius, depths of both layers, step m
+    ((0.0, 0.0, 0.0), 0.5e-3, 8.5e-3, (5e-3, 4e-3), 4e-3),
+    ((0.2, -0.5, 0.3), 0.4e-3, 5e-3, (3.1e-3, 3.3e-3), 0.2e-3),
+    ((0.3, 0.9, 0.1), 0.3e-3, 6e-3, (2e-3, 4.7e-3), 1e-3),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("turn", "cell", "radius", "depths", "step"), LAYERS)
+def test_a_wall_of_the_layer_above_is_not_in_contact(
+    turn: tuple[float, ...], cell: float, radius: float, depths: tuple[float, float], step: float
+) -> None:
+    """The second layer has the outline of the first one, at its end as well."""
+    Q = Rotation.from_rotvec(turn).as_matrix()
+    stock = build_distance_field(build_body(build_block((-0.03, -0.02, -0.015), (0.03, 0.02, 0.0), Q), cell))
+    x = np.arange(-0.006, 0.0061, step)
+    first = np.column_stack([x, 0 * x, np.full_like(x, -depths[0])])
+    path = np.vstack([np.add(first[:1], [0, 0, 0.02]), first, first[::-1] - [0, 0, depths[1]]])
+    _, point, rows = remove(stock, path @ Q.T, Q[:, 2], radius)
+    second = rows[point > len(x) + 1]
+    assert len(second) == len(x) - 1
+    assert second == pytest.approx(np.tile([0.0, depths[1], 0.0, 180.0], (len(x) - 1, 1)), abs=0.02 * cell)
+
+
+@pytest.mark.parametrize("turn", [TURNS[0], TURNS[3]])
+def test_a_wall_below_the_cut_is_not_in_contact(turn: tuple[float, ...]) -> None:
+    """A short cutter leaves material above; the next pass of the same outline lies higher."""
+    Q, cell, height = Rotation.from_rotvec(turn).as_matrix(), 0.4e-3, 8e-3
+    stock = build_distance_field(build_body(build_block((-0.02, -0.01, -0.03), (0.02, 0.01, 0.0), Q), cell))
+    x = np.arange(-0.026, 0.0101, 2e-3)
+    low, high = (np.column_stack([x, 0 * x, np.full_like(x, z)]) for z in (-0.02, -0.0143))
+    aside = np.array([[x[-1], 0.05, -0.02], [x[0], 0.05, -0.0143]])
+    _, point, rows = remove(stock, np.vstack([low, aside, high]) @ Q.T, Q[:, 2], 6e-3, height=height)
+    inside = rows[point > len(x) + 6]
+    assert len(inside) > 5
+    assert inside[:, :2] == pytest.approx(np.tile([2.3e-3, height], (len(inside), 1)), abs=0.05 * cell)
+
+
+@pytest.mark.parametrize("turn", TURNS[:4])
+def test_a_slice_ends_where_the_width_of_the_cut_changes(turn: tuple[float, ...]) -> None:
+    """Half of the stock above a slot was cut before."""
+    Q, R, cell = Rotation.from_rotvec(turn).as_matrix(), 5e-3, 0.4e-3
+    stock = build_distance_field(build_body(build_block((-0.02, -0.015, -0.015), (0.02, 0.015, 0.0), Q), cell))
+    x = np.arange(-0.026, 0.0101, 1e-3)
+    before = np.column_stack([x, np.full_like(x, R), np.full_like(x, -4.2e-3)])
+    path = np.vstack([before, np.add(before[[-1, 0]], [0, 0, 0.03]), before - [0, R, 5.3e-3]])
+    _, point, rows = remove(stock, path @ Q.T, Q[:, 2], R)
+    for k in range(len(path) - 20, len(path) - 7):  # away from the round end of the pass before
+        mine = rows[point == k]
+        assert (mine[0, 0], mine[0, 1], mine[-1, 1]) == pytest.approx((0.0, 5.3e-3, 9.5e-3), abs=0.2 * cell)
+        assert mine[0, 2:] == pytest.approx([0.0, 180.0])
+        assert mine[1:, 2:] == pytest.approx(np.tile([90.0, 180.0], (len(mine) - 1, 1)), abs=ANGLE)
+
+
+@pytest.mark.parametrize("turn", TURNS[:4])
+def test_the_contact_at_the_end_of_a_block_ends_at_its_face(turn: tuple[float, ...]) -> None:
+    """The edge of the block passes through the outline of the cutter: the contact is within 1.75 cells of it."""
+    Q, R, ae, cell = Rotation.from_rotvec(turn).as_matrix(), 8.5e-3, 4.5e-3, 0.4e-3
+    stock = build_distance_field(build_body(build_block((0, 0, -0.012), (0.03, 0.02, 0), Q), cell))
+    x = np.arange(0.02, 0.0011, -0.5e-3)
+    path = np.column_stack([x, np.full_like(x, ae - R), np.full_like(x, -6e-3)])
+    path = np.vstack([np.add(path[:1], [0.03, 0, 0]), path])
+    _, point, rows = remove(stock, path @ Q.T, Q[:, 2], R)
+    side = 180.0 - degrees(acos(1 - ae / R))
+    for k in np.flatnonzero(path[:, 0] < R):
+        begin = max(side, 180.0 - degrees(np.arcsin(path[k, 0] / R)))
+        mine = rows[point == k]
+        assert mine[:, 2:] == pytest.approx(np.tile([begin, 180.0], (len(mine), 1)), abs=degrees(1.75 * cell / R))

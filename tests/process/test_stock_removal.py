@@ -237,3 +237,34 @@ def test_gouges_and_material_left_have_their_depth_and_volume() -> None:
     assert left.left_depth == pytest.approx(0.0004, abs=1e-6)
     assert left.left_volume == pytest.approx(0.06 * 0.04 * 0.0004, rel=1e-3)
     assert left.gouge_depth == 0
+
+
+@pytest.mark.parametrize(("radius", "offset"), [(8.5e-3, 1e-3), (6e-3, 1e-3), (8e-3, 2.3e-3)])
+@pytest.mark.parametrize("step", [0.5e-3, 3.7e-3])
+def test_an_end_of_a_slot_that_crosses_the_outline_at_a_small_angle_ends_the_arc(
+    radius: float, offset: float, step: float
+) -> None:
+    """The round end of the slot before and the cutter are two circles of one radius, ``offset`` apart."""
+    stock = build_height_map(build_block((-0.03, -0.02, 0), (0.03, 0.02, 0.02)), UP)
+    remove(stock, build_line((-0.012, 0.0, 0.01), (0.02, 0.0, 0.01)), radius)
+    path = build_line((0.015, offset, 0.01), (-0.012, offset, 0.01), step)
+    _, point, rows = remove(stock, path, radius)
+    mine = rows[point == len(path) - 1]
+    crossing = degrees(acos(0.5 * offset / radius))  # from the left of travel
+    assert len(mine) == 1
+    assert mine[0, 2] == pytest.approx(crossing, abs=2 * ANGLE)
+    assert mine[0, 3] == pytest.approx(180.0, abs=ANGLE)
+
+
+@pytest.mark.parametrize("ahead", [2.5e-3, 3.8e-3, 5e-3])
+def test_a_cusp_against_a_wall_that_is_tangent_to_the_cutter_is_in_contact(ahead: float) -> None:
+    """The cutter runs along its own wall towards a place that it cut before: a cusp is left beside the wall."""
+    stock = build_height_map(build_block((-0.03, -0.03, 0), (0.03, 0.03, 0.02)), UP)
+    radius = 8.5e-3
+    remove(stock, build_line((0.02, -0.01, 0.01), (0.0, -0.01, 0.01)), radius)
+    path = build_line((0.0, 0.02, 0.01), (0.0, ahead - 0.01, 0.01), 4e-3)
+    _, point, rows = remove(stock, path, radius)
+    mine = rows[point == len(path) - 1]
+    begin = 90.0 + degrees(acos(0.5 * ahead / radius))  # both circles and the wall enclose the cusp
+    assert mine[-1, 2] == pytest.approx(begin, abs=2 * ANGLE)
+    assert mine[-1, 3] == pytest.approx(180.0, abs=ANGLE)

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.process.stock.kernel_types import Grid, Pair, Tip
+from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair, Tip
 
 THIN = 5e-6  # m; material that stands less than this above the tip is none
 MOST_LEVELS = 8  # heights of the stock around a point that get slices of their own
@@ -21,16 +21,17 @@ CORNER_SLICES = 12  # of the rounded corner
 SOFT = 0.25  # cells of height over which a smooth surface passes from material to air
 THIN_CHIP = 0.1  # cells: a contact less deep than this is none
 SPACING = 2.0  # cells between two samples along the circle; a narrower contact may be missed
-_HALVINGS = 6
-_SEARCH = 16  # half cells along the circle in which the boundary is followed outwards
+_HALVINGS = 5
+SEARCH = 48  # steps along the circle in which the boundary is followed
+CLOSE = (0.25, 0.75)  # cells outside of the cutter where its tangent is checked, and found anew
+FITS = 0.5  # cells; a tangent that is nearer there fits
 _SAME_LEVEL = 5e-3  # of the largest height
 
 
 @jit_compile
 def measure_material(grid: Grid, origin: Pair, cell: Pair, u: float, v: float, w: float) -> float:
     """Material at a place, by the four cells around it: 1 inside, −1 outside, 0 on the boundary."""
-    high, low, share, bottom = grid
-    nv, nu = high.shape
+    nv, nu = grid.shape[:2]
     x, y = (u - origin[0]) / cell[0] - 0.5, (v - origin[1]) / cell[1] - 0.5
     i, j = int(np.floor(x)), int(np.floor(y))
     fx, fy = x - i, y - j
@@ -41,13 +42,29 @@ def measure_material(grid: Grid, origin: Pair, cell: Pair, u: float, v: float, w
             weight = (fx if a else 1.0 - fx) * (fy if b else 1.0 - fy)
             jj, ii = j + b, i + a
             value = -1.0
-            if 0 <= jj < nv and 0 <= ii < nu and high[jj, ii] > bottom[jj, ii]:
-                c = share[jj, ii]
-                value = (1.0 - c) * min(max((high[jj, ii] - w) / soft, -1.0), 1.0)
-                value += c * min(max((low[jj, ii] - w) / soft, -1.0), 1.0)
-                value = min(value, max((w - bottom[jj, ii]) / soft, -1.0))
+            if 0 <= jj < nv and 0 <= ii < nu and grid[jj, ii, HIGH] > grid[jj, ii, BOTTOM]:
+                c = grid[jj, ii, SHARE]
+                value = (1.0 - c) * min(max((grid[jj, ii, HIGH] - w) / soft, -1.0), 1.0)
+                value += c * min(max((grid[jj, ii, LOW] - w) / soft, -1.0), 1.0)
+                value = min(value, max((w - grid[jj, ii, BOTTOM]) / soft, -1.0))
             total += weight * value
     return total
+
+
+@jit_compile
+def _find_state(low: float, high: float, bottom: float, w: float, soft: float) -> int:
+    """Whether four cells around a place leave no doubt: 1 inside, −1 outside, else 0.
+
+    Args:
+        low: m, least height of the deeper part of a cell.
+        high: m, largest height of a cell.
+        bottom: m, largest lower side of a cell.
+        w: m, height of the place.
+        soft: m, over which the surface passes from material to air.
+    """
+    if high <= w - soft:
+        return -1
+    return 1 if low >= w + soft and bottom <= w - soft else 0
 
 
 @jit_compile
@@ -76,21 +93,20 @@ def _find_levels(
     levels: Array,
 ) -> tuple[int, float]:
     """Write the heights of stock (top and bottom) above the tip ahead of the cutter; returns count and largest."""
-    high, bottom = grid[0], grid[3]
-    nv, nu = high.shape
+    nv, nu = grid.shape[:2]
     top, count = 0.0, 0
     for n in range(len(circle)):
         s, c = reach * circle[n, 0], reach * circle[n, 1]
         i = int((p[0] + s * cu - c * cv - origin[0]) / cell[0])
         j = int((p[1] + s * cv + c * cu - origin[1]) / cell[1])
-        if 0 <= i < nu and 0 <= j < nv and high[j, i] > bottom[j, i] and high[j, i] - p[2] > THIN:
-            height = min(high[j, i] - p[2], most)
+        if 0 <= i < nu and 0 <= j < nv and grid[j, i, HIGH] > grid[j, i, BOTTOM] and grid[j, i, HIGH] - p[2] > THIN:
+            height = min(grid[j, i, HIGH] - p[2], most)
             top = max(top, height)
             same = max(_SAME_LEVEL * top, THIN)
             if count >= 0:
                 count = _add_level(levels, count, height, same)
-            if count >= 0 and bottom[j, i] - p[2] > THIN:
-                count = _add_level(levels, count, bottom[j, i] - p[2], same)
+            if count >= 0 and grid[j, i, BOTTOM] - p[2] > THIN:
+                count = _add_level(levels, count, grid[j, i, BOTTOM] - p[2], same)
     if count < 0:
         count = MOST_LEVELS
         for n in range(MOST_LEVELS):
@@ -123,11 +139,12 @@ def _carry_back(
 ) -> float:
     """Angle at which the stock's boundary meets the cutter, from the angle at which it meets the circle ``reach``.
 
-    The boundary is followed one more cell outwards; both places give its tangent. Where it is not found there, the
-    angle stays.
+    The boundary is followed one more cell outwards; both places give its tangent. Where the tangent leads far along the
+    cutter, it must also fit the boundary a quarter of a cell outside of the cutter. Else the boundary is no straight
+    line: it bends, or a corner of the stock lies between. Two places nearer to the cutter then give the tangent.
 
     Args:
-        grid: high, low, share, bottom.
+        grid: (nv, nu, 4) high, low, share, bottom.
         origin: u and v of the corner of cell (0, 0).
         cell: size of a cell.
         p: (3,) u, v, w of the tip.
@@ -140,28 +157,58 @@ def _carry_back(
         w: height of the slice.
     """
     size = max(cell[0], cell[1])
-    outer = reach + size
-    step = 0.5 * size / outer
-    sign = -into if _is_inside(grid, origin, cell, p, cu, cv, outer, phi, w) else into
-    for n in range(1, _SEARCH + 1):
+    outer, close = reach + size, radius + CLOSE[0] * size
+    far = _follow_boundary(grid, origin, cell, p, cu, cv, phi, into, outer, w, 0.5 * size / outer)
+    carried, expected = phi, np.inf
+    if np.isfinite(far):
+        carried = extrapolate_boundary(phi, reach, far, outer, radius)
+        misses = measure_line(phi, reach, far, outer) > radius + CLOSE[0] * size
+        if abs(carried - phi) * radius < size and not misses:
+            return carried
+        expected = extrapolate_boundary(phi, reach, far, outer, close)
+    near = _follow_boundary(grid, origin, cell, p, cu, cv, phi, into, close, w, 0.25 * size / radius)
+    if not np.isfinite(near) or abs(near - expected) * radius < FITS * size:
+        return carried
+    middle = radius + CLOSE[1] * size
+    between = _follow_boundary(grid, origin, cell, p, cu, cv, near, into, middle, w, 0.25 * size / radius)
+    return extrapolate_boundary(near, close, between, middle, radius) if np.isfinite(between) else near
+
+
+@jit_compile
+def _follow_boundary(
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p: Array,
+    cu: float,
+    cv: float,
+    phi: float,
+    into: float,
+    reach: float,
+    w: float,
+    step: float,
+) -> float:
+    """Angle at which a boundary meets another circle, near an angle; NaN where it does not.
+
+    Arguments are those of :func:`_carry_back`; ``step`` is that of the search, rad.
+    """
+    begins_inside = _is_inside(grid, origin, cell, p, cu, cv, reach, phi, w)
+    sign = -into if begins_inside else into
+    for n in range(1, SEARCH + 1):
         there = phi + sign * n * step
-        if _is_inside(grid, origin, cell, p, cu, cv, outer, there, w) == (sign == into):
+        if _is_inside(grid, origin, cell, p, cu, cv, reach, there, w) != begins_inside:
             near = there - sign * step
-            inside, outside = (there, near) if sign == into else (near, there)
-            far = _find_crossing(grid, origin, cell, p, cu, cv, outer, w, inside, outside)
-            carried = extrapolate_boundary(phi, reach, far, outer, radius)
-            if abs(carried - phi) * radius < size:
-                return carried
-            near_cutter, step = radius + 0.25 * size, 0.25 * size / radius
-            there = 0.25 * phi + 0.75 * carried + into * step
-            if _is_inside(grid, origin, cell, p, cu, cv, near_cutter, there, w):
-                return carried
-            for _ in range(_SEARCH):  # a corner of the stock lies between: the boundary is no straight line
-                if _is_inside(grid, origin, cell, p, cu, cv, near_cutter, there + into * step, w):
-                    return _find_crossing(grid, origin, cell, p, cu, cv, near_cutter, w, there + into * step, there)
-                there += into * step
-            return phi
-    return phi
+            inside, outside = (near, there) if begins_inside else (there, near)
+            return _find_crossing(grid, origin, cell, p, cu, cv, reach, w, inside, outside)
+    return np.nan
+
+
+@jit_compile
+def measure_line(phi: float, reach: float, far: float, outer: float) -> float:
+    """Distance from the centre of the straight line through two places in polar coordinates."""
+    x, y = reach * cos(phi), reach * sin(phi)
+    dx, dy = outer * cos(far) - x, outer * sin(far) - y
+    return abs(x * dy - y * dx) / sqrt(dx * dx + dy * dy)
 
 
 @jit_compile
@@ -199,15 +246,18 @@ def _find_crossing(
     inside: float,
     outside: float,
 ) -> float:
-    """Angle of the boundary between an angle in the material and one outside, by halving."""
+    """Angle of the boundary between an angle in the material and one outside, by halving and linear interpolation."""
+    more, less = 1.0, -1.0  # material at both
+    u, v = p[0], p[1]
     for _ in range(_HALVINGS):
         phi = 0.5 * (inside + outside)
         s, c = reach * sin(phi), reach * cos(phi)
-        if measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0:
-            inside = phi
+        value = measure_material(grid, origin, cell, u + s * cu - c * cv, v + s * cv + c * cu, w)
+        if value > 0.0:
+            inside, more = phi, value
         else:
-            outside = phi
-    return 0.5 * (inside + outside)
+            outside, less = phi, value
+    return inside + (outside - inside) * more / (more - less)
 
 
 @jit_compile
@@ -230,13 +280,27 @@ def _add_arcs(
     stride = max(int(last * SPACING * size / (pi * reach)), 1)
     count, start, phi_before, is_before = 0, 0.0, 0.0, False
     steps = (last + stride - 1) // stride
+    nv, nu = grid.shape[:2]
+    per_u, per_v, soft = 1.0 / cell[0], 1.0 / cell[1], SOFT * size
     for n in range(steps + 2):  # the step behind the last sample ends the arc there
         is_inside, phi = False, pi
         if n <= steps:
             m = min(n * stride, last)
             phi = pi * m / last
             s, c = reach * circle[m, 0], reach * circle[m, 1]
-            is_inside = measure_material(grid, origin, cell, p[0] + s * cu - c * cv, p[1] + s * cv + c * cu, w) > 0.0
+            u, v = p[0] + s * cu - c * cv, p[1] + s * cv + c * cu
+            i, j = int((u - origin[0]) * per_u + 0.5), int((v - origin[1]) * per_v + 0.5)
+            state = 0
+            if 0 < i < nu and 0 < j < nv:
+                most = max(grid[j - 1, i - 1, HIGH], grid[j - 1, i, HIGH], grid[j, i - 1, HIGH], grid[j, i, HIGH])
+                least = min(grid[j - 1, i - 1, LOW], grid[j - 1, i, LOW], grid[j, i - 1, LOW], grid[j, i, LOW])
+                under = max(
+                    grid[j - 1, i - 1, BOTTOM], grid[j - 1, i, BOTTOM], grid[j, i - 1, BOTTOM], grid[j, i, BOTTOM]
+                )
+                state = _find_state(least, most, under, w, soft)
+            is_inside = state > 0
+            if state == 0:
+                is_inside = measure_material(grid, origin, cell, u, v, w) > 0.0
         if is_inside and not is_before:
             start = 0.0
             if n > 0:
@@ -285,7 +349,7 @@ def find_contact(
     """Write the arcs of contact of a cutter at p that moves along (cu, cv); returns their number.
 
     Args:
-        grid: high, low, share, bottom.
+        grid: (nv, nu, 4) high, low, share, bottom.
         origin: u and v of the corner of cell (0, 0).
         cell: size of a cell.
         p: (3,) u, v, w of the tip.

@@ -1,9 +1,10 @@
 """Stock as signed distances on a grid, for tool axes that turn against the stock.
 
-The grid has cubic cells. A value is the signed distance of the cell's centre from the surface, negative in the
-material, limited to ``LIMIT`` cells. Only blocks of cells that the surface crosses are stored: memory grows with the
-surface and not with the volume. A cutter that covers part of a cell changes its distance, so that boundaries and
-volumes are better than the cell size.
+The grid has cubic cells and stands askew in the CAM frame by a degree or two: along its own axes a flat surface or an
+edge would keep one place in its cells, and one error of the volume, over its whole length. A value is the signed
+distance of the cell's centre from the surface, negative in the material, limited to ``LIMIT`` cells. Only blocks of
+cells that the surface crosses are stored: memory grows with the surface and not with the volume. A cutter that covers
+part of a cell changes its distance, so that boundaries and volumes are better than the cell size.
 """
 
 from __future__ import annotations
@@ -17,22 +18,43 @@ from machopt.data_types.stock import StockBody
 from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
 from machopt.process.stock.field_mesh import fill_blocks
-from machopt.process.stock.field_types import BLOCK, CELLS, EDGE, SOLID, FieldArrays
+from machopt.process.stock.field_types import BLOCK, CELLS, EDGE, KNOTS, SOLID, WIDE, FieldArrays
 
 MOST_BLOCKS = 420_000  # stored, 1 KiB each: 430 MB, and as much for the finished part
 MOST_TABLE = 40_000_000  # blocks of the box around the stock, 4 bytes each
 MOST_STRIP = 20_000_000  # cells of one row of blocks, 6 bytes each, while the mesh is read
 LEAST_CELLS = 8  # along the shortest side of the stock
 MARGIN = 2  # cells of air around the stock
+ASKEW = (0.021, 0.027, 0.033)  # rad about the CAM axes: an edge of 15 mm passes through one cell of 0.25 mm and more
+
+
+def _build_grid_axes() -> Array:
+    """Return (3, 3) the axes of the grid as rows, CAM frame."""
+    x, y, z = ASKEW
+    first = np.array([1.0, -z, y]) / np.linalg.norm([1.0, -z, y])
+    third = np.array([-y, x, 1.0]) - np.array([-y, x, 1.0]) @ first * first
+    third /= np.linalg.norm(third)
+    return np.array([first, np.cross(third, first), third], float)
+
+
+GRID_AXES = _build_grid_axes()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DistanceField:
-    """Stock on a grid of cubic cells in the CAM frame. Its arrays change while moves remove material."""
+    """Stock on a grid of cubic cells. Its arrays change while moves remove material."""
 
-    origin: Array  # (3,) m, corner of cell (0, 0, 0)
+    origin: Array  # (3,) m, corner of cell (0, 0, 0), along the axes of the grid
     cell: float  # m
     arrays: FieldArrays
+
+    def convert_vectors(self, vector: Array) -> Array:
+        """Return (N, 3) points or directions along the axes of the grid.
+
+        Args:
+            vector: (N, 3), CAM frame.
+        """
+        return np.ascontiguousarray(vector @ GRID_AXES.T)
 
     @property
     def size(self) -> float:
@@ -60,9 +82,9 @@ def compute_cover(value: NDArray[np.int16]) -> Array:
     Args:
         value: Stored distances.
     """
-    t = np.clip(np.asarray(value, float) / EDGE, -1.0, 1.0)
-    half = 0.5 * (1.0 - np.abs(t)) ** 2
-    return np.where(t < 0.0, 1.0 - half, half)
+    t = np.abs(np.asarray(value, float)) / EDGE
+    out: Array = (np.maximum(KNOTS[0] - t, 0.0) ** 2 - np.maximum(KNOTS[1] - t, 0.0) ** 2) / (2.0 * WIDE)
+    return np.asarray(np.where(value > 0, out, 1.0 - out))
 
 
 def build_distance_field(body: StockBody) -> DistanceField:
@@ -74,9 +96,12 @@ def build_distance_field(body: StockBody) -> DistanceField:
     Raises:
         CuttingInputError: the number of cells is too large or too small.
     """
-    least, most = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    vertices = body.vertices @ GRID_AXES.T
+    least, most = vertices.min(axis=0), vertices.max(axis=0)
     h = body.cell_size
-    _check_size(most - least, h)
+    extent = body.vertices.max(axis=0) - body.vertices.min(axis=0)
+    _check_size(most - least, h, _describe_extent(extent, h))
+    _check_resolution(extent, h)
     blocks = np.ceil(((most - least) / h + 2 * MARGIN) / BLOCK - 1e-9).astype(int)
     return _fill_field(body, least - MARGIN * h, h, tuple(blocks.tolist()))
 
@@ -99,7 +124,7 @@ def _fill_field(body: StockBody, origin: Array, cell: float, blocks: tuple[int, 
     room = int(min(table.size, MOST_BLOCKS))
     pool = np.empty((room, CELLS), np.int16)  # the system provides memory when a block is written
     arrays = (table, pool, np.empty(room, np.int32), np.zeros(3, np.int64))
-    corners = np.ascontiguousarray(body.vertices[body.faces] - origin) / cell
+    corners = np.ascontiguousarray((body.vertices @ GRID_AXES.T)[body.faces] - origin) / cell
     order = np.argsort(corners[:, :, 1].min(axis=1))
     needed = fill_blocks(np.ascontiguousarray(corners[order]), arrays)
     if needed > room:
@@ -122,8 +147,12 @@ def build_memory_error(cell: float, ratio: float) -> CuttingInputError:
     )
 
 
-def _check_size(extent: Array, cell: float) -> None:
-    shown = " x ".join(f"{1e3 * e:.4g}" for e in extent.tolist()) + f" mm at cell_mm: {1e3 * cell:g}"
+def _describe_extent(extent: Array, cell: float) -> str:
+    return " x ".join(f"{1e3 * e:.4g}" for e in extent.tolist()) + f" mm at cell_mm: {1e3 * cell:g}"
+
+
+def _check_size(extent: Array, cell: float, shown: str) -> None:
+    """Refuse a grid that is too large by its extent along its own axes; the message names that along the CAM axes."""
     blocks = np.ceil((extent / cell + 2 * MARGIN) / BLOCK)
     strip = float(blocks[0] * blocks[2]) * BLOCK**3
     ratio = max(float(blocks.prod() / MOST_TABLE) ** (1 / 3), (strip / MOST_STRIP) ** 0.5)
@@ -133,7 +162,10 @@ def _check_size(extent: Array, cell: float) -> None:
             "more would work (or a scale, where the mesh is not in metres)",
             key="cell_mm",
         )
-    least = float(extent.min())
+
+
+def _check_resolution(extent: Array, cell: float) -> None:
+    least, shown = float(extent.min()), _describe_extent(extent, cell)
     if least / cell < LEAST_CELLS:
         raise CuttingInputError(
             f"{shown} gives {least / cell:.0f} cells across the stock; at least {LEAST_CELLS} are needed: a cell_mm of "

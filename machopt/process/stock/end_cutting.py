@@ -15,9 +15,9 @@ from machopt.data_types.stock import StockEngagement
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.contact_kernels import THIN
-from machopt.process.stock.field_contact import measure_field
+from machopt.process.stock.field_arcs import measure_field
 from machopt.process.stock.field_types import FieldArrays, Frame
-from machopt.process.stock.kernel_types import Grid, Pair
+from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair
 
 END_SHARE = 0.01  # of the removed material; less by the end changes the force by less than verify's 3 %
 THROUGH = 1e-12  # m³ (0.001 mm³); moves that remove less touch the stock by rounding
@@ -92,8 +92,7 @@ def measure_map_end(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, 
         p1: (3,) at the end.
         inner: m, radius of the flat end.
     """
-    high, low, share, bottom = grid
-    nv, nu = high.shape
+    nv, nu = grid.shape[:2]
     x, y, rise = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
     length = sqrt(x * x + y * y)
     cu, cv = (x / length, y / length) if length > SHORT else (1.0, 0.0)
@@ -108,9 +107,11 @@ def measure_map_end(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, 
             i, j = int(np.floor((u - origin[0]) / cell[0])), int(np.floor((v - origin[1]) / cell[1]))
             if not (0 <= i < nu and 0 <= j < nv):
                 continue
-            z = max(p0[2] + rise * _find_descent_share(a, b, length, inner), bottom[j, i])
-            c = share[j, i]
-            total += (1.0 - c) * max(min(high[j, i], p0[2]) - z, 0.0) + c * max(min(low[j, i], p0[2]) - z, 0.0)
+            z = max(p0[2] + rise * _find_descent_share(a, b, length, inner), grid[j, i, BOTTOM])
+            c = grid[j, i, SHARE]
+            total += (1.0 - c) * max(min(grid[j, i, HIGH], p0[2]) - z, 0.0) + c * max(
+                min(grid[j, i, LOW], p0[2]) - z, 0.0
+            )
     return float(total * pi * inner * inner / (_RINGS * _ANGLES))
 
 

@@ -36,7 +36,8 @@ def compare_field_with_part(stock: DistanceField, part: StockBody) -> StockCompa
     wanted = build_field_on_grid(part, stock)
     gouged, left = compare_volumes(stock.arrays, wanted.arrays)
     place, normal = _list_places(part, stock)
-    depth = measure_depths(stock.arrays, (stock.origin, stock.cell), place, normal)
+    frame = (stock.origin, stock.cell)
+    depth = measure_depths(stock.arrays, frame, stock.convert_vectors(place), stock.convert_vectors(normal))
     gouge, gouge_at = _find_largest(depth, place, stock.cell)
     rest, rest_at = _find_largest(-depth, place, stock.cell)
     return StockComparison(
@@ -77,7 +78,8 @@ def _list_places(part: StockBody, stock: DistanceField) -> tuple[Array, Array]:
     place = a + u[:, None] * (b - a) + v[:, None] * (c - a)
     low = stock.origin + 1.5 * stock.cell
     high = stock.origin + BLOCK * np.array(stock.arrays[0].shape) * stock.cell - 1.5 * stock.cell
-    keep = ((place > low) & (place < high)).all(axis=1)
+    inside = stock.convert_vectors(place)
+    keep = np.asarray(((inside > low) & (inside < high)).all(axis=1))
     edges = _list_edge_places(part, across / np.where(has_area, size, 1.0)[:, None], stock.cell)
     if len(edges) and keep.any():
         near = cKDTree(edges).query(place[keep], distance_upper_bound=CLEAR * stock.cell)[0]

@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.process.stock.field_contact import measure_field
+from machopt.process.stock.field_arcs import measure_field
 from machopt.process.stock.field_removal import compute_share
 from machopt.process.stock.field_types import AIR, BLOCK, CELLS, LIMIT, FieldArrays, Frame
 

@@ -15,6 +15,8 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.field_types import AIR, BLOCK, EDGE, LIMIT, SOLID, FieldArrays
 
+SAME = 1e-4  # cells; distances of triangles with an edge in common that differ by less are equal
+ACUTE = 0.5**0.5  # distance from the planes of a right edge over that from the edge, at least
 Distances = NDArray[np.float32]
 Crossings = NDArray[np.int16]
 
@@ -29,10 +31,12 @@ def fill_blocks(corners: Array, arrays: FieldArrays) -> int:
     """
     table, pool, _, state = arrays
     nx, ny, nz = table.shape
+    nearest = np.empty((BLOCK, nx * BLOCK, nz * BLOCK), np.float32)
     distance = np.empty((BLOCK, nx * BLOCK, nz * BLOCK), np.float32)
     crossing = np.empty((BLOCK, nx * BLOCK, nz * BLOCK + 1), np.int16)
     needed = 0
     for by in range(ny):
+        nearest[:] = LIMIT
         distance[:] = LIMIT
         crossing[:] = 0
         first = by * BLOCK
@@ -43,7 +47,7 @@ def fill_blocks(corners: Array, arrays: FieldArrays) -> int:
             if max(corner[0, 1], corner[1, 1], corner[2, 1]) + LIMIT < first:
                 continue
             _add_crossings(corner, first, crossing)
-            _add_distances(corner, first, distance)
+            _add_distances(corner, first, nearest, distance)
         _sum_crossings(crossing)
         for bx in range(nx):
             for bz in range(nz):
@@ -126,8 +130,12 @@ def _add_crossings(corner: Array, first: int, crossing: Crossings) -> None:
 
 
 @jit_compile
-def _add_distances(corner: Array, first: int, distance: Distances) -> None:
-    """Lower the distances of the cells near a triangle."""
+def _add_distances(corner: Array, first: int, nearest: Distances, distance: Distances) -> None:
+    """Lower the distances of the cells near a triangle, from it and from its plane.
+
+    Beyond an edge the distance is that of the farther one of its two planes, as where a cutter leaves the edge: the
+    volume of both edges is then the same. At an acute edge it is no less than at a right one, by ``ACUTE``.
+    """
     normal = np.cross(corner[1] - corner[0], corner[2] - corner[0])
     size = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2])
     if size > 0.0:
@@ -151,7 +159,13 @@ def _add_distances(corner: Array, first: int, distance: Distances) -> None:
             for k in range(max(ceil(bottom - 0.5), 0), min(floor(top - 0.5) + 1, distance.shape[2])):
                 place[2] = k + 0.5
                 found = _compute_distance(place, corner)
-                distance[j, i, k] = min(distance[j, i, k], found)
+                before = nearest[j, i, k]
+                if found > before + SAME:
+                    continue
+                plane = abs(across + normal[2] * (place[2] - corner[0, 2])) if size > 0.0 else found
+                plane = max(plane, ACUTE * found)
+                distance[j, i, k] = plane if found < before - SAME else max(distance[j, i, k], plane)
+                nearest[j, i, k] = min(before, found)
 
 
 @jit_compile

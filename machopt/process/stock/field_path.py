@@ -52,8 +52,8 @@ def remove_field_path(
     found = _remove_path(
         stock.arrays,
         (stock.origin, stock.cell),
-        np.array(position, float, order="C"),
-        np.array(axis, float, order="C"),
+        stock.convert_vectors(position),
+        stock.convert_vectors(axis),
         wanted,
         cutter,
         circle,
@@ -103,22 +103,26 @@ def _find_turn(ends: Array) -> tuple[float, Array]:
 
 @jit_compile
 def _remove_move(
-    arrays: FieldArrays, frame: Frame, ends: Array, is_first: bool, cutter: Cutter, heights: Array
+    arrays: FieldArrays, frame: Frame, ends: Array, is_first: bool, cutter: Cutter, heights: Array, span: Array
 ) -> float:
-    """Remove a move in short steps; returns the removed volume, m³."""
+    """Remove a move in short steps; returns the removed volume, m³.
+
+    ``span`` receives lowest and highest removed material, and the most that a place of the cutter moves, m.
+    """
     turn, across = _find_turn(ends)
     size = 0.0
     for n in range(3):
         size += (ends[2, n] - ends[0, n]) ** 2
     size = sqrt(size) + turn * sqrt(cutter[3] * cutter[3] + cutter[0] * cutter[0])
     count = max(ceil(size / (STEP * frame[1])), 1)
+    span[0], span[1], span[2] = np.inf, -np.inf, size
     if size == 0.0 and not is_first:
         return 0.0
     heights[:] = 0.0
     total = 0.0
     for n in range(count):
         step = _build_step(ends, turn, across, n / count, (n + 1) / count)
-        total += remove_step(arrays, frame, (step, size / count, is_first and n == 0), cutter, heights)
+        total += remove_step(arrays, frame, (step, size / count, is_first and n == 0), cutter, heights, span)
     return total
 
 
@@ -139,6 +143,24 @@ def _set_axes(axes: Array, ends: Array) -> bool:
     axes[2] /= size
     axes[1] = np.cross(axes[3], axes[2])
     return True
+
+
+@jit_compile
+def _join_ranges(spans: Array, position: Array, axis: Array, k: int, h: float) -> tuple[float, float]:
+    """Lowest and highest material above the tip at a point that its move, and those within a cell before, removed.
+
+    The chip of a shorter move passes between the centres of cells.
+    """
+    low, high, travel = spans[k, 0], spans[k, 1], spans[k, 2]
+    j = k - 1
+    while j >= 0 and travel + spans[j, 2] <= h:
+        travel += spans[j, 2]
+        rise = 0.0
+        for n in range(3):
+            rise += (position[j, n] - position[k, n]) * axis[k, n]
+        low, high = min(low, spans[j, 0] + rise), max(high, spans[j, 1] + rise)
+        j -= 1
+    return low, high
 
 
 @jit_compile
@@ -181,7 +203,7 @@ def _remove_path(
     volume = np.zeros(len(position))
     heights = np.zeros(max(ceil(cutter[3] / frame[1]), 1))
     arcs, rows = np.zeros((ARCS, 2)), np.zeros((_ROWS, 4))
-    ends, axes = np.zeros((4, 3)), np.zeros((4, 3))
+    ends, axes, spans = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((len(position), 3))
     point, found = np.zeros(256, np.int64), np.zeros((256, 4))
     count = 0
     for k in range(len(position)):
@@ -189,10 +211,11 @@ def _remove_path(
         ends[0], ends[1], ends[2], ends[3] = position[before], axis[before], position[k], axis[k]
         if end[k] > 0.0:
             end[k] = measure_field_end(arrays, frame, ends, cutter[0] - cutter[1])
-        volume[k] = _remove_move(arrays, frame, ends, k == 0, cutter, heights)
+        volume[k] = _remove_move(arrays, frame, ends, k == 0, cutter, heights, spans[k])
         if volume[k] <= NOTHING or not wanted[k] or not _set_axes(axes, ends):
             continue
-        number = find_field_contact(arrays, frame, axes, cutter, heights, circle, arcs, rows)
+        span = _join_ranges(spans, position, axis, k, frame[1])
+        number = find_field_contact(arrays, frame, axes, cutter, heights, span, circle, arcs, rows)
         number = _drop_idle_arcs(rows, number, ends, axes, cutter, heights, frame[1])
         if count + number > len(point):
             room = 2 * len(point) + number

@@ -22,5 +22,7 @@ LAST = BLOCK - 1
 CELLS = BLOCK * BLOCK * BLOCK
 AIR, SOLID = -1, -2
 LIMIT = 1.25  # cells; larger distances are stored as this
+WIDE = 0.5**0.5  # cells, between lattice planes across (1 1 0)
+KNOTS = (0.5 * (1.0 + WIDE), 0.5 * (1.0 - WIDE))  # cells; within ``LIMIT``
 EDGE = 20_000  # stored value of a distance of one cell
 MOST = int(LIMIT * EDGE)

@@ -13,7 +13,7 @@ import numpy as np
 from machopt.data_types.stock import StockBody
 from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
-from machopt.process.stock.kernel_types import Heights
+from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Heights
 from machopt.process.stock.mesh_columns import compute_columns
 
 MOST_CELLS = 40_000_000  # 16 bytes each: 640 MB
@@ -28,11 +28,28 @@ class HeightMap:
     rotation: Array  # (3, 3) rows u, v, w in the CAM frame
     origin: tuple[float, float]  # m, u and v of the corner of cell (0, 0)
     cell: tuple[float, float]  # m, size of a cell along u and v
-    high: Heights  # (nv, nu) m
-    low: Heights  # (nv, nu) m, of the share that was cut deeper
-    share: Heights  # (nv, nu) 0 … 1 of the area at ``low``
-    bottom: Heights  # (nv, nu) m
+    grid: Grid  # (nv, nu, 4) high, low, share and bottom of each cell
     gap_volume: float  # m³, of gaps along the axis, which count as filled
+
+    @property
+    def high(self) -> Heights:
+        """(nv, nu) m, upper height."""
+        return self.grid[:, :, HIGH]
+
+    @property
+    def low(self) -> Heights:
+        """(nv, nu) m, height of the share that was cut deeper."""
+        return self.grid[:, :, LOW]
+
+    @property
+    def share(self) -> Heights:
+        """(nv, nu) 0 … 1 of the area at ``low``."""
+        return self.grid[:, :, SHARE]
+
+    @property
+    def bottom(self) -> Heights:
+        """(nv, nu) m, lower side."""
+        return self.grid[:, :, BOTTOM]
 
     @property
     def size(self) -> float:
@@ -83,17 +100,18 @@ def build_height_map(body: StockBody, axis: Array) -> HeightMap:
         np.ascontiguousarray(corners), least[:2].copy(), cell, int(count[0]), int(count[1])
     )
     is_empty = share >= 1.0
-    low = np.where(share > 0, bottom, top)
     filled = float(((1.0 - share) * (top - bottom)).sum(dtype=np.float64) - thickness) * float(cell[0] * cell[1])
     whole = max(thickness * float(cell[0] * cell[1]), 1e-300)
+    grid = np.empty((*top.shape, 4), np.float32)
+    grid[:, :, HIGH] = np.where(is_empty, bottom, top)
+    grid[:, :, LOW] = np.where(share > 0, bottom, top)
+    grid[:, :, SHARE] = np.where(is_empty, np.float32(0.0), share)
+    grid[:, :, BOTTOM] = bottom
     return HeightMap(
         rotation=rotation,
         origin=(float(least[0]), float(least[1])),
         cell=(float(cell[0]), float(cell[1])),
-        high=np.where(is_empty, bottom, top),
-        low=low.astype(np.float32),
-        share=np.where(is_empty, np.float32(0.0), share),
-        bottom=bottom,
+        grid=grid,
         gap_volume=filled if filled > GAP_SHARE * whole else 0.0,
     )
 

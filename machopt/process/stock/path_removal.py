@@ -44,12 +44,11 @@ def remove_path(
         volume (N,) m³ removed by the move that ends at each point, point (M,) and low, high, start, end (M, 4) in m and
         rad of each arc.
     """
-    grid = (stock.high, stock.low, stock.share, stock.bottom)
     samples = max(int(np.ceil(np.pi * (cutter[0] + stock.size) / (SPACING * stock.size))), LEAST_SAMPLES)
     angle = np.linspace(0.0, np.pi, samples + 1)
     circle = np.column_stack([np.sin(angle), np.cos(angle)])
     return _remove_path(
-        grid,
+        stock.grid,
         stock.origin,
         stock.cell,
         np.ascontiguousarray(position),

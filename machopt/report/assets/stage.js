@@ -83,7 +83,9 @@ function stage3d(canvas, scene) {
       },
     };
   }
-  for (const s of shapes) if (s.joint < 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "stock" ? 0.25 : s.kind === "workpiece" ? 0.75 : 1)); meshes.push([mesh, s.kind]); root.add(moved(mesh, FK.STILL)); }
+  // with raw stock the finished part is opaque: a transparent body writes no depth, and its far faces show through
+  const solid = shapes.some(s => s.kind === "stock") ? 1 : 0.75;
+  for (const s of shapes) if (s.joint < 0) { const mesh = new THREE.Mesh(s.geometry, skin(s.kind, s.kind === "stock" ? 0.25 : s.kind === "workpiece" ? solid : 1)); meshes.push([mesh, s.kind]); root.add(moved(mesh, FK.STILL)); }
   const kinds = () => [...new Set(meshes.map(([, kind]) => kind))];
   function showKind(kind, on) { for (const [mesh, own] of meshes) if (own === kind) mesh.material.visible = on; draw(); } // whether a mesh is there at all is the tool's matter
 

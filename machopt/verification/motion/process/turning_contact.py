@@ -22,6 +22,7 @@ ANGLES = 90
 PASSES = ((40, 32), (80, 80))  # slices of the corner and of the cylindrical part
 HEIGHTS = 24  # along the axis, where the material beneath the end is measured
 BATCH = 64  # poses at a time
+PAIRS = 200_000  # of a triangle and a place, at a time
 TOUCHED = 1e-9  # m
 _RAY = np.array([0.31622, 0.50341, 0.80409])  # no direction of a plane that a part is likely to have
 
@@ -193,7 +194,6 @@ def _divide(
 
 def _find_inside(place: Array, triangles: Array) -> np.ndarray:
     """Return (n,) whether places lie inside of a closed mesh."""
-    count = np.zeros(len(place), int)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     some = np.flatnonzero(((place >= low) & (place <= high)).all(axis=1))
     if not len(some):
@@ -201,20 +201,44 @@ def _find_inside(place: Array, triangles: Array) -> np.ndarray:
     u = np.cross(_RAY, [0.0, 0.0, 1.0])
     u /= np.linalg.norm(u)
     frame = np.stack([u, np.cross(_RAY, u) / np.linalg.norm(_RAY), _RAY / np.linalg.norm(_RAY)])
-    p, lines = place[some] @ frame.T, triangles @ frame.T
-    least, most = lines.min(axis=1), lines.max(axis=1)
-    is_near = (least[:, :2] <= p[:, :2].max(axis=0)).all(axis=1) & (most[:, :2] >= p[:, :2].min(axis=0)).all(axis=1)
-    for t in lines[is_near & (most[:, 2] >= p[:, 2].min())]:
-        a, e, f = t[0], t[1] - t[0], t[2] - t[0]
-        area = e[0] * f[1] - e[1] * f[0]
-        if abs(area) < 1e-18:
-            continue
-        g = p - a
-        s = (g[:, 0] * f[1] - g[:, 1] * f[0]) / area
-        v = (e[0] * g[:, 1] - e[1] * g[:, 0]) / area
-        hit = (s >= 0.0) & (v >= 0.0) & (s + v <= 1.0) & (a[2] + s * e[2] + v * f[2] > p[:, 2])
-        count[some[hit]] += 1 if area > 0.0 else -1
+    p = place[some] @ frame.T
+    order = np.argsort(p[:, 0])
+    count = np.zeros(len(place), int)
+    count[some[order]] = _count_crossings(p[order], triangles @ frame.T)
     return count > 0
+
+
+def _count_crossings(p: Array, lines: Array) -> np.ndarray:
+    """Return (n,) faces that lines from places along the third axis leave through, less those they enter through.
+
+    Args:
+        p: (n, 3) places in ascending order of the first coordinate.
+        lines: (F, 3, 3) corners of the triangles.
+    """
+    least, most = lines.min(axis=1), lines.max(axis=1)
+    is_near = (least[:, 1] <= p[:, 1].max()) & (most[:, 1] >= p[:, 1].min()) & (most[:, 2] >= p[:, 2].min())
+    e, f = lines[:, 1] - lines[:, 0], lines[:, 2] - lines[:, 0]
+    area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
+    which = np.flatnonzero(is_near & (np.abs(area) >= 1e-18))
+    begin = np.searchsorted(p[:, 0], least[which, 0], "left")
+    end = np.searchsorted(p[:, 0], most[which, 0], "right")
+    number = end - begin
+    total = np.cumsum(number)
+    count = np.zeros(len(p), int)
+    first = 0
+    while first < len(which):  # pairs of a triangle and a place beside it, ``PAIRS`` at a time
+        last = max(int(np.searchsorted(total, total[first] - number[first] + PAIRS, "right")), first + 1)
+        some = slice(first, last)
+        row = np.repeat(which[some], number[some])
+        begins = np.cumsum(number[some]) - number[some]
+        at = np.arange(len(row)) - np.repeat(begins - begin[some], number[some])
+        g = p[at] - lines[row, 0]
+        s = (g[:, 0] * f[row, 1] - g[:, 1] * f[row, 0]) / area[row]
+        v = (e[row, 0] * g[:, 1] - e[row, 1] * g[:, 0]) / area[row]
+        hit = (s >= 0.0) & (v >= 0.0) & (s + v <= 1.0) & (s * e[row, 2] + v * f[row, 2] > g[:, 2])
+        count += np.bincount(at[hit], np.where(area[row[hit]] > 0.0, 1, -1), len(p)).astype(int)
+        first = last
+    return count
 
 
 def _find_uncut(place: Array, poses: TurningPoses, counted: slice) -> np.ndarray:
