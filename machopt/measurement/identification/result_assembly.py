@@ -17,7 +17,8 @@ from machopt.measurement.identification.assessment.subset_and_monte_carlo_studie
     SubsetStudyResult,
 )
 from machopt.measurement.identification.data_quality.record_fault import RecordFault
-from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit, set_term_coefficients
+from machopt.measurement.identification.fitting.reading_weights import set_term_coefficients
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.measurement.identification.grid_stiffness.grid_fit import GridFit
 from machopt.measurement.identification.identification_result import (
     IdentificationResult,

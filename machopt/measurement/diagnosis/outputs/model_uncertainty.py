@@ -25,12 +25,12 @@ from machopt.measurement.identification.assessment.hysteresis_half_width import 
     estimate_loop_half_widths,
 )
 from machopt.measurement.identification.assessment.model_discrepancy import (
-    UNKNOWN_COMPLIANCE_SIGMA,
     DiscrepancyEstimate,
     ResidualReadings,
     estimate_model_discrepancy,
     list_coefficient_suspects,
 )
+from machopt.measurement.identification.assessment.prior_spread_models import UNKNOWN_COMPLIANCE_SIGMA
 from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
 

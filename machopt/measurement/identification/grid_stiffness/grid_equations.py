@@ -16,7 +16,8 @@ from machopt.measurement.estimation.error_clusters import (
     sum_channel_equations,
 )
 from machopt.measurement.estimation.robust_weights import compute_robust_weights, estimate_robust_scale
-from machopt.measurement.identification.fitting.weighted_fit import ReadingWeights, StiffnessFit
+from machopt.measurement.identification.fitting.reading_weights import ReadingWeights
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.measurement.identification.grid_stiffness.grid_cells import MeasuredCells
 from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import (
     GridLikelihood,
