@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from machopt.measurement.design.d_optimal_search import (
-    DesignProblem,
-    ModelBelief,
     compute_design_criterion,
     compute_information_matrix,
     find_d_optimal_design,
 )
+from machopt.measurement.design.design_problem import DesignProblem, ModelBelief
 from machopt.measurement.design.efficiency_bound import compute_efficiency_bound
 from machopt.measurement.design.expected_accuracy import (
     compute_design_efficiency,

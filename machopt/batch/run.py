@@ -16,8 +16,9 @@ from machopt.batch.job_discovery import BatchJob, find_jobs
 from machopt.batch.job_key import JobKeyBuilder, ReadyJob, RefusedJob, compute_file_hash, compute_program_version
 from machopt.batch.job_status import JobStatus
 from machopt.batch.job_store import LOCK, MAIN_FILE, SUMMARY_FILES, TIMING_FILES, JobStore, is_batch, open_store
-from machopt.batch.job_supervisor import JobEnd, JobSpec, format_signal_name, read_log_tail
+from machopt.batch.job_supervisor import JobEnd, JobSpec, read_log_tail
 from machopt.batch.process_messages import JobMessage
+from machopt.batch.process_tree import format_signal_name
 from machopt.batch.request import BatchProgress, BatchRequest, BatchResult
 from machopt.batch.summary import build_batch_document, compute_exit_code, write_summary
 from machopt.commands.manifest import read_library_versions

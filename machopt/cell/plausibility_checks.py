@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from machopt.cell.cell_schema import CellKeys, CutterKeys, PoseKeys, ToolKeys
-from machopt.cell.joints.joint_chain import JointChain, read_velocity_limits
+from machopt.cell.joints.joint_chain import JointChain
+from machopt.cell.joints.joint_limits import read_velocity_limits
 from machopt.cell.urdf import UrdfJoint, UrdfModel
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import CellError

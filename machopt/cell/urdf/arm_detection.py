@@ -140,7 +140,7 @@ def _build_chain_error(
 ) -> OptionError:
     """Return the error of a chain to the flange that is none of six joints that turn."""
     joints = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
-    others = [link for link in urdf.links if _ends_an_arm(urdf, link, base_link)]
+    others = [link for link in urdf.links if _is_arm_end(urdf, link, base_link)]
     advice = f", as to {', '.join(others)}" if others else "; the URDF has no link with such a chain"
     return OptionError(
         f"the chain to {flange!r} has {joints}; six joints that turn would work{advice}",
@@ -163,7 +163,7 @@ def _build_too_many_joints_error(urdf: UrdfModel, flange: str, moving: tuple[Urd
     return TooManyJointsError(urdf.path, tuple(j.name for j in moving), flange, tuple(choices))
 
 
-def _ends_an_arm(urdf: UrdfModel, link: str, base_link: str | None) -> bool:
+def _is_arm_end(urdf: UrdfModel, link: str, base_link: str | None) -> bool:
     """Whether six joints that turn, and nothing else that moves, lead to a link from the base (else the root)."""
     above = urdf.chain(base_link) if base_link is not None else ()
     moving = [j for j in _list_moving_joints(urdf, link) if j not in above]

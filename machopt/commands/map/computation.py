@@ -14,7 +14,7 @@ from machopt.data_types.manifest import add_scope_to_verdict
 from machopt.errors import OptionError
 from machopt.job_map.job_quantities import build_job_quantities
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.options.plan_option_reader import load_options
 from machopt.output.file_hashes import compute_sha256
 from machopt.output.tables.map_table import read_measured_stiffness
@@ -23,7 +23,8 @@ from machopt.report.page_data.workspace_map import build_map_page_data
 from machopt.report.page_types.workspace_map_page_data import MapPageData
 from machopt.workspace_map.document import EvaluatedMap, MapLayerResult, build_map_document, compute_sample_positions
 from machopt.workspace_map.measured_stiffness import MeasuredComparison, compare_with_measured
-from machopt.workspace_map.quantities import MapSettings, evaluate_quantities
+from machopt.workspace_map.quantities import MapSettings
+from machopt.workspace_map.quantity_evaluation import evaluate_quantities
 from machopt.workspace_map.request import MapOptions, MapRequest, resolve_request
 from machopt.workspace_map.sample_grid import MapSamples
 from machopt.workspace_map.sample_posture_computation import (

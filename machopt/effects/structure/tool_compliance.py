@@ -15,15 +15,12 @@ import numpy as np
 from machopt.effects.compliance_matrices.beam_compliance import BeamCylinder, compute_stepped_beam_compliance
 from machopt.effects.compliance_matrices.body_compliance_laws import (
     DIAGONAL_ENTRIES,
-    LEAST_LENGTH,
-    MATRIX,
     UNITS,
-    BodyLawDefaults,
     MatrixEntriesLaw,
-    UniformBeamLaw,
     read_body_law,
 )
 from machopt.effects.compliance_matrices.semidefinite_projection import find_nearest_semidefinite
+from machopt.effects.compliance_matrices.uniform_beam_law import LEAST_LENGTH, MATRIX, BodyLawDefaults, UniformBeamLaw
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import BodyLaw, CompliantBody, Effect, LawParameter, Quantity, Shape
 from machopt.numerics.array_types import Array

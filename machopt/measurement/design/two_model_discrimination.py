@@ -12,13 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.measurement.design.d_optimal_search import (
-    DesignProblem,
-    ModelBelief,
-    ReadingDesign,
-    compute_information_matrix,
-    find_d_optimal_design,
-)
+from machopt.measurement.design.d_optimal_search import compute_information_matrix, find_d_optimal_design
+from machopt.measurement.design.design_problem import DesignProblem, ModelBelief, ReadingDesign
 from machopt.numerics.array_types import Array, Ints
 
 

@@ -28,7 +28,7 @@ from machopt.measurement.identification.identification_result import (
 )
 from machopt.measurement.identification.warnings_and_notes import build_notes, build_warnings
 from machopt.numerics.array_types import Array
-from machopt.stiffness.arm_stiffness import compute_joint_stiffness
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 from machopt.stiffness.terms import LinearTerm
 
 

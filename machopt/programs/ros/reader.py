@@ -12,8 +12,9 @@ from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.called_files import try_read_source
 from machopt.programs.reading.json_programs import parse_json_object
+from machopt.programs.reading.move_attributes import MoveAttributes
 from machopt.programs.reading.parsed_program import ParsedProgram
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
+from machopt.programs.reading.program_builder import ProgramBuilder
 
 JOINTS, MOST = 6, 12
 _KEY = re.compile(r"\b([a-z_]+):(?=\s)")

@@ -10,7 +10,8 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness, PositionError
 from machopt.effects import registry
 from machopt.effects.protocol import is_time_dependent
-from machopt.kinematics.robot import Robot, RobotMasses, load_robot
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Flags
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, compute_rms

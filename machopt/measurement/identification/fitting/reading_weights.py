@@ -162,7 +162,7 @@ class WeightIteration:
                 for c, s in enumerate(parts)
             )
             weighting = ReadingWeights(V, found, doubt)
-            H, h = self._normal(parts, found).total()
+            H, h = self._build_normal(parts, found).total()
             new = minimise_bounded_quadratic(H, h, self.lower / self.column)
             error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H, hermitian=True)), 1e-300))
             moved, x = np.abs(new - x) / error, new
@@ -214,8 +214,8 @@ class WeightIteration:
         Returns:
             The equations.
         """
-        return self._normal(self.sums(weighting), weighting.components)
+        return self._build_normal(self.sums(weighting), weighting.components)
 
-    def _normal(self, parts: Sequence[ClusterSums], found: Sequence[VarianceComponents]) -> NormalEquations:
+    def _build_normal(self, parts: Sequence[ClusterSums], found: Sequence[VarianceComponents]) -> NormalEquations:
         each = [build_normal_equations(self.clusters, s, c) for s, c in zip(parts, found, strict=True)]
         return each[0] if len(each) == 1 else each[0].add(each[1])

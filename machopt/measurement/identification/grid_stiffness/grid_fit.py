@@ -1,7 +1,7 @@
 """Joint stiffness for each cell of a grid of TCP positions (jiao2022 section 2), shrunk towards a constant model.
 
 Space is divided into cubes, each with its own six stiffnesses. On a face, edge or corner they are averaged, as in
-:func:`machopt.stiffness.arm_stiffness.compute_joint_stiffness`, so a reading there informs every cell that it
+:func:`machopt.stiffness.joint_stiffness.compute_joint_stiffness`, so a reading there informs every cell that it
 touches. A cell alone would follow the noise of its readings. Therefore the log compliances of the cells have a common
 distribution per joint, whose width is estimated
 (:mod:`~machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood`). A cell deviates from the
@@ -34,11 +34,10 @@ from machopt.measurement.identification.grid_stiffness.grid_cells import (
 from machopt.measurement.identification.grid_stiffness.grid_equations import GridEquations
 from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import (
     GridLikelihood,
-    GridPosterior,
-    GridPrior,
     add_normal_equations,
     sum_by_group,
 )
+from machopt.measurement.identification.grid_stiffness.grid_prior import GridPosterior, GridPrior
 from machopt.numerics.array_types import Array, Bools, Ints
 
 FACE_TOLERANCE = 1e-3  # m; tolerance for a pose on a face, about the repeatability of an arm
