@@ -57,8 +57,20 @@ class ProcessColumns:
 
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
-        words = np.array(self.outcome, dtype=object)
-        return {word: int(np.sum(words == word)) for word in OUTCOMES}
+        return count_outcomes(self.outcome)
+
+
+def count_outcomes(outcomes: Sequence[str]) -> dict[str, int]:
+    """Count how many points have each outcome.
+
+    Args:
+        outcomes: Outcome of each point; empty where the point has no tolerance.
+
+    Returns:
+        Number by outcome, zeros included.
+    """
+    words = np.array(outcomes, dtype=object)
+    return {word: int(np.sum(words == word)) for word in OUTCOMES}
 
 
 ERROR_NAMES = ("along", "across", "normal", "axis")

@@ -52,27 +52,6 @@ class Machine:
     names: tuple[str, ...] = ()  # (E,) of the external joints, in the order of the chain
     bodies: Array | None = None  # (E, 4, 4) the URDF links moved by these, in base_link where all joints are zero
 
-    @classmethod
-    def build_for_robot(cls, robot: Robot, T_base_workpiece: Array) -> Machine:
-        """Return the machine of an arm at the world origin with a fixed part.
-
-        Args:
-            robot: kinematic model.
-            T_base_workpiece: (4, 4) workpiece frame in base_link.
-        """
-        return cls(
-            robot=robot,
-            axis=robot.axis,
-            point=robot.point,
-            slides=np.zeros(6, bool),
-            column=np.arange(6),
-            sign=np.ones(6),
-            positioner=0,
-            rail=0,
-            T_base_workpiece_zero=T_base_workpiece,
-            T_world_base_zero=np.eye(4),
-        )
-
     @property
     def external_count(self) -> int:
         """E, number of external joints."""

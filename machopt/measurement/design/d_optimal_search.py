@@ -8,9 +8,7 @@ covariance V that all readings at its pose share. A pose with the readings S giv
 poses add. A design maximises Σ_k w_k log det M_k over one or several models of the same readings:
 
 - one model, w = 1: D-optimal, the smallest confidence ellipsoid;
-- several prior stiffnesses, w = 1/K: Bayesian D-optimal;
-- a law [A, y] with w = 1 and a law A with w = −1: T-optimal, the largest deviation y that A cannot imitate
-  (:mod:`machopt.measurement.design.two_model_discrimination`).
+- several prior stiffnesses, w = 1/K: Bayesian D-optimal.
 
 Poses are added greedily, each with its most informative loads. Then single poses with their loads, and single loads,
 are exchanged for better ones (Fedorov's exchange) until nothing improves.

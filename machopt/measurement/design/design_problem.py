@@ -52,17 +52,6 @@ class ReadingDesign:
     def readings(self) -> Ints:
         return np.array([n for block in self.blocks for n in block], np.int64)
 
-    def map_rows(self, rows: Ints) -> ReadingDesign:
-        """Translate the indices of the readings.
-
-        Args:
-            rows: New index of each reading.
-
-        Returns:
-            The translated design.
-        """
-        return replace(self, blocks=tuple(tuple(int(rows[n]) for n in block) for block in self.blocks))
-
 
 def index_readings_by_pose(pose: Ints) -> Ints:
     """Index the readings of each pose.

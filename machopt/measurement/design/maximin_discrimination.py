@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chndtr, ndtri
 
-from machopt.measurement.design.two_model_discrimination import compute_noncentrality
+from machopt.measurement.design.noncentrality import compute_noncentrality
 from machopt.numerics.array_types import Array, Ints
 
 SMOOTH, SHARP = 4.0, 40.0  # exponents of the power mean that approximates the minimum: smooth first, then sharp

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.process import CuttingProcess
-from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
+from machopt.data_types.process_columns import ERROR_NAMES, count_outcomes
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.missing_inputs import find_missing_input
@@ -79,8 +79,7 @@ class PointErrors:
 
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
-        words = np.array(self.outcome, dtype=object)
-        return {word: int(np.sum(words == word)) for word in OUTCOMES}
+        return count_outcomes(self.outcome)
 
 
 def compute_point_errors(

@@ -18,7 +18,7 @@ from machopt.programs.yaskawa.harmless_words import JBI
 
 _POSITION = re.compile(r"((?:E|B)?(?:C|P|EX|BP)[0-9]+)\s*=\s*(.*)")
 _REFERENCE = re.compile(r"\b((?:C|P)[0-9]+)\b")
-_BASE, _STATION = re.compile(r"\b(BC[0-9]+|BP[0-9]+)\b"), re.compile(r"\b(EC[0-9]+|EX[0-9]+)\b")
+_BASE = re.compile(r"\b(BC[0-9]+|BP[0-9]+)\b")
 _LED = re.compile(r"\+MOV[JLC]\s+((?:EC|EX)[0-9]+)(?:\s+V[JRE]?\s*=\s*[0-9.]+)?")  # what the station does meanwhile
 _OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*([0-9]+\.?[0-9]*|\.[0-9]+)?")
 _QUIET = compile_beginning_pattern(JBI)
