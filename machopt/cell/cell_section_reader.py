@@ -108,12 +108,11 @@ class CellSectionReader:
         chain, prismatic = joints.chain, tuple(j.kind == "prismatic" for j in joints.chain.arm)
         packages = self._read_urdf_meshes(urdf, named)
         tools, workpiece = self._read_tools(), self._read_workpiece()
-        setups = WorkOffsets.build_work_offsets(keys.offsets, workpiece, self._build_pose_of_key, self._read_shapes)
-        workpiece = setups.workpiece
+        setups = WorkOffsets.build_work_offsets(keys.offsets, workpiece, self._read_pose, self._read_shapes)
         name, tool = next(iter(tools.items()))
         stiffness, kinematics = self._read_stiffness(chain), self._read_kinematics(chain)
         obstacles = (*self._read_obstacles(urdf, chain), *setups.fixtures)
-        may_touch = self._read_may_touch(urdf, tools, workpiece, obstacles)
+        may_touch = self._read_may_touch(urdf, tools, setups.workpiece, obstacles)
         return Cell(
             name=keys.name,
             folder=self.folder.path,
@@ -136,14 +135,14 @@ class CellSectionReader:
             tool=tool,
             tools=tools if keys.tools else {},
             tool_name=name if keys.tools else None,
-            workpiece=workpiece,
+            workpiece=setups.workpiece,
             offsets=setups.frames,
             fixtures=tuple(body.name for body in setups.fixtures),
             obstacles=obstacles,
             stiffness=stiffness,
             plan={} if keys.plan is None else keys.plan.given(),
             controller=build_controller(
-                self.document, keys.controller, chain, self.folder.resolve_file, self._build_pose_of_key
+                self.document, keys.controller, chain, self.folder.resolve_file, self._read_pose
             ),
             kinematics=kinematics,
             process=self._read_process(),
@@ -301,7 +300,7 @@ class CellSectionReader:
         cutter = keys.cutter
         check_tool(keys, loc, self.reach, self.document, self.warnings)
         return Tool(
-            T_flange_tcp=self._build_pose_of_key((*loc, "tcp"), keys.tcp),
+            T_flange_tcp=self._read_pose((*loc, "tcp"), keys.tcp),
             mass=keys.mass_kg,
             com=copy_read_only(np.array(keys.com_mm) / 1e3),
             geometry=self._read_shapes((*loc, "geometry"), keys.geometry),
@@ -325,11 +324,11 @@ class CellSectionReader:
                 keys.pose_covariance, partial(self.document.build_error, ("workpiece", "pose_covariance"))
             ),
             link=keys.link,
-            T_link_workpiece=self._build_pose_of_key(("workpiece", "pose"), keys.pose),
+            T_link_workpiece=self._read_pose(("workpiece", "pose"), keys.pose),
             geometry=self._read_shapes(("workpiece", "geometry"), keys.geometry),
         )
 
-    def _build_pose_of_key(self, loc: KeyPath, keys: PoseKeys) -> Array:
+    def _read_pose(self, loc: KeyPath, keys: PoseKeys) -> Array:
         """(4, 4) in SI of a frame; small positions are suspected to be metres."""
         check_pose(keys, loc, self.document, self.warnings)
         return _build_pose(keys)
@@ -338,7 +337,7 @@ class CellSectionReader:
         """(4, 4) base_link in world, joints above it at zero; ``carried``: by or next to external joints, which make
         ``robot.pose`` the pose of the URDF's root."""
         robot = self.keys.robot
-        T = self._build_pose_of_key(("robot", "pose"), robot.pose)
+        T = self._read_pose(("robot", "pose"), robot.pose)
         for joint in urdf.chain(robot.base_link) if carried else ():
             T = T @ build_transform(compute_rpy_matrix(np.array(joint.rpy)), np.array(joint.xyz))
         return copy_read_only(T)

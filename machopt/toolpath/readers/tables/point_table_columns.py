@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,18 @@ _PLAIN = (*_AXIS, *_WORDS, *_REFERENCE, *_NORMAL)
 _HOLE = ("depth", "approach")
 _OPTIONAL = ("feed", "tolerance", *_HOLE, *_REFERENCE, *_NORMAL)
 _MOVES = {m.word: m for m in MoveKind}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _TableRows:
+    """Rows of a table in mm."""
+
+    table: Array  # (N, 7) position, tool axis, feed in mm/min
+    move: NDArray[np.int32]  # (N,)
+    is_hole: NDArray[np.bool_]  # (N,)
+    reference: Array | None  # (N, 3) unit
+    tolerance: Array | None  # (N,) mm
+    normal: Array | None  # (N, 3) unit, surface normals
 
 
 class PointTable:
@@ -212,6 +224,19 @@ class PointTable:
             path = self.out.build(reference=reference, tolerance_mm=tolerance)
             refuse_possible_holes(self, table, starts)
             return replace(path, surface_normal=normal)
+        return self._build_with_holes(
+            _TableRows(
+                table=table, move=move, is_hole=is_hole, reference=reference, tolerance=tolerance, normal=normal
+            ),
+            labels,
+            tools,
+        )
+
+    def _build_with_holes(self, points: _TableRows, labels: list[tuple[int, str]], tools: dict[int, str]) -> Toolpath:
+        """Return the toolpath of a table some of whose rows are holes, each expanded to its moves."""
+        table, move, is_hole = points.table, points.move, points.is_hole
+        reference, tolerance, normal = points.reference, points.tolerance, points.normal
+        scale, n = UNIT_NAMES[self.unit], len(table)
         depth, approach = (read_hole_lengths(self, name, is_hole) * scale for name in _HOLE)
         refuse_ways_through_material(self, table, is_hole, move, depth + approach)
         rows = expand_hole_moves(is_hole, move, depth, approach)
