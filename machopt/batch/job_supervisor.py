@@ -267,9 +267,9 @@ class ProcessServer:
         family = list_processes(pid)
         while True:
             with contextlib.suppress(queue.Empty):
-                told = self._answers.get(timeout=POLL_INTERVAL_S)
-                if told is not None:
-                    return broken, JobEndedMessage.model_validate(told), peak
+                answer = self._answers.get(timeout=POLL_INTERVAL_S)
+                if answer is not None:
+                    return broken, JobEndedMessage.model_validate(answer), peak
                 # without forks it was the job itself
                 return broken, None if self._forks else JobEndedMessage(status=self._process.wait()), peak
             if broken is not None:  # killed already, unless the server itself is stopped or lost
@@ -307,13 +307,13 @@ class ProcessServer:
     def _wait_for_answer(self, kind: type[T], timeout: float) -> T | None:
         """The next answer; None where none comes in time, or ever."""
         try:
-            told = self._answers.get(timeout=timeout)
+            answer = self._answers.get(timeout=timeout)
         except queue.Empty:
             return None
-        if told is None:
+        if answer is None:
             self._answers.put(None)  # whoever asks next must not wait either
             return None
-        return kind.model_validate(told)
+        return kind.model_validate(answer)
 
     def _send_line(self, line: str) -> bool:
         try:

@@ -215,7 +215,7 @@ def _run_jobs(
 
 def _build_job_spec(plan: ReadyJob, request: BatchRequest, store: JobStore, memory: int | None) -> JobSpec:
     job = plan.job
-    asked = JobMessage(
+    message = JobMessage(
         cell=str(job.cell),
         toolpath=str(job.toolpath),
         plan_file=None if request.plan_file is None else str(request.plan_file.resolve()),
@@ -234,7 +234,7 @@ def _build_job_spec(plan: ReadyJob, request: BatchRequest, store: JobStore, memo
         batch=store.work.name,
         work=str(store.work),
         entry=request.entry,
-        job={"request": asked.to_json_types()},
+        job={"request": message.to_json_types()},
         time_limit=job.time_limit or request.time_limit,
         memory_limit=job.memory_limit or memory,
     )

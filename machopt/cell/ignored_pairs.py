@@ -99,14 +99,14 @@ class IgnoredPairReader:
         path = open_file(loc, name)
         if is_xacro(path):
             raise CellError("is a xacro file; the SRDF that it expands to would work", file=path)
-        out, told = [], read_srdf(path, self._urdf.links)
-        if told and not any({pair.link1, pair.link2} <= set(self._links) for pair in told):
+        out, srdf = [], read_srdf(path, self._urdf.links)
+        if srdf and not any({pair.link1, pair.link2} <= set(self._links) for pair in srdf):
             self.warnings.append(
                 f"{self._document.locate_key(loc)}: {path.name} names no two links of this robot in any of its "
-                f"{len(told)} "
-                f"pairs (its first is {told[0].link1} ~ {told[0].link2}), so it lets nothing touch"
+                f"{len(srdf)} "
+                f"pairs (its first is {srdf[0].link1} ~ {srdf[0].link2}), so it lets nothing touch"
             )
-        for pair in told:
+        for pair in srdf:
             first, second = self._links.get(pair.link1, ()), self._links.get(pair.link2, ())
             if first and second and self._count_joints_between(pair.link1, pair.link2) > 1:
                 why = f"{path.name} line {pair.line}" + (f": {pair.reason}" if pair.reason else "")

@@ -189,8 +189,8 @@ def check_velocity(joint: UrdfJoint, urdf: UrdfModel, remedy: str) -> str | None
 
 
 def _check_velocity(joint: UrdfJoint, urdf: UrdfModel, warnings: list[str]) -> None:
-    said = check_velocity(joint, urdf, "a velocity in rad/s there, or robot.limits.velocity_deg_s in cell.yaml,")
-    warnings += [said] if said else []
+    message = check_velocity(joint, urdf, "a velocity in rad/s there, or robot.limits.velocity_deg_s in cell.yaml,")
+    warnings += [message] if message else []
 
 
 def check_pose(keys: PoseKeys, loc: KeyPath, document: YamlDocument, warnings: list[str], *, near: bool = True) -> None:

@@ -138,10 +138,10 @@ class CommandParser(OptionParser):
         if left:
             command = list_commands(self).get(found.command, self)
             options = list_options(command)
-            told = []
+            messages = []
             for word in left:
-                told.append(f"{word}{self._find_hint(word, options)}" if word.startswith("-") else word)
-            command.error(f"not understood: {', '.join(told)}")
+                messages.append(f"{word}{self._find_hint(word, options)}" if word.startswith("-") else word)
+            command.error(f"not understood: {', '.join(messages)}")
         return found
 
     def _find_hint(self, word: str, options: list[str]) -> str:

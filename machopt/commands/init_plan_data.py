@@ -47,13 +47,13 @@ def complete_for_plan(
         What is a guess, one sentence each.
     """
     new, more = add_post(new, cell)
-    said = (*report_last_axis(robot, cell.tool.T_flange_tcp), *more)
+    notes = (*report_last_axis(robot, cell.tool.T_flange_tcp), *more)
     cell = write_cell_files(folder, new)
     if request.workpiece_mm is None:
         new, more = _place_workpiece(new, request, cell, span)
-        said += more
+        notes += more
         write_cell_files(folder, new)
-    return said
+    return notes
 
 
 def _place_workpiece(

@@ -207,13 +207,13 @@ def _read_joint_position(
     if len(values) == len(chain.arm) < len(chain.moving):
         full = [*values, *([0.0] * len(chain.external))]
     _build_length_error(chain, document, ("robot", key), len(full))
-    stands = np.array(full) * chain.unit
+    position = np.array(full) * chain.unit
     for i, j in enumerate(chain.moving):
-        if not limits.lower[i] <= stands[i] <= limits.upper[i]:
+        if not limits.lower[i] <= position[i] <= limits.upper[i]:
             lo, hi = (round(float(v / chain.unit[i]), 3) for v in (limits.lower[i], limits.upper[i]))
             loc: KeyPath = ("robot", key, i) if full is values else ("robot", key)
             raise document.build_error(loc, f"found {full[i]:g} for joint {j.name!r}; its range is [{lo:g}, {hi:g}]")
-    return stands
+    return position
 
 
 def _read_urdf_range(

@@ -85,10 +85,10 @@ def parse_markup(text: str, path: Path, expected: str) -> XmlElement:
         builder.parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as problem:
         where = f"line {problem.lineno}, column {problem.offset + 1}"
-        said = f"is not XML: {expat.ErrorString(problem.code)}{builder.expected()}"
+        message = f"is not XML: {expat.ErrorString(problem.code)}{builder.expected()}"
         if not text.lstrip().startswith("<"):
-            said += f"; expected {expected}"  # another file altogether
-        raise RobotModelError(said, file=path, where=where) from None
+            message += f"; expected {expected}"  # another file altogether
+        raise RobotModelError(message, file=path, where=where) from None
     assert builder.root is not None  # a document without a root is an ExpatError
     return builder.root
 

@@ -144,13 +144,13 @@ class UniformBeamLaw(BodyLawDefaults):
     def name(self) -> str:
         if self.planes:
             return "bends in two planes and twists"
-        said = {"EI_Nm2": "bends", "GJ_Nm2": "twists", "EA_N": "stretches"}
-        return " and ".join(said[k] for k in self.keys)
+        verbs = {"EI_Nm2": "bends", "GJ_Nm2": "twists", "EA_N": "stretches"}
+        return " and ".join(verbs[k] for k in self.keys)
 
     @property
     def equation(self) -> str:
-        said = "cantilever: L³/3EI, L²/2EI, L/EI, L/GJ at its end (zhang2025 eq. 20)"
-        return f"{said}, EI of each principal axis" if self.planes else said
+        text = "cantilever: L³/3EI, L²/2EI, L/EI, L/GJ at its end (zhang2025 eq. 20)"
+        return f"{text}, EI of each principal axis" if self.planes else text
 
     @property
     def coefficients(self) -> tuple[LawParameter, ...]:

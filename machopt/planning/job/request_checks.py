@@ -73,8 +73,8 @@ def state_reach(cell: Cell, toolpath: Toolpath) -> Toolpath:
     distance, reach = _compare_with_reach(cell, toolpath)
     if not len(distance):
         return toolpath
-    said = f"{reach:.3g} m; the farthest cut point lies {distance.max():.4g} m from joint 1 of {cell.name}"
-    return replace(toolpath, meta={**toolpath.meta, "reach": said})
+    reach_text = f"{reach:.3g} m; the farthest cut point lies {distance.max():.4g} m from joint 1 of {cell.name}"
+    return replace(toolpath, meta={**toolpath.meta, "reach": reach_text})
 
 
 def _compare_with_reach(cell: Cell, toolpath: Toolpath) -> tuple[Array, float]:

@@ -299,18 +299,18 @@ def estimate_identification_discrepancy(
         The discrepancy.
     """
     arm = ArmElasticity(robot, T_flange_tcp, stiffness, limits, masses)
-    said = arm.evaluate(tests.state.q).compute_twist(tests.wrench)[:, : tests.dimensions]
+    predicted = arm.evaluate(tests.state.q).compute_twist(tests.wrench)[:, : tests.dimensions]
     suspects = list_coefficient_suspects(arm, tests, masses)
     w = fit.weighting
-    told = tests.uncertainty
+    uncertainty = tests.uncertainty
     readings = ResidualReadings(
-        residual=tests.measured - said,
+        residual=tests.measured - predicted,
         wrench=tests.wrench,
         clusters=fit.clusters,
         precision=w.precision,
         robust=w.robust,
         components=w.components,
-        stated=(told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
+        stated=(uncertainty.displacement is not None, uncertainty.rotation is not None)[: len(w.covariance)],
     )
     found = estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
     return add_arrival_side(found.discrepancy, estimate_loop_half_widths(tests, w.robust))

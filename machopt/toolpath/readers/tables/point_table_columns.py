@@ -115,18 +115,18 @@ class PointTable:
             raise self.source.build_error(
                 f"columns {units['mm']!r} and {units['inch']!r} mix mm and inch; expected one unit", self.header_line
             )
-        unit, asked = next(iter(units), None), self.options.unit
-        if unit is None and asked is None:
+        unit, requested = next(iter(units), None), self.options.unit
+        if unit is None and requested is None:
             raise self.source.build_option_question(
                 "unit",
                 "columns x, y, z carry no unit; name them x_mm, y_mm, z_mm or give --unit mm or --unit inch",
                 self.header_line,
             )
-        if unit is not None and asked is not None and unit != asked:
+        if unit is not None and requested is not None and unit != requested:
             raise self.source.build_error(
-                f"column {units[unit]!r} is in {unit} but --unit {asked} was given", self.header_line
+                f"column {units[unit]!r} is in {unit} but --unit {requested} was given", self.header_line
             )
-        return unit or asked or "mm"
+        return unit or requested or "mm"
 
     def _take_attitude_columns(self, rest: list[str]) -> list[str]:
         """Columns of a TCP attitude; returns the columns that are none."""

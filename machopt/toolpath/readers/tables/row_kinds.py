@@ -83,22 +83,22 @@ def find_hole_rows(table: RowTable, move: NDArray[np.int32]) -> NDArray[np.bool_
     Raises:
         InputError: an unknown word, or an option that the table contradicts.
     """
-    names, asked, n = table.names, table.options.kind, len(move)
+    names, requested, n = table.names, table.options.kind, len(move)
     if "kind" in names:
-        if asked is not None:
+        if requested is not None:
             raise table.source.build_error(
-                f"--kind {asked} has no effect: the table has a column kind", table.header_line
+                f"--kind {requested} has no effect: the table has a column kind", table.header_line
             )
         is_hole = _read_kind_column(table, n)
     elif "move" in names:
-        if asked is not None:
+        if requested is not None:
             raise table.source.build_error(
-                f"--kind {asked} has no effect: the table has a column move, which says how the tool moves",
+                f"--kind {requested} has no effect: the table has a column move, which says how the tool moves",
                 table.header_line,
             )
         return np.zeros(n, bool)
     else:
-        is_hole = np.full(n, asked == "holes")
+        is_hole = np.full(n, requested == "holes")
     wrong = is_hole & (move != MoveKind.CUT)
     if wrong.any():
         at = int(np.argmax(wrong))
