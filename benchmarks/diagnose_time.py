@@ -19,7 +19,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from simulated_arm import TrueArm, random_loads, record, scattered_poses  # noqa: E402
 
 from machopt.cell.cell_reader import load_cell  # noqa: E402
-from machopt.kinematics.robot import load_masses, load_robot  # noqa: E402
+from machopt.kinematics.urdf_loading import load_masses, load_robot  # noqa: E402
 from machopt.measurement.diagnosis.model_selection import selection_pipeline  # noqa: E402
 from machopt.measurement.diagnosis.static import load_test_channel  # noqa: E402
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment  # noqa: E402

@@ -42,7 +42,7 @@ from machopt.commands.identify.computation import IdentifyComputation, compute_i
 from machopt.data_types.cell import Cell  # noqa: E402
 from machopt.data_types.stiffness import ArmStiffness  # noqa: E402
 from machopt.errors import InputError  # noqa: E402
-from machopt.kinematics.robot import load_masses, load_robot  # noqa: E402
+from machopt.kinematics.urdf_loading import load_masses, load_robot  # noqa: E402
 from machopt.measurement.diagnosis.request import DiagnoseRequest  # noqa: E402
 from machopt.measurement.identification.request import IdentifyRequest  # noqa: E402
 from machopt.planning.error_probability.model_discrepancy import (  # noqa: E402
@@ -155,7 +155,7 @@ def predict_job(cell: Cell, stiffness: ArmStiffness, springs: dict[int, tuple[fl
     )
     said = arm.evaluate(job.q).compute_deflection(job.force)
     along = said / np.linalg.norm(said, axis=1, keepdims=True)
-    known = DiscrepancyModel.of(arm)
+    known = DiscrepancyModel.build(arm)
     assert known is not None
     ways = np.einsum("mc,mcr->mr", along, known.moves(arm.evaluate(job.q), job.q, job.force))
     half = NINETY * compute_reported_std(ways, (known.local * np.linalg.norm(job.force, axis=1)) ** 2)

@@ -20,7 +20,7 @@ from simulated_arm import TrueArm, random_loads, record, scattered_poses  # noqa
 
 from machopt.cell.cell_reader import load_cell  # noqa: E402
 from machopt.data_types.stiffness import ArmStiffness  # noqa: E402
-from machopt.kinematics.robot import load_robot  # noqa: E402
+from machopt.kinematics.urdf_loading import load_robot  # noqa: E402
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment  # noqa: E402
 from machopt.measurement.identification.assessment.coefficient_uncertainty import compute_coefficient_uncertainty  # noqa: E402
 from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness  # noqa: E402

@@ -72,8 +72,8 @@ def textbook(cell_folder: Path, configurations: int = 3000) -> float:
 def ours(cell_folder: Path, configurations: int = 30_000) -> float:
     """Seconds per configuration of the batched kernels doing the same."""
     from machopt.cell.cell_reader import load_cell
-    from machopt.kinematics.robot import load_robot
-    from machopt.stiffness.arm_stiffness import compute_directional_compliance
+    from machopt.kinematics.urdf_loading import load_robot
+    from machopt.stiffness.joint_compliance import compute_directional_compliance
 
     cell = load_cell(cell_folder)
     robot = load_robot(cell)

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.cell.cell_reader import load_cell
 from machopt.collision.collision_model import CollisionModel
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.measurement.design.d_optimal_search import compute_information_matrix, find_d_optimal_design
 from machopt.measurement.design.efficiency_bound import compute_efficiency_bound
 from machopt.measurement.design.expected_accuracy import compute_expected_accuracy

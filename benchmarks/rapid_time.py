@@ -34,7 +34,7 @@ from machopt.commands.optimize.run import run_optimize
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.rapid_time import compute_rest_time
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from machopt.cell.cell_reader import load_cell
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.kinematics.inverse.solver import build_solver
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.process.materials import find_milling_coefficients
 from machopt.process.milling import MillingCut, MillingCutter, compute_contact_arc
 from machopt.process.stability import (

@@ -22,7 +22,7 @@ from machopt.cell.stiffness import stiffness_file
 from machopt.data_types.documents import table_rows
 from machopt.data_types.documents.json_schemas import write_schemas
 from machopt.data_types.plan_options import PlanOptions
-from machopt.input_files import job_list, json_schemas
+from machopt.input_files import job_list_keys, json_schemas
 from machopt.measurement.recording import cutting_recording_reader as cutting_keys
 from machopt.measurement.recording import frequency_response_reader
 from machopt.measurement.recording import recording_schema as recording_keys
@@ -83,7 +83,7 @@ FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
         "`pose` and `coherence` (0 … 1).",
         frequency_response_reader.FrequencyResponseKeys,
     ),
-    ("Batch list", "The YAML file of `machopt batch LIST`.", job_list.JobListKeys),
+    ("Batch list", "The YAML file of `machopt batch LIST`.", job_list_keys.JobListKeys),
 )
 TABLES = (
     (

@@ -188,7 +188,7 @@ def sane_cell(folder: Path, *, model: bool = True) -> None:
         assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-9)
         assert np.abs(T[:3, 3]).max() <= 1e3
     if model:
-        from machopt.kinematics.robot import load_chain, load_masses
+        from machopt.kinematics.urdf_loading import load_chain, load_masses
         from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
         robot, shapes = load_chain(cell)
@@ -210,7 +210,7 @@ def sane_mesh(folder: Path) -> None:
     from machopt.collision.bodies import build_cell_bodies
     from machopt.kinematics.machine import load_machine
     from machopt.kinematics.machine_lines import LinkCarriers
-    from machopt.kinematics.robot import load_chain
+    from machopt.kinematics.urdf_loading import load_chain
 
     cell = load_cell(folder)
     shape = cell.tool.geometry[0]

@@ -7,13 +7,13 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.model_discrepancy import compute_reported_std
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.uncertainty.stiffness_uncertainty import _points, build_compliance_covariance
+from machopt.planning.uncertainty.stiffness_uncertainty import _compute_point_costs, build_compliance_covariance
 
 
 def compute_mean_cost_std(plan: Plan) -> tuple[float, Array]:
     """1 σ of the mean cost along the cut, and (P,) of each planning point's; NaN where the file does not say."""
     spread = build_compliance_covariance(plan)
-    points = _points(plan, plan.chosen)
+    points = _compute_point_costs(plan, plan.chosen)
     if not spread.known:
         return float("nan"), np.full(len(plan.path.index), np.nan)
     w = plan.path.weight

@@ -9,7 +9,8 @@ from sample_report_data import full_result
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.process_columns import OUTCOMES
-from machopt.kinematics.robot import Robot, load_chain
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.page_types.optimize_page_data import ReportData
 from machopt.report.scene.scene_types import MotionScene, OptimizeScene, StationPostures, ToolpathScene

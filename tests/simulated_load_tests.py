@@ -16,7 +16,8 @@ import pinocchio as pin
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"

@@ -14,17 +14,17 @@ from property_example_count import NIGHTLY, scale_example_count
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid
-from machopt.kinematics.robot import Robot, load_robot
-from machopt.stiffness.arm_stiffness import (
-    GRID_FACE_TOLERANCE_M,
-    ArmElasticity,
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.joint_compliance import (
     compute_constrained_stiffness,
     compute_deflection,
     compute_directional_compliance,
     compute_jiao_index,
-    compute_joint_stiffness,
     compute_translational_compliance,
 )
+from machopt.stiffness.joint_stiffness import GRID_FACE_TOLERANCE_M, compute_joint_stiffness
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr500_milling"
 # jiao2022, Table 2, degrees: tag 1 before and after optimisation, tag 2 before and after; and its stiffness in N/mm

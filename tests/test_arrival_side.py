@@ -9,7 +9,7 @@ from simulated_hidden_effects import CELLS, HiddenEffects, arm, build_iwan_law, 
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.stiffness import ModelDiscrepancy
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 from machopt.measurement.identification.assessment.hysteresis_half_width import (
     add_arrival_side,

@@ -19,7 +19,7 @@ from machopt.effects.structure import as_built_joint_frames
 from machopt.errors import InputError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.kinematics.inverse.solver import build_solver
-from machopt.kinematics.robot import load_chain, load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_chain, load_masses, load_robot
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -17,12 +17,19 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.baselines import LEAST_TILT, STEP, _groups, _roll, plan_cam_default, plan_jiao2022
+from machopt.planning.baselines import (
+    LEAST_TILT,
+    STEP,
+    _compute_roll,
+    _group_key_points,
+    plan_cam_default,
+    plan_jiao2022,
+)
 from machopt.planning.cost.stiffness_index import compute_load_directions
 from machopt.planning.pipeline.planning_setup import PlanningSetup, prepare_planning
 from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path, compute_tcp_poses
-from machopt.stiffness.arm_stiffness import compute_jiao_index
+from machopt.stiffness.joint_compliance import compute_jiao_index
 
 C, R = MoveKind.CUT, MoveKind.RAPID
 K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad, as large as a KR240's
@@ -121,11 +128,11 @@ def test_roll_is_the_papers_where_the_paper_has_one(tmp_path: FilePath, tilt: fl
     setup, path = ready(facing_cell(tmp_path), milling(tilt))
     every = np.arange(len(path.index), dtype=np.int32)
     np.testing.assert_allclose(
-        wrap_angle(_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9
+        wrap_angle(_compute_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9
     )
     for phi in (-2.0, 0.7):  # and it grows with phi one to one
         np.testing.assert_allclose(
-            wrap_angle(paper_roll(setup, path, np.full(len(every), phi)) - _roll(path, setup.arm, every) - phi),
+            wrap_angle(paper_roll(setup, path, np.full(len(every), phi)) - _compute_roll(path, setup.arm, every) - phi),
             0,
             atol=1e-9,
         )
@@ -135,7 +142,7 @@ def test_roll_does_not_swing_where_the_spindle_points_down(tmp_path: FilePath) -
     """Eq. 27 has no roll at β = ±90°: about it a swaying axis would turn it right round."""
     setup, path = ready(facing_cell(tmp_path, pitch=0.0, height=0.7), milling(0.15))
     every = np.arange(len(path.index), dtype=np.int32)
-    literal, used = paper_roll(setup, path, np.zeros(len(every))), _roll(path, setup.arm, every)
+    literal, used = paper_roll(setup, path, np.zeros(len(every))), _compute_roll(path, setup.arm, every)
     assert np.ptp(np.unwrap(literal)) > np.radians(90)
     assert np.ptp(np.unwrap(used)) < np.radians(15)
     down = np.degrees(LEAST_TILT)
@@ -162,7 +169,7 @@ def test_holes_roll_in_proportion_to_the_coordinate_and_arrive(tmp_path: FilePat
     """Eq. 34, along the axis with the longest way (here y)."""
     setup, path = ready(facing_cell(tmp_path), holes(tilt))
     a = paper(setup, path)
-    keys, rows, fraction = _groups(path, setup.arm)[0]
+    keys, rows, fraction = _group_key_points(path, setup.arm)[0]
     assert path.index[keys].tolist() == [path.index[rows[0]], path.index[rows[-1]]]
     y = np.repeat([-0.2, -0.12, 0.0, 0.03, 0.2, 0.3], np.bincount(path.run[rows]))
     np.testing.assert_allclose(fraction, (y + 0.2) / 0.5, atol=1e-9)
@@ -216,7 +223,7 @@ def test_each_milling_run_has_its_own_key_points(tmp_path: FilePath) -> None:
     for x in (-0.1, 0.0, 0.1):
         rows += [((x, -0.1, 0.05), (0, 0, 1), R), ((x, -0.1, 0.0), (0, 0, 1), C), ((x, 0.1, 0.0), (0, 0, 1), C)]
     setup, path = ready(facing_cell(tmp_path), toolpath(rows))
-    groups = _groups(path, setup.arm)
+    groups = _group_key_points(path, setup.arm)
     assert len(groups) == 3
     for k, (keys, inside, fraction) in enumerate(groups):
         counted = np.flatnonzero(path.counted & (path.run == k))

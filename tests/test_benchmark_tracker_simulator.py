@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from machopt.cell.cell_reader import load_cell
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.recording import load_recording
 
 HERE = Path(__file__).resolve().parents[1] / "benchmarks" / "diagnosis_tracker_benchmark"

@@ -11,7 +11,7 @@ from minimal_cell_files import read_refusal_message, replace_in_file, urdf, writ
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.urdf import read_urdf
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain, load_masses
+from machopt.kinematics.urdf_loading import load_chain, load_masses
 
 
 @pytest.fixture

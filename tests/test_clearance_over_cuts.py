@@ -16,17 +16,10 @@ from test_planning_path import UP, A, C, R, Rows, toolpath
 
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import CollisionShape
-from machopt.kinematics.robot import load_chain
-from machopt.planning.motion import segment_planner
+from machopt.kinematics.urdf_loading import load_chain
+from machopt.planning.motion import blocked_rapid_break, segment_planner
 from machopt.planning.motion.clearance_over_cuts import MOST, SAME_SIDE, CutSurface
-from machopt.planning.motion.rapid_moves import (
-    UNDER,
-    BlockedRapid,
-    FreeSpace,
-    RapidMove,
-    RapidTiming,
-    plan_rapid,
-)
+from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, FreeSpace, RapidMove, RapidTiming, plan_rapid
 
 RADIUS = 5e-3
 
@@ -92,9 +85,9 @@ def test_geometry_tells_it_better(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     assert cell.workpiece.geometry
-    assert CutSurface.of(cell, toolpath(SLOT)) is None
-    assert CutSurface.of(bare, toolpath(SLOT[:2])) is None  # nothing is cut
-    assert CutSurface.of(bare, toolpath(SLOT)) is not None
+    assert CutSurface.build(cell, toolpath(SLOT)) is None
+    assert CutSurface.build(bare, toolpath(SLOT[:2])) is None  # nothing is cut
+    assert CutSurface.build(bare, toolpath(SLOT)) is not None
 
 
 HERE, THERE = np.deg2rad([-20, -60, 90, 0, 45, 0.0]), np.deg2rad([20, -60, 90, 0, 45, 0.0])
@@ -169,12 +162,12 @@ def test_moves_from_and_to_home_are_held(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(segment_planner, "plan_rapid", rapid)
     maker = cast(Any, object.__new__(segment_planner.SegmentPlanner))
     maker.level, maker.free, maker.rng = CutSurface(toolpath(SLOT), RADIUS), frozenset(), None
-    maker._under = lambda x: bool((x[:, 0] > 1.0).any())
+    maker._passes_below_cut = lambda x: bool((x[:, 0] > 1.0).any())
     setup = SimpleNamespace(driven=SimpleNamespace(limits=limits()), collision=None, per_rad=np.ones(6))
     maker.plan = SimpleNamespace(setup=setup)
     maker.options = SimpleNamespace(rapid_scale=0.8, rapid_blend=0.0, sample=0.012, collision_step=0.02)
     low, high, point = (
-        segment_planner.RestPose(np.full(6, x), index, 0) for x, index in ((2.0, np.nan), (0.0, np.nan), (2.0, 3.0))
+        blocked_rapid_break.RestPose(np.full(6, x), index, 0) for x, index in ((2.0, np.nan), (0.0, np.nan), (2.0, 3.0))
     )
     for a, b in ((high, point), (point, high), (point, point), (low, point), (point, low)):
         maker.rapid(a, b, 0)

@@ -16,7 +16,7 @@ from test_collada_variants import CUBE, cube, node
 from machopt.cell.cell_reader import load_cell
 from machopt.collision.bodies import triangulate_shape
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.verification.motion.collision.bodies import build_bodies
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -113,7 +113,7 @@ def reachable(p: Plan) -> list[int]:
     c: CandidateGrid = enumerate_candidates(p.path, p.setup.arm, p.options)
     model, path = p.setup.collision, p.path
     assert model is not None
-    checker = PathCollisionChecker.of(path, p.setup.arm, p.setup.robot, model, p.options)
+    checker = PathCollisionChecker.build(path, p.setup.arm, p.setup.robot, model, p.options)
     S, rotations = c.feasible.shape[:2]
     free = c.feasible.copy()
     for s in range(S):
@@ -194,7 +194,7 @@ def assert_closed_by_themselves(p: Plan) -> None:
     """Of the ways that are closed in every turn each collides, or has no pose, on its own way."""
     assert p.found is not None
     s, R = p.setup, len(p.candidates.phi)
-    checker = PathCollisionChecker.of(p.path, s.arm, s.robot, s.collision, p.options)
+    checker = PathCollisionChecker.build(p.path, s.arm, s.robot, s.collision, p.options)
     assert p.candidates.feasible.shape[1] == R
     branches, grid, st = p.candidates.feasible.shape[2], p.candidates.phi_at(), p.path.stations
     for at, u, v in p.found.edges.closed[:: max(len(p.found.edges.closed) // 60, 1)]:

@@ -18,7 +18,7 @@ from machopt.collision.distance_bounds import MotionRows
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, Tool, Workpiece
 from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 
 ROUND = 0.0022  # the prisms that stand for cylinders are up to 0.22 % larger; spheres up to 0.7 %
 

@@ -27,7 +27,8 @@ from machopt.planning.job.joined_plan import ToolSegmentPlan, join_plans
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.plan_output.infeasibility_reasons import explain_points
 from machopt.planning.tolerance.error_columns import locate_poses
-from machopt.stiffness.arm_stiffness import ArmElasticity, compute_joint_stiffness
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 from machopt.verification.motion.checks.compensation_shift import FORCE_TOLERANCE
 from machopt.verification.motion.path_geometry.process_force import compute_engaged_share, compute_mean_force
 

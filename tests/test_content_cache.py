@@ -12,7 +12,7 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.collision.collision_model_cache import MODELS, load_collision_model
 from machopt.data_types.cell import Cell
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics.content_cache import ContentCache, NoContentKeyError, build_content_key
 from machopt.verification.motion.collision.cell_bodies import CellBodies, load_cell_bodies
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

@@ -37,7 +37,7 @@ from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import coarse_to_fine_search, refinement_restarts
-from machopt.planning.external_axis_optimization.coarse_to_fine_search import _coarse_to_fine, _SearchRequest
+from machopt.planning.external_axis_optimization.coarse_to_fine_search import _search_coarse_to_fine, _SearchRequest
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
@@ -52,7 +52,7 @@ def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
     request = _SearchRequest(
         cell=cell, toolpath=path, options=options, axes=axes, clock=StageTimings(), before=None, scale=None
     )
-    return _coarse_to_fine(request).best
+    return _search_coarse_to_fine(request).best
 
 
 def chosen(
@@ -87,7 +87,7 @@ def test_the_model_is_j_to_second_order(
 ) -> None:
     """Half the step, a quarter of what is wrong: joints are lines in z, and their steps have no kink nearby."""
     plan, groups, axes, _ = along
-    r = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
+    r = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     rows = r.rows
     here = r._state(plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows])
     assert here is not None
@@ -96,18 +96,18 @@ def test_the_model_is_j_to_second_order(
     costs = AssignmentCosts(cost=plan.chosen.cost, q=x, phi=a.phi)  # its terms alone
     own = compute_objective(plan.path, costs, scale, velocity, plan.options)
     assert here.merit == pytest.approx(own.total, rel=1e-9)  # every planning point is a station
-    local = r._local(here)
+    local = r._build_local_model(here)
     assert local.known.all()
     trust = np.full((len(rows), 2), 0.2)
-    model = QuadraticModel(local, r._steps(here, local), r._bounds(here, local, trust), r.tied)
+    model = QuadraticModel(local, r._build_transition_terms(here, local), r._build_bounds(here, local, trust), r.tied)
     rng = np.random.default_rng(2)
     c = rng.uniform(-1.0, 1.0, r.curves.at_stations.shape[1])
     wrong = []
     for size in (0.04, 0.02):
         z = (r.curves.at_stations @ (size * c)).reshape(trust.shape)
-        found, cost = r._solved(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, here.q)
+        found, cost = r._solve_stations(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, here.q)
         told = model.value(size * c) - model.value(0.0 * c)
-        merit = r._merit(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, found.q, cost)
+        merit = r._compute_merit(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, found.q, cost)
         wrong.append(abs(told - (merit - here.merit)))
     assert wrong[0] < 0.05 * abs(merit - here.merit) + 1e-4
     assert wrong[1] < 0.45 * wrong[0] + 1e-7
@@ -119,10 +119,10 @@ def test_margins_that_an_arm_has_not_leave_its_model_whole(
 ) -> None:
     """Arms with an offset wrist have theirs at infinity: all of their stations were held where they stood."""
     plan, groups, axes, _ = along
-    r = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
+    r = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     rows = r.rows
     start = plan.chosen.assignment.phi[rows], plan.path.external[rows], plan.chosen.assignment.q[rows]
-    solved = r._solved
+    solved = r._solve_stations
 
     def without(*state: np.ndarray) -> tuple[JointAssignment, np.ndarray]:
         found, cost = solved(*state)
@@ -131,14 +131,14 @@ def test_margins_that_an_arm_has_not_leave_its_model_whole(
 
     here = r._state(*start)
     assert here is not None
-    plain = r._local(here)
-    monkeypatch.setattr(r, "_solved", without)
+    plain = r._build_local_model(here)
+    monkeypatch.setattr(r, "_solve_stations", without)
     here = r._state(*start)
     assert here is not None
-    local = r._local(here)
+    local = r._build_local_model(here)
     assert local.known.all()
     np.testing.assert_array_equal(local.hessian, plain.hessian)
-    assert np.isfinite(r._bounds(here, local, np.full((len(rows), 2), 0.2)).under).all()
+    assert np.isfinite(r._build_bounds(here, local, np.full((len(rows), 2), 0.2)).under).all()
 
 
 def small_problem(seed: int) -> tuple[LocalModel, TransitionTerms, OffsetBounds]:
@@ -235,7 +235,7 @@ def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None
     )
     plan = by_grids(cell, path_in, replace(options, rotation_step=np.radians(45.0)))
     groups = build_operation_groups(cell, path_in, plan.path, resolve_axis_options(cell, options))
-    curves = OffsetCurves.of(plan.path, groups)
+    curves = OffsetCurves.build(plan.path, groups)
     c = np.random.default_rng(0).normal(size=curves.at_points.shape[1])
     z = (curves.at_points @ c).reshape(len(plan.path.index), 3)
     for first, last in plan.path.runs:
@@ -252,7 +252,7 @@ def test_a_rail_that_moves_is_refined(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
-    better = refine_plan(plan, job_of(path, groups, AxisPlanRanking.of(plan.setup, axes)))
+    better = refine_plan(plan, job_of(path, groups, AxisPlanRanking.build(plan.setup, axes)))
     assert better.chosen.objective.total < 0.999 * plan.chosen.objective.total
     low, high = plan.setup.cell.limits.lower[6], plan.setup.cell.limits.upper[6]
     assert low <= better.path.external.min() <= better.path.external.max() <= high
@@ -272,7 +272,7 @@ def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: f
     options = replace(OPTIONS, external=axes)
     path = toolpath(slots(y, y + half))
     plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
-    worth = AxisPlanRanking.of(plan.setup, own)
+    worth = AxisPlanRanking.build(plan.setup, own)
     better = refine_plan(plan, job_of(path, groups, worth))
     assert better is plan or worth.plan(better) < worth.plan(plan)
     assert len(better.missing) <= len(plan.missing)
@@ -294,7 +294,7 @@ def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: Fi
         for mode in ("moving", "operation")
     ]
     assert plans[0].scores.scale == plans[1].scores.scale
-    worth = AxisPlanRanking.of(plans[0].setup, resolve_axis_options(cell, plans[0].options))
+    worth = AxisPlanRanking.build(plans[0].setup, resolve_axis_options(cell, plans[0].options))
     assert worth.plan(plans[0]) <= worth.plan(plans[1]) * (1.0 + 1e-9)
 
 
@@ -308,7 +308,7 @@ def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeyp
     for widths in coarse_to_fine_search.TRUSTS, coarse_to_fine_search.TRUSTS[:1], ():
         monkeypatch.setattr(coarse_to_fine_search, "TRUSTS", widths)
         plan = find_best_plan(cell, path, MOVING)
-        found.append(AxisPlanRanking.of(plan.setup, resolve_axis_options(cell, plan.options)).plan(plan))
+        found.append(AxisPlanRanking.build(plan.setup, resolve_axis_options(cell, plan.options)).plan(plan))
         scales.add(plan.scores.scale)
     assert len(scales) == 1
     assert found[0] <= found[1] < found[2]
@@ -319,7 +319,7 @@ def test_a_plan_far_behind_is_not_planned_again(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
-    worth = AxisPlanRanking.of(plan.setup, axes)
+    worth = AxisPlanRanking.build(plan.setup, axes)
     assert refine_plan(plan, job_of(path, groups, worth), below=0.5 * worth.plan(plan)) is plan
 
 

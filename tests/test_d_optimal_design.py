@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from machopt.measurement.design.d_optimal_search import (
-    DesignProblem,
-    ModelBelief,
     compute_design_criterion,
     compute_information_matrix,
     find_d_optimal_design,
 )
+from machopt.measurement.design.design_problem import DesignProblem, ModelBelief
 from machopt.measurement.design.efficiency_bound import compute_efficiency_bound
 from machopt.measurement.design.expected_accuracy import (
     compute_design_efficiency,
@@ -23,12 +22,6 @@ from machopt.measurement.design.expected_accuracy import (
 )
 from machopt.measurement.design.measurement_schedule import build_schedule, order_poses_by_travel
 from machopt.measurement.design.reading_noise import ReadingNoise
-from machopt.measurement.design.two_model_discrimination import (
-    LawResponse,
-    ReadingErrors,
-    compute_noncentrality,
-    design_discrimination,
-)
 
 
 def tiny(
@@ -146,62 +139,6 @@ def test_design_for_several_beliefs_maximises_their_mean() -> None:
     assert found.value == pytest.approx(best, abs=1e-9)
     alone = find_d_optimal_design(one, 2, 2, rng=np.random.default_rng(0), starts=8)
     assert compute_design_criterion(both, alone.blocks) < found.value
-
-
-def test_discriminating_design_is_the_best_of_all() -> None:
-    problem = tiny(2, unknowns=2)
-    m = problem.models[0]
-    rng = np.random.default_rng(0)
-    extra = rng.normal(size=(len(problem.pose), 2, 1))
-    full, b = np.concatenate([m.response, extra], axis=-1), np.array([1.0, -2.0, 3.0])
-    errors = ReadingErrors(m.covariance, problem.pose, problem.shared)
-    found = design_discrimination(LawResponse(m.response), LawResponse(full, b), errors, 2, 2, rng=rng, starts=8)
-
-    def left(blocks) -> float:  # what the rival leaves of the truth, by least squares on the whitened readings
-        A, y = stacked(problem, blocks), stacked(problem, blocks, (full @ b)[..., None])[:, 0]
-        return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
-
-    best = max(left(blocks) for blocks in every_design(problem, 2, 2))
-    assert found.truth_against_rival == pytest.approx(left(found.design.blocks), rel=1e-9)
-    assert found.truth_against_rival == pytest.approx(best, rel=1e-3)  # the search has a ridge of 1e-4
-    assert np.isnan(found.rival_against_truth)
-
-
-def test_discriminating_both_ways_and_laws_that_are_the_same() -> None:
-    problem = tiny(4, unknowns=2)
-    m = problem.models[0]
-    rng = np.random.default_rng(1)
-    rival = rng.normal(size=m.response.shape)
-    args = (ReadingErrors(m.covariance, problem.pose, problem.shared), 3, 2)
-    true = LawResponse(rival, np.ones(2))
-    both = design_discrimination(LawResponse(m.response, np.ones(2)), true, *args, rng=rng, starts=4)
-    one = design_discrimination(LawResponse(m.response), true, *args, rng=rng, starts=4)
-    assert both.rival_against_truth > 0
-    assert both.truth_against_rival <= one.truth_against_rival * (1 + 1e-3)
-    assert (
-        both.rival_against_truth * both.truth_against_rival
-        >= 0.999
-        * one.truth_against_rival
-        * compute_noncentrality(
-            rival, m.response @ np.ones(2), m.covariance, problem.pose, problem.shared, one.design.blocks
-        )
-    )
-    own = LawResponse(m.response[..., ::-1] * 2.0, np.ones(2))
-    same = design_discrimination(LawResponse(m.response), own, *args, rng=rng)
-    assert same.truth_against_rival < 1e-9 * one.truth_against_rival  # in the rival's span: rounding only
-
-
-def test_readings_that_tell_laws_apart_differ_from_those_that_know_them_best() -> None:
-    problem = big()
-    m = problem.models[0]
-    law, truth = m.response[..., :5], m.response
-    b = np.ones(6)
-    rng = np.random.default_rng(0)
-    errors = ReadingErrors(m.covariance, problem.pose, problem.shared)
-    split = design_discrimination(LawResponse(law), LawResponse(truth, b), errors, 6, 2, rng=rng)
-    known = find_d_optimal_design(problem, 6, 2, rng=rng)
-    rest = compute_noncentrality(law, truth @ b, m.covariance, problem.pose, problem.shared, known.blocks)
-    assert split.truth_against_rival > 1.2 * rest
 
 
 def test_accuracy_names_what_is_not_seen() -> None:

@@ -10,7 +10,7 @@ from test_diagnose_session_errors import CELL, CELLS, sound
 from test_diagnose_tcp_poses import arm, measure
 
 from machopt.cell.cell_reader import load_cell
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_quality.duplicated_rows import find_duplicated_rows
 
 

@@ -10,7 +10,7 @@ from test_diagnose_model_selection import build_synthetic_problem, law
 from test_diagnose_session_errors import CELL, CELLS, sound
 
 from machopt.cell.cell_reader import load_cell
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue, Quantity
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.model_selection import selection_pipeline

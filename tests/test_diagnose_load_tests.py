@@ -29,7 +29,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.dynamics.gravity_torque import compute_gravity_torque
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.static import load_test_channel
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.stiffness.arm_stiffness import ArmElasticity

@@ -17,9 +17,9 @@ from machopt.data_types.cell import Cell, JointLimits, Tool, Workpiece
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects.joint.creep import filter_first_order
-from machopt.effects.joint.friction import compute_presliding_direction
-from machopt.effects.joint.hysteresis import compute_drag, compute_play
 from machopt.effects.joint.joint_vibration import simulate_mass_on_spring
+from machopt.effects.joint.play_and_drag_operators import compute_drag, compute_play
+from machopt.effects.joint.presliding_direction import compute_presliding_direction
 from machopt.errors import InputError
 from machopt.kinematics.robot import GRAVITY
 from machopt.measurement.diagnosis.dynamic import motion_channels, motion_record_checks

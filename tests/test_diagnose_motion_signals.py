@@ -16,7 +16,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis import diagnosis_pipeline
 from machopt.measurement.diagnosis.dynamic import (
     exchanged_torque_columns,

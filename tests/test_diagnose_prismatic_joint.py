@@ -12,7 +12,8 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
 from machopt.dynamics.gravity_torque import compute_gravity_torque
-from machopt.kinematics.robot import GRAVITY, load_masses, load_robot
+from machopt.kinematics.robot import GRAVITY
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 
 JOINTS = (  # kind, origin in the link before, axis, mass of the link
     ("prismatic", (0.0, 0.0, 0.0), (0.6, 0.0, 0.8), 400.0),

@@ -23,7 +23,8 @@ from simulated_hidden_effects import (
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.parameter_keys import build_joint_spring_key
-from machopt.kinematics.robot import Robot, load_masses, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality import outlier_rows, pose_units, static_record_correction
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown
 from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoefficient, Finding

@@ -26,7 +26,7 @@ from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
 from machopt.effects.protocol import JointLoading
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     DiagnosisProblem,
     HypothesisCatalogue,

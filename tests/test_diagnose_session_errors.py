@@ -25,7 +25,7 @@ from test_diagnose_tcp_poses import measure
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 from machopt.effects.compliance_matrices.body_compliance_laws import project_to_semidefinite
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_quality import session_corrections, swapped_columns
 from machopt.measurement.diagnosis.data_types import load_resolution
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import CoordinateFamily, DiagnosisProblem

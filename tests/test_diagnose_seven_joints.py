@@ -14,7 +14,7 @@ from seven_joint_arm import write_cell as write_seven_joint_cell
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
 from machopt.errors import CellError, TooManyArmJointsError
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "real" / "panda"
 OFFSETS_DEG = np.array([0.0, 0.0, 0.12, 0.0, -0.08, 0.0, 0.0])

@@ -13,7 +13,7 @@ from test_diagnose_tcp_poses import measure
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_quality import shifted_rows, static_record_correction, swapped_columns
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_static_recording

@@ -15,7 +15,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
 from machopt.data_types.parameter_keys import ParameterKey, build_joint_spring_key
 from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring, StiffnessTerm
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, RecordCorrection
 from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoefficient, DiagnosisResult, Finding
 from machopt.measurement.diagnosis.outputs.extended_stiffness import (

@@ -45,7 +45,7 @@ def test_a_plan_foresees_loads_that_only_history_explained() -> None:
 
     assert said is not None
     arm = ArmElasticity(robot, T, said, masses=masses, counted=True)
-    doubt, q, w = DiscrepancyModel.of(arm), tests.state.q, tests.wrench
+    doubt, q, w = DiscrepancyModel.build(arm), tests.state.q, tests.wrench
     assert doubt is not None
     off = arm.evaluate(q).compute_twist(w)[:, :3] - moved
     state = robot.compute_state(q, T, bodies=True)

@@ -10,7 +10,7 @@ from simulated_hidden_effects import CELLS, HiddenEffects, NoiseLevels, arm, loa
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.static import load_test_channel
 from machopt.measurement.diagnosis.statistics import replicate_noise

@@ -22,7 +22,8 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.effects.joint.joint_angle_errors import list_testable_orders
 from machopt.errors import InputError
-from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     DiagnosisProblem,
     EffectHypothesis,

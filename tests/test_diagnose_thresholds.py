@@ -19,7 +19,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_quality.inconsistent_loads import correct_inconsistent_loads
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue

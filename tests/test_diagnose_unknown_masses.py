@@ -23,7 +23,8 @@ from simulated_hidden_effects import (
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
-from machopt.kinematics.robot import RobotMasses, load_masses, load_robot
+from machopt.kinematics.robot import RobotMasses
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.diagnosis_pipeline import (
     diagnose_static_recording,
     read_load_test_masses,

@@ -20,7 +20,7 @@ from simulated_hidden_effects import (
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.sensor_errors import GAIN
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_quality import wrong_weight_label
 from machopt.measurement.diagnosis.diagnosis_pipeline import diagnose_static_recording
 from machopt.measurement.diagnosis.model_selection import selection_pipeline

@@ -64,7 +64,7 @@ def test_the_shift_is_the_sum_of_the_suspects_columns() -> None:
     stiffness = ArmStiffness(joints=made.TRUE_K, terms=(LINK,), discrepancy=doubt())
     alone = ArmElasticity(robot, T, stiffness, masses=MASSES)
     counted = ArmElasticity(robot, T, stiffness, masses=MASSES, counted=True)
-    suspects = DiscrepancyModel.of(alone)
+    suspects = DiscrepancyModel.build(alone)
     assert suspects is not None
     state, k = robot.compute_state(q, T, bodies=True), np.tile(made.TRUE_K, (7, 1))
     more = suspects.suspects.compute_columns(state, k, w) @ doubt().shift
@@ -74,7 +74,7 @@ def test_the_shift_is_the_sum_of_the_suspects_columns() -> None:
     small = suspects.suspects.compute_columns(state, k, w, small=True) @ doubt().shift
     C = counted.evaluate(q).compute_compliance() - alone.evaluate(q).compute_compliance()
     np.testing.assert_allclose(np.einsum("mij,mj->mi", C, w), small, rtol=1e-7, atol=1e-13)
-    about = DiscrepancyModel.of(counted)
+    about = DiscrepancyModel.build(counted)
     assert about is not None
     assert not about.ways[0].any()  # what is said is the mean
     assert suspects.ways[0].any()

@@ -21,7 +21,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.design.load_cases import LoadCases, LoadCriteria, build_load_cases
 from machopt.measurement.design.load_methods import build_load_method_combinations
 from machopt.measurement.design.maximin_discrimination import (

@@ -18,7 +18,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.effect_wording import format_effect_at_place
-from machopt.effects.joint import creep, hysteresis, joint_coupling
+from machopt.effects.joint import creep, hysteresis, joint_coupling, play_and_drag_operators
 from machopt.effects.kinematic_corrections import build_kinematic_correction, extend_kinematics
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import (
@@ -36,7 +36,7 @@ from machopt.effects.protocol import (
     Quantity,
 )
 from machopt.kinematics.encoder_corrections import build_encoder_correction
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     CoordinateFamily,
@@ -108,7 +108,8 @@ def test_a_path_in_pieces_is_the_same_path() -> None:
     fine = np.concatenate([np.linspace(a, b, 8)[:-1] for a, b in itertools.pairwise(corners)] + [corners[-1:]])
     for beta in (0.3, 0.5, 0.65, 1.0):
         few, many = (
-            hysteresis.compute_drag(x, np.array([1] + [0] * (len(x) - 1)), 200.0, beta) for x in (corners, fine)
+            play_and_drag_operators.compute_drag(x, np.array([1] + [0] * (len(x) - 1)), 200.0, beta)
+            for x in (corners, fine)
         )
         np.testing.assert_allclose(many[::7], few, rtol=1e-12)
         assert np.abs(many).max() < 1.0

@@ -16,12 +16,13 @@ from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffnes
 from machopt.data_types.effect_locations import is_on_arm
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.effects import registry, user_effects
-from machopt.effects.compliance_matrices import body_compliance_laws, tapered_tube
+from machopt.effects.compliance_matrices import body_compliance_laws, tapered_tube, uniform_beam_law
 from machopt.effects.compliance_matrices.semidefinite_projection import find_nearest_semidefinite
 from machopt.effects.effect_wording import format_effect_at_place
 from machopt.effects.protocol import BodyLaw, CompliantBody, Effect, LawParameter, Quantity
 from machopt.errors import EffectDefinitionError
-from machopt.kinematics.robot import ArmState, Robot, load_robot
+from machopt.kinematics.robot import ArmState, Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
 from machopt.measurement.diagnosis.effect_columns import structural_compliance
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
@@ -142,14 +143,14 @@ def test_weights_spread_along_a_body_count_where_the_law_says_so() -> None:
             if one is None:
                 continue
             sag = one.compute_weight_sag(state, own_weight)
-            assert (sag is not None) == isinstance(law, body_compliance_laws.UniformBeamLaw)
+            assert (sag is not None) == isinstance(law, uniform_beam_law.UniformBeamLaw)
             assert sag is None or sag.shape == (7, 6, len(one.values))
 
 
 def test_two_planes_that_are_alike_are_one_beam() -> None:
     body = CompliantBody(axes=np.eye(3), length=0.7)
-    alike = body_compliance_laws.TWO_PLANES.matrices(NONE, body)
-    np.testing.assert_array_equal(alike[0] + alike[1], body_compliance_laws.UniformBeamLaw().matrices(NONE, body)[0])
+    alike = uniform_beam_law.TWO_PLANES.matrices(NONE, body)
+    np.testing.assert_array_equal(alike[0] + alike[1], uniform_beam_law.UniformBeamLaw().matrices(NONE, body)[0])
 
 
 def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> None:
@@ -158,20 +159,20 @@ def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> No
     body = CompliantBody(axes=np.eye(3), length=L)
     axes = [np.tile(n, (7, 1)) for n in (z, -y, x)]
     wrench = np.random.default_rng(0).normal(size=(7, 6))
-    at_end = body_compliance_laws.compute_section_deflection(axes, L, np.tile(L * x, (7, 1)), wrench)
-    expected = np.einsum("pij,nj->nip", body_compliance_laws.TWO_PLANES.matrices(NONE, body), wrench)
+    at_end = uniform_beam_law.compute_section_deflection(axes, L, np.tile(L * x, (7, 1)), wrench)
+    expected = np.einsum("pij,nj->nip", uniform_beam_law.TWO_PLANES.matrices(NONE, body), wrench)
     np.testing.assert_allclose(at_end, expected, rtol=1e-12, atol=1e-15)
     beyond = np.array([0.3, -0.2, 0.5])
     G = np.eye(6)
     G[:3, 3:] = -skew_matrix(beyond)
-    carried = np.einsum("ij,pjk,lk,nl->nip", G, body_compliance_laws.TWO_PLANES.matrices(NONE, body), G, wrench)
+    carried = np.einsum("ij,pjk,lk,nl->nip", G, uniform_beam_law.TWO_PLANES.matrices(NONE, body), G, wrench)
     np.testing.assert_allclose(
-        body_compliance_laws.compute_section_deflection(axes, L, np.tile(L * x + beyond, (7, 1)), wrench),
+        uniform_beam_law.compute_section_deflection(axes, L, np.tile(L * x + beyond, (7, 1)), wrench),
         carried,
         rtol=1e-12,
         atol=1e-14,
     )
-    sag = body_compliance_laws.compute_section_deflection(
+    sag = uniform_beam_law.compute_section_deflection(
         axes, L, np.tile(L * x, (7, 1)), np.zeros((7, 6)), [(-50.0 * y, L)]
     )[0]
     np.testing.assert_allclose(sag[:, 0], [0.0, -50.0 * L**3 / 8.0, 0.0, 0.0, 0.0, -50.0 * L**2 / 6.0], atol=1e-12)
@@ -182,11 +183,11 @@ def test_a_tube_as_thick_throughout_that_does_not_shear_is_a_beam() -> None:
     body, even = CompliantBody(axes=np.eye(3), length=0.7), np.array(tapered_tube.UNIFORM)
     own = [(np.array([[3.0, -50.0, 20.0]]), 0.9)]
     np.testing.assert_allclose(
-        tapered_tube.TAPERED.matrices(even, body), body_compliance_laws.TWO_PLANES.matrices(NONE, body), atol=1e-15
+        tapered_tube.TAPERED.matrices(even, body), uniform_beam_law.TWO_PLANES.matrices(NONE, body), atol=1e-15
     )
     sags = [
         law.compute_own_weight_deflection(shape, body, own)
-        for law, shape in ((tapered_tube.TAPERED, even), (body_compliance_laws.TWO_PLANES, NONE))
+        for law, shape in ((tapered_tube.TAPERED, even), (uniform_beam_law.TWO_PLANES, NONE))
     ]
     assert sags[0] is not None
     assert sags[1] is not None
@@ -240,14 +241,14 @@ def test_a_foreign_casting_is_among_the_shapes_tried_for_a_link() -> None:
         return float(np.linalg.norm(rest) / np.linalg.norm(y))
 
     grid = [np.array(s) for s in tapered_tube.TAPERED.grid(CompliantBody(axes=np.eye(3), length=L))]
-    assert 4.0 * min(left(tapered_tube.TAPERED, s) for s in grid) < left(body_compliance_laws.TWO_PLANES, NONE)
+    assert 4.0 * min(left(tapered_tube.TAPERED, s) for s in grid) < left(uniform_beam_law.TWO_PLANES, NONE)
 
 
 # --- a toy --------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Sheared(body_compliance_laws.BodyLawDefaults):
+class Sheared(uniform_beam_law.BodyLawDefaults):
     """The far end of a body shifts with the force across it, and does not turn."""
 
     name = "shears"

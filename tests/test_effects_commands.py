@@ -22,7 +22,7 @@ from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry, user_effects
 from machopt.effects.protocol import JOINTS, JointLoading
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.dynamic import motion_channels
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.measurement.identification.fitting.loaded_equilibrium import LoadedEquilibriumModel

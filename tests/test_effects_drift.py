@@ -10,7 +10,8 @@ from test_diagnose_load_test_drift import timed
 
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.protocol import DriftLaw, Effect, LawParameter, Quantity, ThermalState
-from machopt.effects.structure.thermal_drift import LinearTimeCourse, ThermalDrift
+from machopt.effects.structure.heat_courses import LinearTimeCourse
+from machopt.effects.structure.thermal_drift import ThermalDrift
 from machopt.measurement.diagnosis.effect_columns import thermal_drift
 from machopt.measurement.diagnosis.static import load_test_channel
 from machopt.numerics.array_types import Array

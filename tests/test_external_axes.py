@@ -17,7 +17,7 @@ from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
 from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.options.plan_option_reader import format_user_options, load_options
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.rapid_moves import FreeSpace, RapidMove, RapidTiming, plan_rapid

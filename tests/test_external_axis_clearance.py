@@ -13,15 +13,15 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.options.plan_option_reader import load_options
-from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, _brushing, _neighbours
+from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, _find_near_contact, _number_neighbours
 from machopt.planning.external_axis_optimization import coarse_to_fine_search
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 
 def test_values_next_to_a_contact_are_left_where_there_are_others() -> None:
-    near = _neighbours([5])
+    near = _number_neighbours([5])
     free = np.array([[1, 1, 1, 1, 1], [0, 1, 1, 1, 0], [0, 1, 1, 0, 0], [0, 0, 0, 0, 0]], bool)
-    left = free & ~_brushing(free, near)
+    left = free & ~_find_near_contact(free, near)
     wanted = [[1, 1, 1, 1, 1], [0, 0, 1, 0, 0], [0, 1, 1, 0, 0], [0, 0, 0, 0, 0]]
     np.testing.assert_array_equal(left, np.array(wanted, bool))
 

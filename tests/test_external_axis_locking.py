@@ -17,6 +17,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.planning.job import job_planner
 from machopt.planning.job.locked_axes import iterate_locked_subsets
 from machopt.planning.motion import search_budget
+from machopt.planning.motion.blocked_rapid_break import RestPose, build_blocked_break
 from machopt.planning.motion.rapid_moves import BlockedRapid
 from machopt.planning.motion.search_budget import (
     SearchBudget,
@@ -25,7 +26,6 @@ from machopt.planning.motion.search_budget import (
     is_used_up,
     limit_search,
 )
-from machopt.planning.motion.segment_planner import RestPose, _blocked
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
@@ -122,6 +122,6 @@ def test_what_is_spent_in_vain_is_bounded() -> None:
 def test_a_search_that_was_cut_short_is_told_from_one_that_found_nothing() -> None:
     blocked = BlockedRapid(pair="a ~ b", where=np.zeros(6), fraction=0.5, reason="way")
     start, end = RestPose(np.zeros(6), 0.0, 0), RestPose(np.ones(6), 1.0, 1)
-    assert _blocked(blocked, start, end).code == "rapid_blocked"
+    assert build_blocked_break(blocked, start, end).code == "rapid_blocked"
     with limit_search(SearchBudget(0)):
-        assert _blocked(blocked, start, end).code == "rapid_search_cut_short"
+        assert build_blocked_break(blocked, start, end).code == "rapid_search_cut_short"

@@ -19,7 +19,7 @@ from machopt.cli import main
 from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring, StiffnessTerm
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.planning.uncertainty.external_axis_settlement import compute_base_wrench
 from machopt.stiffness.arm_stiffness import ArmElasticity

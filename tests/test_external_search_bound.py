@@ -28,10 +28,12 @@ from machopt.planning.external_axis_optimization.external_axis_bound import (
     BoundSearch,
     ValueGridSequences,
     bound_over_external_axes,
+)
+from machopt.planning.external_axis_optimization.value_grid import NEAR, VALUES, build_group_value_grid
+from machopt.planning.external_axis_optimization.value_grid_construction import (
     build_value_grid_sequences,
     unwrap_to_lower_limits,
 )
-from machopt.planning.external_axis_optimization.value_grid import NEAR, VALUES, build_group_value_grid
 from machopt.planning.pipeline.path_planner import plan_path
 from machopt.planning.pipeline.plan import ExternalAxisBound
 from machopt.planning.pipeline.planning_setup import StageTimings, fix_external_axes, prepare_planning
@@ -213,7 +215,7 @@ def test_the_plan_is_one_of_the_sequences_and_starts_where_it_stands(tmp_path: F
     options = replace(OPTIONS, external=free, rotation_step=np.radians(15.0))
     made = plan_path(cell, path, options)
     groups = build_operation_groups(cell, path, made.path, resolve_axis_options(cell, options))
-    around = BoundSearch.of(made, groups, {2: 2})
+    around = BoundSearch.build(made, groups, {2: 2})
     assert not isinstance(around, str)
     found = around.best()
     assert found is not None
@@ -235,7 +237,7 @@ def test_the_best_sequence_touches_nothing(tmp_path: FilePath) -> None:
     path = toolpath(slots(0.15))
     options = replace(OPTIONS, collision=True, external=(ExternalJointOptions(joint="rail", mode="moving"),))
     made = plan_path(cell, path, options)
-    around = BoundSearch.of(
+    around = BoundSearch.build(
         made, build_operation_groups(cell, path, made.path, resolve_axis_options(cell, options)), VALUES
     )
     assert not isinstance(around, str)

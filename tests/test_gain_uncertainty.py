@@ -29,7 +29,8 @@ from machopt.planning.uncertainty.stiffness_uncertainty import (
     compute_cost_gradient,
     compute_gains,
 )
-from machopt.stiffness.arm_stiffness import ArmElasticity, compute_joint_stiffness
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = FilePath(__file__).resolve().parent.parent
@@ -108,7 +109,7 @@ def test_a_point_on_a_face_takes_its_share_of_both_cells() -> None:
     grid = StiffnessGrid(np.zeros(3), 1.0, (2, 1, 1), k, 0.1 * k)
     stiffness = ArmStiffness(joints=np.full(6, 7e5), grid=grid)
     position = np.array([[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.5, 0.5, 0.5], [5.0, 0, 0]])
-    spread = ComplianceCovariance.of(stiffness, position)
+    spread = ComplianceCovariance.build(stiffness, position)
     g = np.arange(1.0, 7)
     for n in range(2):
         for j in range(6):
@@ -126,7 +127,7 @@ def test_a_point_on_a_face_takes_its_share_of_both_cells() -> None:
     assert std[0] == pytest.approx(np.sqrt(np.sum((g * 0.1 / k[0]) ** 2)))
     assert std[2] == pytest.approx(np.sqrt(np.sum((g * 0.1 / k[1]) ** 2)))
     assert np.isnan(std[3])  # outside the grid, where the file says nothing
-    known = ComplianceCovariance.of(replace(stiffness, covariance=np.diag((0.1 / stiffness.joints) ** 2)), position)
+    known = ComplianceCovariance.build(replace(stiffness, covariance=np.diag((0.1 / stiffness.joints) ** 2)), position)
     assert known.point_std(np.tile(g, (4, 1)))[3] == pytest.approx(np.linalg.norm(g) * 0.1 / 7e5)
     np.testing.assert_array_equal(known.point_std(np.tile(g, (4, 1)))[:3], std[:3])
 

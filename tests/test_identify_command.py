@@ -22,7 +22,7 @@ from machopt.commands.identify.run import IdentifyResult, run_identify
 from machopt.data_types.documents.identification_document import describe_unidentified_joint
 from machopt.data_types.stiffness import ExternalJointSpring
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.identification.request import IdentifyRequest
 from machopt.measurement.recording import write_recording
 

@@ -21,7 +21,7 @@ from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cli import main
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import RecordingError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.identification.frequency_response.frequency_response_pipeline import _compute_covariance
 from machopt.measurement.identification.frequency_response.modal_damping import compute_modal_damping
 from machopt.measurement.identification.frequency_response.response_equations import (

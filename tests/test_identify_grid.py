@@ -17,7 +17,8 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid
 from machopt.errors import InputError
 from machopt.kinematics.inverse.solver import InverseKinematicsSolver, SingularityMargins, build_solver
-from machopt.kinematics.robot import Robot, load_chain, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.measurement.estimation.tiled_linear_algebra import (
     invert_positive_definite,
@@ -37,9 +38,9 @@ from machopt.measurement.identification.grid_stiffness.grid_fit import (
     _compute_pose_positions,
     fit_grid,
 )
-from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import GridPrior
+from machopt.measurement.identification.grid_stiffness.grid_prior import GridPrior
 from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation, invert_transform
-from machopt.stiffness.arm_stiffness import GRID_FACE_TOLERANCE_M, compute_joint_stiffness
+from machopt.stiffness.joint_stiffness import GRID_FACE_TOLERANCE_M, compute_joint_stiffness
 from machopt.stiffness.terms import build_fitted_term
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"

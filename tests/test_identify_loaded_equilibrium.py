@@ -13,7 +13,8 @@ from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
 from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.errors import InputError
-from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 from machopt.measurement.identification.fitting.loaded_equilibrium import (
     LoadedEquilibriumModel,

@@ -18,7 +18,7 @@ from machopt.data_types.cell import Cell, CollisionShape, IgnoredPair
 from machopt.data_types.plan_options import PlanOptions
 from machopt.errors import InputError
 from machopt.file_formats.strict_yaml import KeyPath, parse_yaml
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.verification.folder.verification_scope import list_unchecked
 from machopt.verification.motion.collision.bodies import build_bodies, compute_distance, list_checked_pairs
 from machopt.verification.motion.collision.urdf_inventory import check_inventory

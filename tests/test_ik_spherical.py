@@ -21,7 +21,8 @@ from machopt.kinematics.inverse.solver import (
     refine_by_newton,
 )
 from machopt.kinematics.inverse.spherical_wrist import SphericalWristSolver, find_wrist_centre
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.rigid_transforms import compute_axis_rotation, wrap_angle
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"

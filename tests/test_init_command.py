@@ -29,7 +29,7 @@ from machopt.data_types.documents.cell_documents import InitDocument
 from machopt.errors import InputError
 from machopt.input_files.json_schemas import FILES, FOLDER, format_schema_name, render_schema
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_chain, load_robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.numerics.rigid_transforms import compute_rpy_matrix
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.pipeline.planning_setup import fix_external_axes, prepare_planning

@@ -20,7 +20,7 @@ from machopt.commands.init import run_init
 from machopt.commands.validate import run_validate
 from machopt.data_types.cell import Cell
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain, load_robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 
 PLACE = (1500.0, 0.0, 600.0)
 

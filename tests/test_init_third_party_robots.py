@@ -18,7 +18,7 @@ from machopt.cell_setup.workpiece_placement import find_place, find_place_or_mid
 from machopt.cli import main
 from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.options.plan_option_reader import load_options
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.workspace_map.sample_posture_computation import build_reaching_arm

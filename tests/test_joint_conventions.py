@@ -12,7 +12,7 @@ from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.robot_program import JointMap
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_quality.joint_conventions import correct_joint_convention
 from machopt.numerics.array_types import Array
 

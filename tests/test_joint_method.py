@@ -18,7 +18,7 @@ from machopt.data_types.documents.optimize_document import OptimizeDocument
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan import Plan

@@ -19,7 +19,7 @@ from machopt.effects.kinematic_corrections import extend_kinematics
 from machopt.effects.measured_angle_range import compute_measured_range
 from machopt.errors import InputError
 from machopt.kinematics.encoder_corrections import EncoderCorrection, build_encoder_correction
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.options.plan_option_reader import load_options
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.verification.motion.kinematics.encoder_correction import check_correction_range, compute_true_angles

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from machopt.cell.cell_reader import load_cell
-from machopt.kinematics.robot import Robot, load_robot
-from machopt.stiffness.arm_stiffness import compute_constrained_stiffness, compute_directional_compliance
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
+from machopt.stiffness.joint_compliance import compute_constrained_stiffness, compute_directional_compliance
 from machopt.stiffness.kinetostatic_indices import (
     compute_characteristic_length,
     compute_conditioning_index,

@@ -15,7 +15,8 @@ from machopt.data_types.cell import Cell, JointLimits
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.planning.cost import clearance_cost, lost_feed_time
 from machopt.planning.cost.lost_feed_time import FeedMotion, compute_excess
 from machopt.planning.cost.objective import AXIS_SPEED

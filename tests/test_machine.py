@@ -14,7 +14,7 @@ from small_cell import pose, small_cell
 from machopt.data_types.cell import Cell
 from machopt.errors import InputError
 from machopt.kinematics.machine import Machine, load_machine
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 
 ROUNDING = 1e-12  # m and rad: products of ten matrices over metres
 KINDS = [

@@ -16,7 +16,7 @@ from machopt.commands.map.computation import compute_map
 from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.errors import InputError
 from machopt.job_map import job_quantities
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.planning.error_probability.random_draws import build_draws
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.workspace_map.request import MapRequest
@@ -74,7 +74,7 @@ def test_the_error_is_that_of_the_compliance_under_the_stated_force(tmp_path: Pa
         lambda _: None,
     )
     setting = load.layers[0].values
-    from machopt.kinematics.robot import load_chain
+    from machopt.kinematics.urdf_loading import load_chain
     from machopt.workspace_map.sample_posture_computation import build_map_settings
 
     cell = load_cell(CELLS / "kr240_drilling")

@@ -18,7 +18,7 @@ from PIL import Image
 from machopt.cell.cell_reader import load_cell
 from machopt.commands.map.run import MapRequest, run_map
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.report.charts.isolines import choose_round_levels, compute_isolines
 from machopt.report.charts.map_charts import (
     ANGLE_LEVEL,

@@ -17,7 +17,7 @@ from machopt.collision.bounding_box_tree import MAX_TRIANGLES, _subdivide_long_t
 from machopt.collision.collision_model import CollisionModel
 from machopt.collision.fcl_distance import FclSurfaces
 from machopt.collision.mesh_distance import compute_distance, compute_distances_along_rows
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics import parallel_map
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 

@@ -20,7 +20,7 @@ from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.errors import InputError
 from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
-from machopt.kinematics.robot import load_chain, load_masses
+from machopt.kinematics.urdf_loading import load_chain, load_masses
 from machopt.planning.retiming.joint_derivatives import solve_joints_near_seeds
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -18,7 +18,7 @@ from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffnes
 from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy, StiffnessTerm
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_masses
+from machopt.kinematics.urdf_loading import load_masses
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.identification.assessment.model_discrepancy import (
     estimate_identification_discrepancy,
@@ -110,7 +110,7 @@ def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -
     true = (
         ArmElasticity(robot, T, ArmStiffness(joints=made.TRUE_K, terms=(BASE,))).evaluate(q).compute_deflection(force)
     )
-    known = DiscrepancyModel.of(arm)
+    known = DiscrepancyModel.build(arm)
     assert known is not None
     moves = known.moves(arm.evaluate(q), q, force)
     off = np.linalg.norm(true - said, axis=1)

@@ -7,14 +7,14 @@ import pytest
 
 from machopt.collision.distance_bounds import _find_farther
 from machopt.planning.external_axes.moving_axis_kernels import find_cheapest_value_sequence
-from machopt.planning.external_axes.moving_axis_search import _neighbours
+from machopt.planning.external_axes.moving_axis_search import _number_neighbours
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_cheapest_sequence_is_that_of_a_plain_search(seed: int) -> None:
     rng = np.random.default_rng(seed)
     S, R, B = 6, 4 + seed % 3, 1 + seed % 2
-    near = _neighbours([3, 2] if seed % 2 else [4])
+    near = _number_neighbours([3, 2] if seed % 2 else [4])
     G, size = len(near), R * B
     node, e = rng.uniform(0.0, 1.0, (S, G * size)), rng.uniform(-1.0, 1.0, (S, G, 2))
     edges = rng.uniform(0.0, 1.0, (S, 3 * near.shape[1], G * size)).astype(np.float32)

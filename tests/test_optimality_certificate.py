@@ -118,11 +118,11 @@ def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vert
     )
     coarser = nested_grids.NestedGridSearch(search)  # type: ignore[arg-type]
     coarser.choose()
-    first = coarser.of(2)[2]
+    first = coarser.find_sequence(2)[2]
     assert made == [1]
     at = len(wide) // 2
     candidates.feasible[at, first.rotation[at] * 2, first.branch[at]] = False
-    again = coarser.of(2)[2]
+    again = coarser.find_sequence(2)[2]
     assert made == [1, 1]
     assert (again.rotation[at], again.branch[at]) != (first.rotation[at], first.branch[at])
 

@@ -22,7 +22,7 @@ from test_pages_in_browser import ASSETS, in_browser
 
 from machopt.data_types.cell import Cell
 from machopt.data_types.process_columns import OUTCOMES
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.report.charts.scene_json import build_posture_view, build_scene_spec, pack_joint_levels, reduce_bodies
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.page_shell import POSTURE_SCRIPTS, build_page_html, build_section

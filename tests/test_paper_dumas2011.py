@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from machopt.cell.cell_reader import load_cell
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.stiffness.kinetostatic_indices import (
     CharacteristicLength,
     GeometricInfluence,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from machopt.cell.cell_reader import load_cell
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "s420f_handling"
 H = np.pi / 2

@@ -20,13 +20,15 @@ from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.kinematics.inverse.solver import SingularityMargins, build_solver
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.measurement.identification.fitting.weighted_fit import fit_stiffness
 from machopt.measurement.identification.grid_stiffness.grid_cells import GridRegion
 from machopt.measurement.identification.grid_stiffness.grid_fit import fit_grid
 from machopt.numerics.rigid_transforms import build_transform
-from machopt.stiffness.arm_stiffness import ArmElasticity, compute_constrained_stiffness, compute_joint_stiffness
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.joint_compliance import compute_constrained_stiffness
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 
 FOLDER = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
 EQ38 = [1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]  # N·m/rad; N·mm/rad in the paper

@@ -13,9 +13,10 @@ import pytest
 
 from machopt.cell.cell_reader import load_cell
 from machopt.kinematics.inverse.solver import refine_by_newton
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.rigid_transforms import compute_axis_rotation
-from machopt.stiffness.arm_stiffness import compute_jiao_index
+from machopt.stiffness.joint_compliance import compute_jiao_index
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr500_milling"
 # Table 2, after optimisation, degrees; and the rotation it belongs to

@@ -17,9 +17,10 @@ from scipy.stats import chi2, spearmanr
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.recording import load_recording
-from machopt.stiffness.arm_stiffness import compute_deflection
+from machopt.stiffness.joint_compliance import compute_deflection
 
 Array = np.ndarray
 CELLS = Path(__file__).resolve().parent.parent / "cells"

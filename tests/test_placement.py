@@ -38,7 +38,8 @@ from machopt.placement.moved_cell import (
     move_cell,
     select_moved_obstacles,
 )
-from machopt.placement.search import PlacementSite, find_best_placement
+from machopt.placement.placement_site import PlacementSite
+from machopt.placement.search import find_best_placement
 from machopt.placement.search_options import (
     NO_SHIFT,
     ROTATION_LEVER_M,

@@ -18,7 +18,7 @@ from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.placement.external_joint_estimate import build_external_joint_grid
 from machopt.placement.moved_cell import (
     MovedBodies,
@@ -27,7 +27,7 @@ from machopt.placement.moved_cell import (
     move_cell,
     select_moved_obstacles,
 )
-from machopt.placement.search import CandidateQuery, PlacementSite
+from machopt.placement.placement_site import CandidateQuery, PlacementSite
 from machopt.placement.search_options import NO_SHIFT, PlacementOptions, PlacementShift
 from machopt.placement.search_result import PlacementCandidate
 from machopt.placement.segment_task import SegmentTask, build_single_segment

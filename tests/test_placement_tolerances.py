@@ -19,14 +19,9 @@ from machopt.data_types.process_columns import OUTCOMES, ToleranceSummary
 from machopt.placement import placement_estimate
 from machopt.placement.journal import SearchJournal
 from machopt.placement.placed_outcomes import add_outcomes, summarise_outcomes
-from machopt.placement.search import PlacementSite
+from machopt.placement.placement_site import PlacementSite
 from machopt.placement.search_options import NO_SHIFT, PlacementShift
-from machopt.placement.search_result import (
-    PlacementCandidate,
-    PlacementSearchResult,
-    PlannedPlacement,
-    can_beat,
-)
+from machopt.placement.search_result import PlacementCandidate, PlacementSearchResult, PlannedPlacement, can_beat
 from machopt.placement.tolerance_estimate import BOUND_DRAWS, SAMPLING_SIGMAS, ToleranceEstimator
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
@@ -125,7 +120,7 @@ def _place(task: object, site: PlacementSite, shift: PlacementShift) -> tuple[ob
 
     setup, path = task.setup, task.path  # type: ignore[attr-defined]
     cell = move_cell(setup.driven, site.moved_bodies, shift)
-    arm = PlanningArm.of(cell, setup.arm.solver, load_machine(cell, setup.robot), site.options)
+    arm = PlanningArm.build(cell, setup.arm.solver, load_machine(cell, setup.robot), site.options)
     return arm, path, compute_load_directions(path, arm, setup.elasticity, site.options.force)
 
 

@@ -17,7 +17,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.stiffness import ModelDiscrepancy, PositionError
 from machopt.planning.pipeline.plan import PathCompensation, Plan
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
-from machopt.planning.plan_output.infeasibility_reasons import _lost_by_shift, explain_points, list_breaks
+from machopt.planning.plan_output.infeasibility_reasons import _describe_lost_by_shift, explain_points, list_breaks
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 from machopt.planning.plan_output.plan_remarks import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import build_point_table, find_reason
@@ -170,7 +170,7 @@ def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
     shifted = replace(made, compensation=cast(PathCompensation, SimpleNamespace(offset=offset)))
     for named, words in ((0, made.setup.collision.pairs[0].name), (-1, "0.300 mm")):
         pair[row] = named
-        said = _lost_by_shift(
+        said = _describe_lost_by_shift(
             replace(shifted, check=replace(made.check, pair=pair)), InfeasibilityReason.COLLIDING, row
         )
         assert said.startswith("possible as programmed, but not with the compensation of 0.300 mm: ")

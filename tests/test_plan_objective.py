@@ -60,7 +60,7 @@ def by_stretches(
     terms = ObjectiveTerms.at_stations(path, VELOCITY, OPTIONS)
     total, worst, before = 0.0, 0.0, None
     for first, last in path.runs:
-        part = SmoothingStretch.of(path, candidates, scores, choice, np.arange(first, last + 1), terms)
+        part = SmoothingStretch.build(path, candidates, scores, choice, np.arange(first, last + 1), terms)
         joints = part.joints()
         total += float(part.price(part.band.cost[:, REACH], part.offset))
         total += part.price_of_flights(joints[0], joints[-1], StretchEnds(before))
@@ -109,7 +109,7 @@ def stretch(crowds: bool) -> tuple[PlanningPath, SmoothingStretch, StretchEnds]:
     scores = replace(scores, crowded=np.broadcast_to(away[:, :, None], scores.cost.shape) if crowds else None)
     choice = choose_sequence(path, candidates, scores, VELOCITY, OPTIONS)
     terms = ObjectiveTerms.at_stations(path, VELOCITY, OPTIONS)
-    part = SmoothingStretch.of(path, candidates, scores, choice, np.arange(len(path.stations)), terms)
+    part = SmoothingStretch.build(path, candidates, scores, choice, np.arange(len(path.stations)), terms)
     part.x = path.s[path.stations]
     return path, part, StretchEnds(np.full(6, 0.1), np.full(6, -0.2), 0.07)
 
@@ -135,7 +135,7 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
         q = np.zeros((len(phi), 6))
         q[:, 5] = phi
         table_ = part.band.crowded
-        crowded = None if table_ is None else part._between(table_, phi - part.band.phi)
+        crowded = None if table_ is None else part._interpolate_table(table_, phi - part.band.phi)
         costs = AssignmentCosts(cost=cost, q=q, phi=phi, crowded=crowded)
         whole = compute_objective(path, costs, 1.0, VELOCITY, OPTIONS)
         assert crowds or whole.feed > 0 or np.ptp(phi) < 0.1
@@ -205,7 +205,7 @@ def test_short_rapid_moves_cost_more_travel() -> None:
         ((2.08, 0, 0), UP, MoveKind.CUT),
     ]
     path = build_planning_path(toolpath(rows))
-    terms = ObjectiveTerms.of(path, VELOCITY, PlanOptions())
+    terms = ObjectiveTerms.build(path, VELOCITY, PlanOptions())
     assert terms.travel[2] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (0.05 + NEAR / 10)))
     assert terms.travel[4] == pytest.approx(1 / 3 / np.pi * (1 + NEAR / (2.0 + NEAR / 10)))
     assert terms.travel[1] == pytest.approx(1 / 3 / np.pi)

@@ -16,7 +16,7 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.commands.plan_poses.run import PlanPosesResult, PosesRequest, run_plan_poses
 from machopt.data_types.measurements.measurement_poses_table import PosesTable
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.measurement.recording import load_recording
 from machopt.output.tables.measurement_poses_table import write_poses_csv

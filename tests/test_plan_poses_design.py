@@ -10,8 +10,10 @@ from simulated_arm import TrueArm
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
-from machopt.kinematics.robot import Robot, load_robot
-from machopt.measurement.design.d_optimal_search import DesignProblem, compute_information_matrix, find_d_optimal_design
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
+from machopt.measurement.design.d_optimal_search import compute_information_matrix, find_d_optimal_design
+from machopt.measurement.design.design_problem import DesignProblem
 from machopt.measurement.design.expected_accuracy import compute_expected_accuracy
 from machopt.measurement.design.load_cases import LoadCases, LoadCriteria, build_load_cases
 from machopt.measurement.design.load_methods import GRAVITY, build_load_method_combinations, compute_unit_wrench

@@ -15,7 +15,7 @@ from machopt.data_types.cell import Cell, describe_fixed_external_joints
 from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring
 from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.design.external_axis_position_option import (
     describe_external_axis_positions,
     set_external_axis_positions,

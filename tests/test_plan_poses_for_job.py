@@ -16,7 +16,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.commands.plan_poses.run import PlanPosesResult, PosesRequest, run_plan_poses
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain, load_masses
+from machopt.kinematics.urdf_loading import load_chain, load_masses
 from machopt.measurement.design.d_optimal_search import compute_design_criterion, find_d_optimal_design
 from machopt.measurement.design.load_cases import LoadCriteria, build_load_cases
 from machopt.measurement.design.load_methods import build_load_method_combinations

@@ -28,7 +28,7 @@ from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, co
 from machopt.planning.plan_output.plan_remarks import list_hints
 from machopt.planning.sampling.joint_path import JointAssignment
 from machopt.planning.stations.planning_path import compute_tcp_poses
-from machopt.stiffness.arm_stiffness import compute_deflection, compute_directional_compliance, compute_jiao_index
+from machopt.stiffness.joint_compliance import compute_deflection, compute_directional_compliance, compute_jiao_index
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = FilePath(__file__).resolve().parent.parent

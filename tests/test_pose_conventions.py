@@ -13,7 +13,8 @@ from simulated_hidden_effects import CELLS, HiddenEffects, arm, plan_load_tests,
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty, TrackerTarget
-from machopt.kinematics.robot import Robot, load_masses, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality.correction_candidates import select_rows
 from machopt.measurement.diagnosis.data_quality.joint_conventions import correct_joint_convention
 from machopt.measurement.diagnosis.data_quality.misplaced_reflectors import correct_misplaced_reflectors

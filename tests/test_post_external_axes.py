@@ -14,7 +14,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.robot_program import LIN, PTP, ExternalAxisMap, RobotController, RobotProgram
 from machopt.data_types.toolpath import MoveKind
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.programs.maker_registry import find_language
 from machopt.programs.program_reader import ParsedProgram, read_program
 from machopt.programs.program_writer import list_assumptions, write_program

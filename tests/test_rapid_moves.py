@@ -17,7 +17,7 @@ from small_cell import limits, pose, small_cell
 import machopt
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import CollisionShape
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.planning.motion import rapid_moves
 from machopt.planning.motion.rapid_moves import (
     BlockedRapid,
@@ -169,11 +169,11 @@ def test_ruckig_stays_offline() -> None:
 def test_corners_that_chance_left_are_cut_where_the_line_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
     path, rng = np.random.default_rng(1).normal(size=(9, 6)), np.random.default_rng(2)
     nobody = rapid_moves._Space(collision=None, barred=None, step=STEP, measure=np.ones(6))
-    np.testing.assert_array_equal(rapid_moves._shortcut(nobody, path, rng), path[[0, -1]])
+    np.testing.assert_array_equal(rapid_moves._cut_corners(nobody, path, rng), path[[0, -1]])
     monkeypatch.setattr(rapid_moves._Space, "free", lambda *_: False)
-    np.testing.assert_array_equal(rapid_moves._shortcut(nobody, path, rng), path)
+    np.testing.assert_array_equal(rapid_moves._cut_corners(nobody, path, rng), path)
     # only lines that stay on one side of the middle are free
     side = np.arange(9) >= 4
     at = {row.tobytes(): bool(s) for row, s in zip(path, side, strict=True)}
     monkeypatch.setattr(rapid_moves._Space, "free", lambda _, a, b: at[a.tobytes()] == at[b.tobytes()])
-    np.testing.assert_array_equal(rapid_moves._shortcut(nobody, path, rng), path[[0, 3, 4, 8]])
+    np.testing.assert_array_equal(rapid_moves._cut_corners(nobody, path, rng), path[[0, 3, 4, 8]])

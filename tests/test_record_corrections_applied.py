@@ -18,7 +18,7 @@ from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_vector_to_rotation

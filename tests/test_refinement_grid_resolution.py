@@ -41,7 +41,7 @@ def holes(y: float, apart: float) -> Toolpath:
 
 
 def worth(plan: Plan) -> float:
-    return AxisPlanRanking.of(plan.setup, resolve_axis_options(plan.setup.cell, plan.options)).plan(plan)
+    return AxisPlanRanking.build(plan.setup, resolve_axis_options(plan.setup.cell, plan.options)).plan(plan)
 
 
 @pytest.mark.proof
@@ -91,14 +91,14 @@ def test_leaps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.Monkey
 def test_a_refinement_begins_on_its_own_curves(tmp_path: FilePath) -> None:
     """What a start has that no offset takes away is gone; and a curve stays what it is."""
     plan, groups, axes = chosen(tmp_path, weaving(), MOVING, rail=True)
-    refinement = PlanRefinement(plan, groups, AxisPlanRanking.of(plan.setup, axes))
+    refinement = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     a = plan.chosen.assignment
     ragged = RefinementStart(a.phi + 1e-3 * (-1.0) ** np.arange(len(a.phi)), plan.path.external, a.q)
-    begun = refinement._begun(ragged)
+    begun = refinement._build_start_state(ragged)
     assert begun is not None
     state, phi, e = begun
     assert state.phi == pytest.approx(phi[refinement.rows], abs=1e-12)
-    again = refinement._begun(RefinementStart(phi, e, a.q))
+    again = refinement._build_start_state(RefinementStart(phi, e, a.q))
     assert again is not None
     assert again[1] == pytest.approx(phi, abs=1e-6)
     assert again[2] == pytest.approx(e, abs=1e-6)

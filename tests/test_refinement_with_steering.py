@@ -51,7 +51,7 @@ def before_and_after(folder: FilePath, wishes: tuple[SteeringRule, ...], mode: E
 
 
 def gained(first: Plan, best: Plan) -> float:
-    worth = AxisPlanRanking.of(first.setup, resolve_axis_options(first.setup.cell, first.options))
+    worth = AxisPlanRanking.build(first.setup, resolve_axis_options(first.setup.cell, first.options))
     return 1.0 - worth.plan(best) / worth.plan(first)
 
 

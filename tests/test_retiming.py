@@ -32,6 +32,18 @@ ROBOT = Robot(  # a large six-axis arm, stretched forward at zero
 TCP = build_transform(np.eye(3), np.array([0.05, 0, 0.3]))
 HOME = np.array([0.1, -1.2, 1.3, 0.2, 0.8, 0.3])
 T_BASE_WORKPIECE = ROBOT.compute_fk(HOME, TCP) @ build_transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+MACHINE = Machine(  # the arm at the world origin with a fixed part
+    robot=ROBOT,
+    axis=ROBOT.axis,
+    point=ROBOT.point,
+    slides=np.zeros(6, bool),
+    column=np.arange(6),
+    sign=np.ones(6),
+    positioner=0,
+    rail=0,
+    T_base_workpiece_zero=T_BASE_WORKPIECE,
+    T_world_base_zero=np.eye(4),
+)
 LIMITS = JointLimits(
     np.full(6, -6.0),
     np.full(6, 6.0),
@@ -62,7 +74,7 @@ def make(
         phi=phi,
         q=q,
         feed=np.broadcast_to(np.asarray(feed, float), n).copy(),
-        machine=Machine.build_for_robot(ROBOT, T_BASE_WORKPIECE),
+        machine=MACHINE,
         external=np.empty((n, 0)),
         T_flange_tcp=TCP,
         robot=ROBOT,

@@ -12,7 +12,7 @@ from test_mimic_joints import MASS
 from machopt.data_types.cell import Cell
 from machopt.dynamics.rigid_body import MissingInertiaError, load_dynamics
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 
 
 def massive(folder: Path, text: str = "", **changes: object) -> Cell:

@@ -19,7 +19,7 @@ from machopt.cell_setup.template.init_result import InitResult
 from machopt.cli import main
 from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain, load_robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.verification.motion.collision.bodies import build_bodies
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -16,7 +16,7 @@ from small_cell import real_cell, small_cell
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain, load_robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.numerics.rigid_transforms import build_transform, compute_rpy_matrix, invert_transform
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"

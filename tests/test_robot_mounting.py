@@ -12,7 +12,7 @@ import pytest
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell, Tool
 from machopt.dynamics.gravity_torque import compute_gravity_torque
-from machopt.kinematics.robot import load_chain, load_masses
+from machopt.kinematics.urdf_loading import load_chain, load_masses
 from machopt.numerics.rigid_transforms import build_transform, compute_rpy_matrix
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -13,7 +13,7 @@ from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_quality.static_record_correction import correct_static_record
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 from machopt.measurement.identification.data_quality.load_test_checks import refuse_record_faults

@@ -499,7 +499,7 @@ def test_bounds_fixed_and_preferred_rotation() -> None:
 def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(seed: int, worst: float) -> None:
     path, candidates, scores = random_problem(seed)
     options = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=worst, travel=0.3, rotation=0.4))
-    grid = SequenceGrid.of(path, candidates, scores, VELOCITY, options)
+    grid = SequenceGrid.build(path, candidates, scores, VELOCITY, options)
     choice = grid.choose()
     if choice.broken or choice.dropped.any():
         return

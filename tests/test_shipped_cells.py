@@ -16,7 +16,8 @@ from machopt.cell.cell_reader import load_cell
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import Cell
 from machopt.kinematics.inverse.solver import build_solver, list_whole_turns
-from machopt.kinematics.robot import Robot, load_chain
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics.rigid_transforms import build_transform, compute_tool_rotation, invert_transform
 from machopt.toolpath.toolpath_reader import read_toolpath
 

@@ -23,7 +23,8 @@ from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid, StiffnessT
 from machopt.effects import registry
 from machopt.effects.joint import gravity_compensator as joint_gravity_compensator
 from machopt.errors import InputError
-from machopt.kinematics.robot import GRAVITY, load_masses, load_robot
+from machopt.kinematics.robot import GRAVITY
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.diagnosis.effect_columns import gravity_compensator, joint_torque, structural_compliance

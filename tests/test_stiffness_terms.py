@@ -17,7 +17,8 @@ from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffnes
 from machopt.data_types.effect_locations import is_on_arm
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.errors import InputError
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
 from machopt.planning.pipeline.planning_setup import prepare_planning
 from machopt.planning.sampling.candidate_enumeration import enumerate_candidates

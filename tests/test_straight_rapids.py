@@ -8,7 +8,7 @@ import numpy as np
 from small_cell import small_cell
 
 from machopt.collision.collision_model import CollisionModel
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.planning.motion.straight_rapid_collisions import EndContacts, build_rapid_key, find_free_rapids
 
 STEP = 0.02  # rad
@@ -31,7 +31,7 @@ def test_each_way_is_as_free_as_by_itself(tmp_path: Path) -> None:
     assert 5 < sum(alone) < 35
     assert find_free_rapids(model, [], STEP) == frozenset()
     q = np.array([a for a, _ in ends])
-    touch = EndContacts.of(model, q, range(0, 40, 2))
+    touch = EndContacts.build(model, q, range(0, 40, 2))
     rapid, cut = (model.check_configurations(q[::2], np.full(20, kind)).hit for kind in (False, True))
     assert touch.asked == {*range(0, 40, 2)}
     assert touch.rapid == {*(2 * np.flatnonzero(rapid)).tolist()}

@@ -11,7 +11,7 @@ from small_cell import pose, small_cell
 
 from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import Cell, CollisionShape
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.verification.motion.collision.bodies import build_bodies
 from machopt.verification.motion.collision.touching_pairs import list_checked_pairs
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

@@ -10,7 +10,7 @@ from test_planning_path import Rows, toolpath
 from test_planning_pipeline import FREE, UP, C, R, pass_over_block, small_job
 
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.planning.motion import segment_planner, trajectory_builder
+from machopt.planning.motion import blocked_rapid_break, segment_planner, trajectory_builder
 from machopt.planning.motion.rapid_moves import BlockedRapid
 from machopt.planning.motion.trajectory_builder import build_timeline
 from machopt.planning.pipeline.plan import Plan
@@ -31,7 +31,7 @@ def builder(plan: Plan, *, gaps: bool = False, path: Toolpath | None = None) -> 
 
 
 def no_room(b: trajectory_builder._Builder, before: int, after: int) -> SequenceBreak:
-    return b._no_room(float(b.path.index[before]), float(b.path.index[after]))
+    return b._build_no_room_break(float(b.path.index[before]), float(b.path.index[after]))
 
 
 def test_the_whole_is_driven_from_home_and_back(made: Plan) -> None:
@@ -47,12 +47,12 @@ def test_a_stretch_without_room_at_an_end_loses_the_point_there(made: Plan) -> N
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     points = np.flatnonzero(made.path.is_point)
     points = points[(points >= first) & (points <= last)]
-    assert b._shorter(no_room(b, 0, first), first, last) == (points[1], last)
+    assert b._shorten_stretch(no_room(b, 0, first), first, last) == (points[1], last)
     at_end = replace(no_room(b, last, 0), after=float("nan"))
-    assert b._shorter(at_end, first, last) == (first, points[-2])
-    assert b._shorter(no_room(b, 0, first), first, int(points[1])) is None  # one point left is no cut
+    assert b._shorten_stretch(at_end, first, last) == (first, points[-2])
+    assert b._shorten_stretch(no_room(b, 0, first), first, int(points[1])) is None  # one point left is no cut
     other = replace(no_room(b, 0, first), code="rapid_blocked")
-    assert b._shorter(other, first, last) is None
+    assert b._shorten_stretch(other, first, last) is None
 
 
 def test_a_gap_without_room_stops_the_job_or_costs_the_cuts_beside_it(made: Plan) -> None:
@@ -60,9 +60,9 @@ def test_a_gap_without_room_stops_the_job_or_costs_the_cuts_beside_it(made: Plan
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[5])
     b = builder(made)
-    here = segment_planner.RestPose(made.setup.cell.home, float("nan"), -1)
+    here = blocked_rapid_break.RestPose(made.setup.cell.home, float("nan"), -1)
     b.lifts.gap = lambda row: float("nan")  # type: ignore[method-assign]
-    into, out = b._legs(here, middle, last), b._legs(here, first, middle)
+    into, out = b._build_legs(here, middle, last), b._build_legs(here, first, middle)
     assert isinstance(into, SequenceBreak)
     assert isinstance(out, SequenceBreak)
     assert (into.code, into.after) == ("no_room", float(made.path.index[middle]))
@@ -84,7 +84,7 @@ def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) ->
     b = builder(made, gaps=True)
     gap = b.lifts.gap
     b.lifts.gap = lambda row: float("nan") if row == middle else gap(row)  # type: ignore[method-assign]
-    end = b._stretch(segment_planner.RestPose(made.setup.cell.home, float("nan"), -1), middle, last)
+    end = b._stretch(blocked_rapid_break.RestPose(made.setup.cell.home, float("nan"), -1), middle, last)
     assert end is not None
     assert end.row == last
     (driven,) = b.driven
@@ -132,13 +132,13 @@ def test_a_run_or_a_lift_that_cannot_be_driven_is_a_break_where_it_is(
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[4])
     b = builder(made)
-    here = segment_planner.RestPose(made.setup.cell.home, float("nan"), -1)
+    here = blocked_rapid_break.RestPose(made.setup.cell.home, float("nan"), -1)
     monkeypatch.setattr(segment_planner, "retime_run", lambda run: RunFailure(1.5, "joint 2 leaves its range"))
-    run = b._legs(here, first, last)
+    run = b._build_legs(here, first, last)
     assert isinstance(run, SequenceBreak)
     assert "joint 2 leaves its range" in run.text
     assert made.path.index[first] < run.after < made.path.index[last]
-    lift = b._legs(here, middle, last)
+    lift = b._build_legs(here, middle, last)
     assert isinstance(lift, SequenceBreak)
     assert lift.after == float(made.path.index[middle])
 

@@ -30,7 +30,7 @@ def same(a: SequenceChoice, b: SequenceChoice) -> bool:
 def test_a_grid_that_was_searched_before_gives_the_same_choice_as_one_that_was_not(seed: int, stable: bool) -> None:
     path, candidates, scores = random_problem(seed)
     candidates = replace(candidates, stable=stable)
-    used = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    used = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
     for k in range(4):  # each round loses vertices, in the last ones whole stations: the one before is then another
         fresh = TransitionCostTable.none_yet(used.window, *candidates.q.shape[1:3], stable)
         assert same(used.choose(), replace(used, priced=fresh).choose())
@@ -44,12 +44,12 @@ def test_a_grid_that_was_searched_before_gives_the_same_choice_as_one_that_was_n
 def test_without_room_for_all_steps_the_choice_is_the_same(stable: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     path, candidates, scores = random_problem(1)
     candidates = replace(candidates, stable=stable)
-    whole = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    whole = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
     monkeypatch.setattr(transition_cost_table, "MOST", len(whole.priced.price) // 2)
-    half = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    half = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
     assert 0 < len(half.priced.price) <= len(whole.priced.price) // 2
     assert same(half.choose(), whole.choose())
     monkeypatch.setattr(transition_cost_table, "MOST", 0)
-    none = SequenceGrid.of(path, candidates, scores, VELOCITY, OPTIONS)
+    none = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
     assert not len(none.priced.price)
     assert same(none.choose(), whole.choose())

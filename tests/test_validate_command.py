@@ -19,7 +19,7 @@ from machopt.commands.init import run_init
 from machopt.commands.validate import run_validate
 from machopt.data_types.documents.cell_documents import ValidateDocument
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.job.request_checks import check_fixed_rotation_method

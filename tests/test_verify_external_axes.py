@@ -17,7 +17,7 @@ from machopt.data_types.robot_program import LIN, PTP, RobotProgram
 from machopt.data_types.toolpath import MoveKind
 from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.machine import Machine, load_machine
-from machopt.kinematics.robot import load_chain, load_robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.planning.motion.rapid_moves import retime_straight_segments
 from machopt.programs.program_writer import write_program
 from machopt.programs.writing.target_insertion import ProgramTolerance, insert_targets

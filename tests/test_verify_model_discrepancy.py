@@ -13,7 +13,7 @@ from test_planning_pipeline import FREE, K, small_job
 from machopt.data_types.cell import Cell
 from machopt.data_types.discrepancy_names import LOADED
 from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy, StiffnessTerm
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.numerics.rigid_transforms import build_transform, convert_vector_to_rotation
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel, compute_reported_std
 from machopt.stiffness.arm_stiffness import ArmElasticity
@@ -76,7 +76,7 @@ def test_both_laws_say_the_same(tmp_path: Path, *, counted: bool, geometric: boo
     q, force = setup.cell.home + rng.normal(0, 0.4, (20, 6)), rng.normal(0, 500, (20, 3))
     e = rng.normal(size=(20, 3))
     e /= np.linalg.norm(e, axis=1, keepdims=True)
-    elastic, doubt = setup.elasticity.evaluate(q), DiscrepancyModel.of(setup.elasticity)
+    elastic, doubt = setup.elasticity.evaluate(q), DiscrepancyModel.build(setup.elasticity)
     assert doubt is not None
     arm = UrdfKinematics(setup.cell)
     stance = arm.compute_configuration(q)
@@ -136,7 +136,7 @@ def test_what_a_term_itself_may_lack_is_the_same_by_both(tilted_cell: Cell, term
     soft, elastic, doubt = (
         law.evaluate(stance, stance.tcp[:, :3, 3]),
         elasticity.evaluate(q),
-        DiscrepancyModel.of(elasticity),
+        DiscrepancyModel.build(elasticity),
     )
     assert doubt is not None
     d = elastic.compute_deflection(force)

@@ -14,7 +14,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid, StiffnessTerm
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
 from machopt.kinematics.inverse.solver import build_solver
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.planning.uncertainty.stiffness_uncertainty import ComplianceCovariance
 from machopt.stiffness.arm_stiffness import ArmElasticity
@@ -198,7 +198,7 @@ def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
     position[4] = [2.0, 0.5, 0.3]  # a face of two
     law = ComplianceModel(cell, arm, stiffness)
     soft = law.evaluate(arm.compute_configuration(q), position)
-    theirs = ComplianceCovariance.of(stiffness, position)
+    theirs = ComplianceCovariance.build(stiffness, position)
     gradient = rng.normal(size=(20, 6))
     np.testing.assert_allclose(law.compute_std(soft, gradient), theirs.point_std(gradient), rtol=1e-9)
     assert len(soft.cell_sensitivities[3][0]) == 8

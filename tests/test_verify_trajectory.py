@@ -19,7 +19,8 @@ from machopt.data_types.cell import Cell, CollisionShape, Tool
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
 from machopt.kinematics.inverse.solver import build_solver
-from machopt.kinematics.robot import Robot, load_chain, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.planning.motion.rapid_moves import retime_straight_segments
 from machopt.verification import Verification
 from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs

@@ -8,8 +8,9 @@ import pytest
 from machopt.kinematics.inverse.solver import choose_angle_origin, shift_angles
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.sampling.candidate_grid import CandidateGrid
-from machopt.planning.sequence_search.dynamic_programming import SequenceGrid, _Part
+from machopt.planning.sequence_search.dynamic_programming import SequenceGrid
 from machopt.planning.sequence_search.forbidden_transitions import ForbiddenTransitions
+from machopt.planning.sequence_search.sequence_stretch import SequenceStretch
 from machopt.planning.sequence_search.transition_cost_table import TransitionCostTable
 from machopt.planning.sequence_search.transition_windows import FREE, LIFT
 
@@ -87,7 +88,7 @@ def test_the_answer_is_that_of_the_search_with_turns_told_apart(seed: int) -> No
                 edges = banned(edges, s, int(rng.integers(R * B * T)), int(rng.integers(R * B)), T)
             for _ in range(rng.integers(0, 2)):
                 edges = edges.plus_closed(np.array([(s, rng.integers(R * B), rng.integers(R * B))]))
-        part = _Part(grid, edges, slice(0, S))
+        part = SequenceStretch(grid, edges, slice(0, S))
         mask = c.feasible.copy()
         for end in (0, -1):
             left = np.argwhere(mask[end])
@@ -138,7 +139,9 @@ def test_a_way_that_is_closed_is_forbidden_turn_by_turn(seed: int) -> None:
         for s, u, v in ways.tolist():
             for t in range(T):
                 each = banned(each, s, u * T + t, v, T)
-        by_way, by_turn = (_Part(grid, e, slice(0, S)).solve(grid.candidates.feasible) for e in (closed, each))
+        by_way, by_turn = (
+            SequenceStretch(grid, e, slice(0, S)).solve(grid.candidates.feasible) for e in (closed, each)
+        )
         assert (by_way[0] == by_turn[0]).all()
         assert by_way[1] == by_turn[1]
         flat = np.ravel_multi_index(tuple(np.maximum(by_way[0], 0).T), (R, B, T))

@@ -22,7 +22,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.errors import InputError
 from machopt.kinematics.inverse.solver import SingularityMargins, build_solver, list_whole_turns
-from machopt.kinematics.robot import load_chain, load_robot
+from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics as PinocchioArm
@@ -35,7 +35,8 @@ from machopt.workspace_map.postures import (
     choose_postures,
     compute_candidates,
 )
-from machopt.workspace_map.quantities import QUANTITIES, MapLoad, MapSettings, evaluate_quantities, list_quantities
+from machopt.workspace_map.quantities import QUANTITIES, MapLoad, MapSettings, list_quantities
+from machopt.workspace_map.quantity_evaluation import evaluate_quantities
 from machopt.workspace_map.sample_grid import build_even_values, build_straight_line, compute_farthest_reach, trim_axis
 from machopt.workspace_map.sample_posture_computation import build_map_settings
 

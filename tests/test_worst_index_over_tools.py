@@ -60,7 +60,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Plan]:
 def _values(one: Plan, cap: float) -> float:
     """The rest of the objective of the cheapest sequence under a cap."""
     assert one.found is not None
-    grid = SequenceGrid.of(one.path, one.candidates, one.scores, one.setup.cell.limits.velocity[:6], one.options)
+    grid = SequenceGrid.build(one.path, one.candidates, one.scores, one.setup.cell.limits.velocity[:6], one.options)
     found = grid.capped(one.found.edges)
     assert found is not None
     free, floor, under = found
@@ -143,13 +143,13 @@ def test_the_better_ones_are_taken_all_at_once_or_one_by_one() -> None:
     """J = Σ share (total − w worst) + w max worst; by hand."""
     share, w = np.array([0.5, 0.5]), 1.0
     best = [told(2.0, 1.0), told(2.0, 1.0)]
-    assert module._whole([p.chosen.objective for p in best], share, w) == pytest.approx(2.0)
+    assert module._sum_job_objective([p.chosen.objective for p in best], share, w) == pytest.approx(2.0)
     both = [told(1.5, 0.5), told(1.5, 0.5)]
-    assert module._better(best, both, share, w) == both  # 1 + 0.5
+    assert module._select_better(best, both, share, w) == both  # 1 + 0.5
     first = [told(1.5, 1.0), told(3.0, 1.0)]
-    assert module._better(best, first, share, w) == [first[0], best[1]]
+    assert module._select_better(best, first, share, w) == [first[0], best[1]]
     worse = [told(3.0, 1.0), told(2.5, 1.5)]
-    assert module._better(best, worse, share, w) is best
+    assert module._select_better(best, worse, share, w) is best
 
 
 def test_a_stretch_under_a_cap_is_solved_once_and_never_twice() -> None:

@@ -14,7 +14,7 @@ from machopt.cell.cell_reader import load_cell
 from machopt.cell.urdf.xacro_expansion import is_xacro
 from machopt.data_types.cell import Cell
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 CELL = """\

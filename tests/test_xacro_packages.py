@@ -19,7 +19,7 @@ from machopt.cell.urdf import read_standalone_description
 from machopt.cell_setup.template.init_request import InitRequest
 from machopt.commands.init import run_init
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 
 XMLNS = 'xmlns:xacro="http://ros.org/wiki/xacro"'
 LINK = '<collision><geometry><mesh filename="package://made_support/meshes/made/collision/link.stl"/></geometry></collision>'

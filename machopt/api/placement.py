@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from typing import Any, Literal, Unpack
@@ -74,11 +74,80 @@ class Placement:
 
 
 def _list_toolpaths(toolpaths: object) -> list[Any]:
+    """Return the given toolpaths, of which there is at least one."""
+    if isinstance(toolpaths, Toolpath | str | os.PathLike):
+        return [toolpaths]
     if not isinstance(toolpaths, Iterable):
         raise InputError(
             f"found {toolpaths!r}; a toolpath, the path of its file, or a list of these would work", where="toolpaths"
         )
-    return list(toolpaths)
+    several = list(toolpaths)
+    if not several:
+        raise InputError("no toolpath was given; one or more would work", where="toolpaths")
+    return several
+
+
+def _check_option_names(options: Mapping[str, object]) -> None:
+    """Raise InputError where a planning option is unknown; arguments of :func:`place` may be meant."""
+    unknown = next((name for name in options if name not in OptionKeys.model_fields), None)
+    if unknown is not None:
+        own = [n for n, p in inspect.signature(place).parameters.items() if p.kind is inspect.Parameter.KEYWORD_ONLY]
+        words = suggest_nearest_word(unknown, [*own, *OptionKeys.model_fields])
+        raise InputError(f"unknown option {unknown!r}; {words}", where="place")
+
+
+def _check_moved_object(move: str) -> None:
+    if move not in ("workpiece", "base"):
+        raise InputError(f"found {move!r}; valid: workpiece, base", where="move")
+
+
+def _read_toolpaths(toolpaths: object, cell: Cell) -> list[Toolpath]:
+    """Read the given toolpaths for a cell that can be copied."""
+    read = [read_toolpath_argument(t, cell) for t in _list_toolpaths(toolpaths)]
+    if cell.allow_external:
+        raise InputError("files outside the cell folder are in no copy of it; a cell without them would work")
+    return read
+
+
+def _build_search_options(
+    ranges: tuple[Range, Range, Range, Range],
+    counts: tuple[int, int, int],
+    minutes: float,
+    move: str,
+    carry: Iterable[str] | None,
+    stay: Iterable[str],
+) -> PlacementOptions:
+    """Check the arguments of :func:`place` that concern the search, and convert them to SI units."""
+    for name, numbers in zip(("x_mm", "y_mm", "z_mm", "turn_deg"), ranges, strict=True):
+        check_value_type(tuple(numbers) if isinstance(numbers, list) else numbers, Range, name)
+    for name, count in zip(("places", "best", "plans"), counts, strict=True):
+        check_value_type(count, int, name)
+    check_value_type(minutes, float, "minutes")
+    x, y, z = ((a / 1e3, b / 1e3) for a, b in ranges[:3])
+    turn_deg = ranges[3]
+    places, best, plans = counts
+    return PlacementOptions(
+        x=x,
+        y=y,
+        z=z,
+        turn=(radians(turn_deg[0]), radians(turn_deg[1])),
+        places=places,
+        base=move == "base",
+        carry=None if carry is None else tuple(carry),
+        stay=tuple(stay),
+        best=best,
+        plans=plans,
+        seconds=60 * minutes,
+    )
+
+
+def _compute_placement(
+    cell: Cell, request: PlaceRequest, toolpaths: Sequence[Toolpath], progress: Progress
+) -> Placement:
+    """Compute the placements with the effects of the cell."""
+    descriptions = tuple(t.description for t in toolpaths)
+    with use_cell_effects(cell):
+        return Placement(cell, compute_placements(request, cell.description, descriptions, progress))
 
 
 @use_argument_names()
@@ -110,8 +179,7 @@ def place(
         x_mm: Least and greatest shift along x of world, mm.
         y_mm: Least and greatest shift along y of world, mm.
         z_mm: Least and greatest shift along z of world, mm.
-        turn_deg: Least and greatest rotation about the vertical through the middle of the toolpaths (or base_link),
-            deg.
+        turn_deg: Least and greatest rotation about the vertical through the toolpaths' centre (or base_link), deg.
         places: Maximum number of placements to evaluate.
         best: Number of placements that :meth:`Placement.save` writes as complete plans.
         plans: Maximum number of complete plans.
@@ -127,50 +195,19 @@ def place(
     Raises:
         InputError: cell, toolpath, range or an option is wrong; the message says which, and what is accepted.
     """
-    unknown = next((name for name in options if name not in OptionKeys.model_fields), None)
-    if unknown is not None:  # not the planner's list alone: this function's own words may be meant
-        own = [n for n, p in inspect.signature(place).parameters.items() if p.kind is inspect.Parameter.KEYWORD_ONLY]
-        words = suggest_nearest_word(unknown, [*own, *OptionKeys.model_fields])
-        raise InputError(f"unknown option {unknown!r}; {words}", where="place")
+    _check_option_names(options)
+    _check_moved_object(move)
     a_cell = load_cell_argument(cell)
-    if move not in ("workpiece", "base"):
-        raise InputError(f"found {move!r}; valid: workpiece, base", where="move")
-    several = [toolpaths] if isinstance(toolpaths, Toolpath | str | os.PathLike) else _list_toolpaths(toolpaths)
-    if not several:
-        raise InputError("no toolpath was given; one or more would work", where="toolpaths")
-    read = [read_toolpath_argument(t, a_cell) for t in several]
-    if a_cell.allow_external:
-        raise InputError("files outside the cell folder are in no copy of it; a cell without them would work")
-    for name, numbers in {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "turn_deg": turn_deg}.items():
-        check_value_type(tuple(numbers) if isinstance(numbers, list) else numbers, Range, name)
-    for name, count in {"places": places, "best": best, "plans": plans}.items():
-        check_value_type(count, int, name)
-    check_value_type(minutes, float, "minutes")
-    x, y, z = ((a / 1e3, b / 1e3) for a, b in (x_mm, y_mm, z_mm))
+    read = _read_toolpaths(toolpaths, a_cell)
     request = PlaceRequest(
         cell=a_cell.path,
         toolpaths=tuple(t.path for t in read),
         readings=tuple(t.reading for t in read),
         out=NOWHERE,
-        search=PlacementOptions(
-            x=x,
-            y=y,
-            z=z,
-            turn=(radians(turn_deg[0]), radians(turn_deg[1])),
-            places=places,
-            base=move == "base",
-            carry=None if carry is None else tuple(carry),
-            stay=tuple(stay),
-            best=best,
-            plans=plans,
-            seconds=60 * minutes,
-        ),
+        search=_build_search_options((x_mm, y_mm, z_mm, turn_deg), (places, best, plans), minutes, move, carry, stay),
         plan_file=None if plan_file is None else convert_to_path(plan_file, "plan_file"),
         direct={**options},
         posts=convert_to_texts(posts, "posts"),
         effects=tuple(own.file for own in a_cell.effects),
     )
-    with use_cell_effects(a_cell):
-        return Placement(
-            a_cell, compute_placements(request, a_cell.description, tuple(t.description for t in read), progress)
-        )
+    return _compute_placement(a_cell, request, read, progress)

@@ -154,7 +154,7 @@ class Plan:
         if self.trajectory is None:
             raise InputError(f"{self.verdict}: there is no motion to verify", file=self.toolpath.path)
         with tempfile.TemporaryDirectory(prefix="machopt-") as text, use_cell_effects(self.cell.unchanged()):
-            found = self._written(Path(text)).verification
+            found = self._get_written_files(Path(text)).verification
         if found is None:  # write() leaves it out only where there is no motion
             raise AssertionError("a motion was written and not checked")
         return found
@@ -174,9 +174,9 @@ class Plan:
         Raises:
             InputError: OUT holds something else or cannot be written; or the cell has changed since.
         """
-        return save_result(self.cell, out, lambda folder: self._written(folder).result, force=force)
+        return save_result(self.cell, out, lambda folder: self._get_written_files(folder).result, force=force)
 
-    def _written(self, folder: Path) -> VerifiedFiles:
+    def _get_written_files(self, folder: Path) -> VerifiedFiles:
         made = self._made
         timings = StageTimings(dict(made.timings.seconds), made.timings.progress)  # each writing adds its own
         return write_verified_files(OptimizeComputation(made.inputs, made.job_result, timings), folder)

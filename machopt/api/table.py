@@ -65,9 +65,9 @@ class Table(Mapping[str, NDArray[Any]]):
 
         names = list(self._columns)[:SHOWN_COLUMNS]
         texts = [_format_column(self._columns[name][:SHOWN_ROWS]) for name in names]
-        said = f"{self.rows} rows, {len(self)} columns"
+        summary = f"{self.rows} rows, {len(self)} columns"
         more = ": the first of them; .frame() has all" if self.rows > SHOWN_ROWS or len(self) > len(names) else ""
-        return str(render_macro("notebook.html", "table", names, list(zip(*texts, strict=True)), said + more))
+        return str(render_macro("notebook.html", "table", names, list(zip(*texts, strict=True)), summary + more))
 
     @property
     def rows(self) -> int:

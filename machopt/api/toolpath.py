@@ -47,11 +47,11 @@ class Toolpath:
         Raises:
             InputError: names file and line, what was found and what was expected; or a keyword that is none of these.
         """
-        said, file = parse_reading_options(reading), convert_to_path(path, "toolpath")
+        options, file = parse_reading_options(reading), convert_to_path(path, "toolpath")
         if cell is None:
-            return cls(file, read_toolpath(file, **said), said)
-        found = read_toolpath(file, **get_reading_options(cell.description), **said)
-        return cls(file, place_toolpath(found, cell.description), said)
+            return cls(file, read_toolpath(file, **options), options)
+        found = read_toolpath(file, **get_reading_options(cell.description), **options)
+        return cls(file, place_toolpath(found, cell.description), options)
 
     def __len__(self) -> int:
         """Number of points."""

@@ -34,16 +34,16 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     from machopt.commands.optimize.request import OptimizeRequest
     from machopt.commands.optimize.run import run_optimize
 
-    asked = JobMessage.model_validate(job["request"])
+    message = JobMessage.model_validate(job["request"])
     paths = {
-        "cell": Path(asked.cell),
-        "toolpath": Path(asked.toolpath),
-        "plan_file": None if asked.plan_file is None else Path(asked.plan_file),
-        "process": None if asked.process is None else Path(asked.process),
-        "effects": tuple(map(Path, asked.effects)),
+        "cell": Path(message.cell),
+        "toolpath": Path(message.toolpath),
+        "plan_file": None if message.plan_file is None else Path(message.plan_file),
+        "process": None if message.process is None else Path(message.process),
+        "effects": tuple(map(Path, message.effects)),
     }
     try:
-        outcome = run_optimize(OptimizeRequest(out=out, **{**vars(asked), **paths}))
+        outcome = run_optimize(OptimizeRequest(out=out, **{**vars(message), **paths}))
     except MachoptError as problem:
         if _is_disk_error(problem):  # nothing to do with the job: to be tried again
             return BatchRowSection(exit_code=1, verdict=NOT_WRITTEN, reason=str(problem)).to_json_types()

@@ -10,7 +10,6 @@ import json
 import math
 import os
 import queue
-import signal
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ from typing import Any, Literal, TypeVar
 
 from machopt.batch.process_messages import JobEndedMessage, JobStartedMessage, ServerReadyMessage
 from machopt.batch.process_server import LOG_FILE, OUTCOME_FILE
+from machopt.batch.process_tree import get_worker_name, kill_processes, list_processes, measure_memory
 from machopt.data_types.documents.batch_document import BatchRowSection, JobFailureDocument
 from machopt.data_types.documents.document_base import DocumentModel
 
@@ -227,7 +227,7 @@ class ProcessServer:
                 text=self._read_error_text(),
                 wall=wall,
                 peak=peak,
-                worker=_get_worker_name(),
+                worker=get_worker_name(),
             )
         code = os.waitstatus_to_exitcode(status.status) if self._forks else status.status
         outcome = _read_outcome(Path(folder))
@@ -242,7 +242,7 @@ class ProcessServer:
             wall=wall,
             cpu=float(status.cpu_s),
             peak=peak,
-            worker=_get_worker_name(),
+            worker=get_worker_name(),
         )
 
     def close(self) -> None:
@@ -264,23 +264,23 @@ class ProcessServer:
         broken: EndReason | None = None
         peak = looks = 0
         told_at = math.inf
-        family = _list_processes(pid)
+        family = list_processes(pid)
         while True:
             with contextlib.suppress(queue.Empty):
-                told = self._answers.get(timeout=POLL_INTERVAL_S)
-                if told is not None:
-                    return broken, JobEndedMessage.model_validate(told), peak
+                answer = self._answers.get(timeout=POLL_INTERVAL_S)
+                if answer is not None:
+                    return broken, JobEndedMessage.model_validate(answer), peak
                 # without forks it was the job itself
                 return broken, None if self._forks else JobEndedMessage(status=self._process.wait()), peak
             if broken is not None:  # killed already, unless the server itself is stopped or lost
                 if self._forks and time.monotonic() - told_at > GRACE_PERIOD_S:
                     self._process.kill()
-                    _kill_all(family)
+                    kill_processes(family)
                     told_at = math.inf
                 continue
             looks += 1
-            family = family if looks % POLLS_PER_PROCESS_SCAN else _list_processes(pid)
-            memory = _measure_memory(family)
+            family = family if looks % POLLS_PER_PROCESS_SCAN else list_processes(pid)
+            memory = measure_memory(family)
             peak = max(peak, memory)
             if time.monotonic() - begin > spec.time_limit:
                 broken = "time"
@@ -288,14 +288,14 @@ class ProcessServer:
                 broken = "memory"
             if broken is not None:
                 told_at = time.monotonic()
-                family = _list_processes(pid)
+                family = list_processes(pid)
                 self._kill_job(pid)
 
     def _kill_job(self, pid: int) -> None:
         if self._forks:
             self._send_line("kill")
             return
-        _kill_all(_list_processes(pid))
+        kill_processes(list_processes(pid))
 
     def _wait_ready(self) -> bool:
         self._ready = self._wait_for_answer(ServerReadyMessage, WARM_UP_LIMIT_S) is not None
@@ -307,13 +307,13 @@ class ProcessServer:
     def _wait_for_answer(self, kind: type[T], timeout: float) -> T | None:
         """The next answer; None where none comes in time, or ever."""
         try:
-            told = self._answers.get(timeout=timeout)
+            answer = self._answers.get(timeout=timeout)
         except queue.Empty:
             return None
-        if told is None:
+        if answer is None:
             self._answers.put(None)  # whoever asks next must not wait either
             return None
-        return kind.model_validate(told)
+        return kind.model_validate(answer)
 
     def _send_line(self, line: str) -> bool:
         try:
@@ -366,51 +366,3 @@ def read_log_tail(folder: Path, lines: int = 1) -> str:
     except OSError:
         return ""
     return "\n".join([line for line in text.splitlines() if line.strip()][-lines:])
-
-
-def format_signal_name(number: int) -> str:
-    """Return the name of a signal: ``SIGSEGV`` of 11.
-
-    Args:
-        number: Number of the signal.
-    """
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
-
-
-def _measure_memory(family: list[Any]) -> int:
-    """Bytes in memory of some processes."""
-    import psutil
-
-    total = 0
-    for process in family:
-        with contextlib.suppress(psutil.Error):
-            total += process.memory_info().rss
-    return total
-
-
-def _list_processes(pid: int) -> list[Any]:
-    """A process and all it has started."""
-    import psutil
-
-    try:
-        process = psutil.Process(pid)
-        return [process, *process.children(recursive=True)]
-    except psutil.Error:
-        return []
-
-
-def _kill_all(family: list[Any]) -> None:
-    import psutil
-
-    for process in family:
-        with contextlib.suppress(psutil.Error):
-            process.kill()
-
-
-def _get_worker_name() -> str:
-    import socket
-
-    return f"{socket.gethostname()}:{os.getpid()}"

@@ -19,7 +19,7 @@ from machopt.batch.dask_executor import DaskExecutor
 from machopt.commands.place.run import PlaceRequest
 from machopt.commands.place.site_loading import run_site_task
 from machopt.errors import InputError, MachoptError
-from machopt.placement.search import PlacementSite
+from machopt.placement.placement_site import PlacementSite
 
 A = TypeVar("A")
 B = TypeVar("B")

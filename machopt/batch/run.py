@@ -16,8 +16,9 @@ from machopt.batch.job_discovery import BatchJob, find_jobs
 from machopt.batch.job_key import JobKeyBuilder, ReadyJob, RefusedJob, compute_file_hash, compute_program_version
 from machopt.batch.job_status import JobStatus
 from machopt.batch.job_store import LOCK, MAIN_FILE, SUMMARY_FILES, TIMING_FILES, JobStore, is_batch, open_store
-from machopt.batch.job_supervisor import JobEnd, JobSpec, format_signal_name, read_log_tail
+from machopt.batch.job_supervisor import JobEnd, JobSpec, read_log_tail
 from machopt.batch.process_messages import JobMessage
+from machopt.batch.process_tree import format_signal_name
 from machopt.batch.request import BatchProgress, BatchRequest, BatchResult
 from machopt.batch.summary import build_batch_document, compute_exit_code, write_summary
 from machopt.commands.manifest import read_library_versions
@@ -214,7 +215,7 @@ def _run_jobs(
 
 def _build_job_spec(plan: ReadyJob, request: BatchRequest, store: JobStore, memory: int | None) -> JobSpec:
     job = plan.job
-    asked = JobMessage(
+    message = JobMessage(
         cell=str(job.cell),
         toolpath=str(job.toolpath),
         plan_file=None if request.plan_file is None else str(request.plan_file.resolve()),
@@ -233,7 +234,7 @@ def _build_job_spec(plan: ReadyJob, request: BatchRequest, store: JobStore, memo
         batch=store.work.name,
         work=str(store.work),
         entry=request.entry,
-        job={"request": asked.to_json_types()},
+        job={"request": message.to_json_types()},
         time_limit=job.time_limit or request.time_limit,
         memory_limit=job.memory_limit or memory,
     )

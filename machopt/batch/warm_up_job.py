@@ -87,7 +87,7 @@ def _solve_general_arm(cell: Path) -> None:
 
     from machopt.cell.cell_reader import load_cell
     from machopt.kinematics.inverse.general_solver import GeneralSolver
-    from machopt.kinematics.robot import load_robot
+    from machopt.kinematics.urdf_loading import load_robot
 
     (cell / "robot.urdf").write_text(_build_urdf(wrist_offset=0.1), encoding="utf-8")
     robot = load_robot(load_cell(cell))

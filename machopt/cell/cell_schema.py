@@ -46,7 +46,7 @@ class ShapeKeys(PoseKeys):
     )
 
     @model_validator(mode="after")
-    def _one_shape(self) -> ShapeKeys:
+    def _check_one_shape(self) -> ShapeKeys:
         given = [k for k in SHAPE_KEYS if getattr(self, k) is not None]
         if len(given) != 1:
             raise ValueError(f"found {', '.join(given) or 'no shape'}; expected exactly one of {', '.join(SHAPE_KEYS)}")
@@ -135,7 +135,7 @@ class CutterKeys(StrictSchema):
         return self.corner_mm if self.corner_radius_mm is None else self.corner_radius_mm
 
     @model_validator(mode="after")
-    def _corner_fits(self) -> CutterKeys:
+    def _check_corner_fits(self) -> CutterKeys:
         name = "corner_mm" if self.corner_radius_mm is None else "corner_radius_mm"
         if self.corner_radius_mm is not None and "corner_mm" in self.model_fields_set:
             raise ValueError("found corner_mm and corner_radius_mm; expected one of them")
@@ -321,18 +321,18 @@ class CellKeys(StrictSchema):
 
     @field_validator("tools", mode="before")
     @classmethod
-    def _numbers_are_names(cls, value: object) -> object:
+    def _convert_numbers_to_names(cls, value: object) -> object:
         return {str(name): keys for name, keys in value.items()} if isinstance(value, dict) else value
 
     @model_validator(mode="after")
-    def _one_or_a_table(self) -> CellKeys:
+    def _check_tool_or_table(self) -> CellKeys:
         if (self.tool is None) == (not self.tools):
             raise ValueError(f"found {'both tool and tools' if self.tools else 'no tool'}; expected tool or tools")
         return self
 
     @field_validator("ignore_pairs", mode="before")
     @classmethod
-    def _pairs_or_files(cls, value: object) -> object:
+    def _split_pairs_and_files(cls, value: object) -> object:
         """One file for a list of one; what else it may be is told in words that fit all of its forms."""
         entries = [value] if isinstance(value, str) else value
         if not isinstance(entries, list):

@@ -60,12 +60,12 @@ class IgnoredPairReader:
             InputError: a name that nothing has, or that two bodies have, a pair of a body with itself, no SRDF.
         """
         if given:
-            self._one_name_each()
+            self._check_unique_names()
         out: list[IgnoredPair] = []
         for n, entry in enumerate(given):
             loc: KeyPath = ("ignore_pairs", n)
             if isinstance(entry, str):
-                out += self._srdf(loc, entry, open_file)
+                out += self._read_srdf(loc, entry, open_file)
                 continue
             a, b = entry
             first, second = self._find_bodies(a, (*loc, 0)), self._find_bodies(b, (*loc, 1))
@@ -80,7 +80,7 @@ class IgnoredPairReader:
             out.append(IgnoredPair(a, b, first, second, "ignore_pairs of cell.yaml"))
         return tuple(out)
 
-    def _one_name_each(self) -> None:
+    def _check_unique_names(self) -> None:
         """Refuse a second body of a name: pairs are given by name, so it would be ignored with the first."""
         taken = {body: f"a body of link {link}" for link, bodies in self._links.items() for body in bodies}
         taken |= dict.fromkeys(self._groups["cutter"], "the tool's cutter")
@@ -91,7 +91,7 @@ class IgnoredPairReader:
                     f"a body of the cell is named {name!r} like {taken[name]}; another name would work",
                 )
 
-    def _srdf(self, loc: KeyPath, name: str, open_file: FileOpener) -> tuple[IgnoredPair, ...]:
+    def _read_srdf(self, loc: KeyPath, name: str, open_file: FileOpener) -> tuple[IgnoredPair, ...]:
         """The pairs of links that this robot has and that have bodies; an SRDF often speaks of a larger one.
 
         Links with one joint between them, which it lists too, are never compared.
@@ -99,21 +99,21 @@ class IgnoredPairReader:
         path = open_file(loc, name)
         if is_xacro(path):
             raise CellError("is a xacro file; the SRDF that it expands to would work", file=path)
-        out, told = [], read_srdf(path, self._urdf.links)
-        if told and not any({pair.link1, pair.link2} <= set(self._links) for pair in told):
+        out, srdf = [], read_srdf(path, self._urdf.links)
+        if srdf and not any({pair.link1, pair.link2} <= set(self._links) for pair in srdf):
             self.warnings.append(
                 f"{self._document.locate_key(loc)}: {path.name} names no two links of this robot in any of its "
-                f"{len(told)} "
-                f"pairs (its first is {told[0].link1} ~ {told[0].link2}), so it lets nothing touch"
+                f"{len(srdf)} "
+                f"pairs (its first is {srdf[0].link1} ~ {srdf[0].link2}), so it lets nothing touch"
             )
-        for pair in told:
+        for pair in srdf:
             first, second = self._links.get(pair.link1, ()), self._links.get(pair.link2, ())
-            if first and second and self._joints_between(pair.link1, pair.link2) > 1:
+            if first and second and self._count_joints_between(pair.link1, pair.link2) > 1:
                 why = f"{path.name} line {pair.line}" + (f": {pair.reason}" if pair.reason else "")
                 out.append(IgnoredPair(pair.link1, pair.link2, first, second, why))
         return tuple(out)
 
-    def _joints_between(self, a: str, b: str) -> int:
+    def _count_joints_between(self, a: str, b: str) -> int:
         """Moving joints from one link to the other."""
         ways = [{j.name for j in self._urdf.chain(link) if j.moves} for link in (a, b)]
         return len(ways[0] ^ ways[1])

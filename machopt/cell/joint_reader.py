@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from machopt.cell.cell_schema import CellKeys
-from machopt.cell.joints.joint_chain import JointChain, read_chain, read_home, read_limits, read_tool_change_position
+from machopt.cell.joints.joint_chain import JointChain, read_chain
+from machopt.cell.joints.joint_limits import read_home, read_limits, read_tool_change_position
 from machopt.cell.joints.mimic_joints import OffChainMimicJoint, find_mimic_joints, find_side_followers, narrow_limits
 from machopt.cell.plausibility_checks import check_arm, check_limits, estimate_reach
 from machopt.cell.urdf import UrdfModel

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from machopt.cell.cell_schema import CellKeys, CutterKeys, PoseKeys, ToolKeys
-from machopt.cell.joints.joint_chain import JointChain, read_velocity_limits
+from machopt.cell.joints.joint_chain import JointChain
+from machopt.cell.joints.joint_limits import read_velocity_limits
 from machopt.cell.urdf import UrdfJoint, UrdfModel
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import CellError
@@ -188,8 +189,8 @@ def check_velocity(joint: UrdfJoint, urdf: UrdfModel, remedy: str) -> str | None
 
 
 def _check_velocity(joint: UrdfJoint, urdf: UrdfModel, warnings: list[str]) -> None:
-    said = check_velocity(joint, urdf, "a velocity in rad/s there, or robot.limits.velocity_deg_s in cell.yaml,")
-    warnings += [said] if said else []
+    message = check_velocity(joint, urdf, "a velocity in rad/s there, or robot.limits.velocity_deg_s in cell.yaml,")
+    warnings += [message] if message else []
 
 
 def check_pose(keys: PoseKeys, loc: KeyPath, document: YamlDocument, warnings: list[str], *, near: bool = True) -> None:

@@ -75,9 +75,9 @@ def place_toolpath(toolpath: Toolpath, cell: Cell) -> Toolpath:
     Raises:
         CellError: the cell has no such offset, or the offset changes during a cut.
     """
-    told = _describe_missing_offset(toolpath, cell)
-    if told and told not in toolpath.warnings:
-        toolpath = replace(toolpath, warnings=(*toolpath.warnings, told))
+    message = _describe_missing_offset(toolpath, cell)
+    if message and message not in toolpath.warnings:
+        toolpath = replace(toolpath, warnings=(*toolpath.warnings, message))
     if not toolpath.offsets:
         return toolpath
     position, axis, reference = toolpath.position.copy(), toolpath.axis.copy(), toolpath.reference.copy()

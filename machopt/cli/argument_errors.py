@@ -138,13 +138,13 @@ class CommandParser(OptionParser):
         if left:
             command = list_commands(self).get(found.command, self)
             options = list_options(command)
-            told = []
+            messages = []
             for word in left:
-                told.append(f"{word}{self._hint(word, options)}" if word.startswith("-") else word)
-            command.error(f"not understood: {', '.join(told)}")
+                messages.append(f"{word}{self._find_hint(word, options)}" if word.startswith("-") else word)
+            command.error(f"not understood: {', '.join(messages)}")
         return found
 
-    def _hint(self, word: str, options: list[str]) -> str:
+    def _find_hint(self, word: str, options: list[str]) -> str:
         """What an unknown option may stand for: a slip of one of its command, or an option of other commands."""
         name = word.partition("=")[0].lstrip("-")  # without dashes, in which all are alike
         owners: dict[str, list[str]] = {option.lstrip("-"): [] for option in options}

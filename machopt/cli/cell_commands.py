@@ -228,10 +228,10 @@ def _prompt_for_missing(args: argparse.Namespace) -> None:
         unsaid = "by the arm's size" if name == "tool_length_mm" else "nothing"
         while True:
             try:
-                said = input(f"{words} [{getattr(args, name) or unsaid}]: ").strip()
+                answer = input(f"{words} [{getattr(args, name) or unsaid}]: ").strip()
             except EOFError:
                 return
-            wrong = _store_answer(args, name, said) if said else ""
+            wrong = _store_answer(args, name, answer) if answer else ""
             if not wrong:
                 break
             print(f"  {wrong}")

@@ -43,13 +43,13 @@ def format_failures(checks: Sequence[VerificationCheck]) -> str:
     causes = [c for c in failed if _rank_check(c, checks) < _CONSEQUENCE]
     follow = [c.name for c in failed if c not in causes]
     first, *others = causes or failed
-    told = format_failed_check(first)
+    message = format_failed_check(first)
     if first.check_name == CheckName.FILES and first.file:  # what changed in it belongs on the same line
         inside = next((c for c in others if _find_checked_file(c) == first.file), None)
         if inside is not None:
             others.remove(inside)
-            told = f"{told}; {format_failed_check(inside)}"
-    lines = [told, *(f"  also {format_failed_check(c)}" for c in others[: MOST - 1])]
+            message = f"{message}; {format_failed_check(inside)}"
+    lines = [message, *(f"  also {format_failed_check(c)}" for c in others[: MOST - 1])]
     if len(others) >= MOST:
         lines.append(f"  and {len(others) - MOST + 1} more checks")
     if follow and causes:

@@ -30,18 +30,18 @@ def announce_compilation(display: ProgressDisplay) -> Iterator[None]:
     from machopt.numerics.compiled_functions import call_on_compilation
     from machopt.planning.kernel_precompilation import start_compile_process
 
-    beside: list[subprocess.Popen[bytes]] = []
+    processes: list[subprocess.Popen[bytes]] = []
 
     def told(stored: bool) -> None:
         display.print_line(STORED if stored else NOT_STORED)
         second = start_compile_process() if stored else None
         if second is not None:
-            beside.append(second)
+            processes.append(second)
 
     try:
         with call_on_compilation(told):
             yield
     finally:
-        for process in beside:
+        for process in processes:
             process.terminate()
             process.wait()

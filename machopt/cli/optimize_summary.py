@@ -156,8 +156,8 @@ def format_first_infeasibility(result: OptimizeDocument) -> str:
     if breaks:
         number = f"{len(breaks)} breaks" if len(breaks) > 1 else "1 break"
         parts.append(f"{number}, the first {format_break_ends(breaks[0])}: {breaks[0].reason}")
-    told = (points or breaks)[:1]
-    return "; ".join(parts) + (f"; {told[0].help}" if told else "")
+    first_entries = (points or breaks)[:1]
+    return "; ".join(parts) + (f"; {first_entries[0].help}" if first_entries else "")
 
 
 def format_break_ends(one: MotionBreakEntry) -> str:

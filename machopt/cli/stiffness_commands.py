@@ -203,14 +203,14 @@ def _format_identify_summary(result: IdentificationDocument) -> list[str]:
             f"{_format_number(high)}{why}"
         )
     lines += [f"  {text}" for text in result.known_combinations]
-    told = {describe_unidentified_joint(j.joint, j.reason) for j in result.joints}  # beside its stiffness above
+    described = {describe_unidentified_joint(j.joint, j.reason) for j in result.joints}  # beside its stiffness above
     for s in result.inseparable:
         lines.append(
             f"  joint {s.joint} and the torsion of the {s.body} are one compliance: together "
             f"{_format_number(s.sum_ci90_rad_per_Nm[0])} … {_format_number(s.sum_ci90_rad_per_Nm[1])} rad/(N·m); the "
             f"joint alone has at least {_format_number(s.joint_at_least_Nm_per_rad)} N·m/rad"
         )
-    lines += [f"  note: {w}" for w in result.warnings if w not in told and w not in first]
+    lines += [f"  note: {w}" for w in result.warnings if w not in described and w not in first]
     return lines
 
 

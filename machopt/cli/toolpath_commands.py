@@ -196,8 +196,8 @@ def _run_optimize(args: argparse.Namespace) -> int:
         reason = " ".join(filter(None, (outcome.conflict, format_first_infeasibility(outcome.result))))
         print(f"machopt: no feasible answer; {reason} ({outcome.report} lists every point)", file=sys.stderr)
         # often the cause: a frame in metres, a body that is missing
-        told = [warning for warning in outcome.result.warnings if warning != outcome.conflict]
-        for warning in told[:3]:
+        warnings = [warning for warning in outcome.result.warnings if warning != outcome.conflict]
+        for warning in warnings[:3]:
             print(f"  note: {warning}", file=sys.stderr)
     elif outcome.exit_code == VerificationError.exit_code:
         print(f"machopt: verification failed: {format_failed_verification(outcome.result)}", file=sys.stderr)

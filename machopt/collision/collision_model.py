@@ -76,7 +76,7 @@ class CollisionModel:
     Args:
         cell: tool, workpiece, obstacles, T_world_base and external joints.
         robot: kinematics of the arm.
-        shapes: the URDF's collision bodies, from :func:`machopt.kinematics.robot.load_chain`.
+        shapes: the URDF's collision bodies, from :func:`machopt.kinematics.urdf_loading.load_chain`.
         clearance: m, required distance.
         still: the external joints are fixed at home, and x is (S, 6): the arm's joints alone.
 
@@ -112,9 +112,9 @@ class CollisionModel:
         exclusions = tuple(
             self._describe_exclusions(pair[:2], why)
             for pair in candidates
-            if (why := by_cell.get(self._names(*pair[:2]))) is not None
+            if (why := by_cell.get(self._get_pair_names(*pair[:2]))) is not None
         )
-        candidates = [pair for pair in candidates if self._names(*pair[:2]) not in by_cell]
+        candidates = [pair for pair in candidates if self._get_pair_names(*pair[:2]) not in by_cell]
         self.adjacent: tuple[ExcludedCollisionPair, ...] = tuple(
             self._describe_exclusions(pair, "adjacent: one hangs on the other")
             for pair in list_adjacent_pairs(self._bodies)
@@ -295,7 +295,7 @@ class CollisionModel:
         found = find_nearest_pairs(self.stack, self.surfaces, [o.mesh for o in self.outlines], q, checked).distance
         return bool(found.min() > 0.0 and found.max() < MAX_DISTANCE_M and np.ptp(found) < UNCHANGED)
 
-    def _names(self, i: int, j: int) -> frozenset[str]:
+    def _get_pair_names(self, i: int, j: int) -> frozenset[str]:
         return frozenset((self._bodies[i].name, self._bodies[j].name))
 
     def _describe_exclusions(self, pair: tuple[int, int], reason: str) -> ExcludedCollisionPair:

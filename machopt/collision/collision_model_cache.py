@@ -19,7 +19,7 @@ def load_collision_model(
     Args:
         cell: tool, workpiece, obstacles, T_world_base and external joints.
         robot: kinematics of the arm.
-        shapes: the URDF's collision bodies, from :func:`machopt.kinematics.robot.load_chain`.
+        shapes: the URDF's collision bodies, from :func:`machopt.kinematics.urdf_loading.load_chain`.
         clearance: m, required distance.
         still: the external joints are fixed at home.
 

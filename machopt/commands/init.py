@@ -5,10 +5,7 @@ from __future__ import annotations
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.urdf import read_standalone_description
 from machopt.cell_setup.template.cell_draft import aim_tool, draft_cell
-from machopt.cell_setup.template.cell_text import (
-    estimate_joint_stiffness,
-    format_stiffness_yaml,
-)
+from machopt.cell_setup.template.cell_text import estimate_joint_stiffness, format_stiffness_yaml
 from machopt.cell_setup.template.init_request import InitRequest
 from machopt.cell_setup.template.init_result import InitResult
 from machopt.cell_setup.template.robot_files import (
@@ -18,13 +15,11 @@ from machopt.cell_setup.template.robot_files import (
     create_cell_folder,
     restore_user_paths_in_errors,
 )
-from machopt.cell_setup.workpiece_placement import (
-    find_flange_direction,
-)
+from machopt.cell_setup.workpiece_placement import find_flange_direction
 from machopt.commands.init_advice import find_arm_or_advise, load_solvable_robot
 from machopt.commands.init_plan_data import complete_for_plan, write_cell_files
 from machopt.input_files.json_schemas import format_schema_name, render_schema
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 
 
 def run_init(request: InitRequest) -> InitResult:

@@ -13,7 +13,8 @@ from machopt.cell_setup.template.init_request import InitRequest
 from machopt.data_types.cell import Cell
 from machopt.errors import InputError, RobotModelError
 from machopt.kinematics.inverse.solver import build_solver
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 
 _BODIES = re.compile(r"<(visual|collision)\b(?:[^>]*/>|.*?</\1\s*>)", re.DOTALL)
 _ANYWHERE_MM = (1000.0, 0.0, 500.0)  # a place of the workpiece, so that none is searched for

@@ -9,22 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from machopt.cell.cell_reader import load_cell
-from machopt.cell_setup.template.cell_text import (
-    NewCellContent,
-    format_cell_yaml,
-)
+from machopt.cell_setup.template.cell_text import NewCellContent, format_cell_yaml
 from machopt.cell_setup.template.init_request import InitRequest
 from machopt.cell_setup.template.post_choice import add_post
-from machopt.cell_setup.workpiece_placement import (
-    build_sample_path,
-    find_place_or_middle,
-    report_last_axis,
-)
+from machopt.cell_setup.workpiece_placement import build_sample_path, find_place_or_middle, report_last_axis
 from machopt.collision.collision_model_cache import load_collision_model
 from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import Robot, load_chain
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import compute_rpy_matrix
 from machopt.options.plan_option_reader import load_options
@@ -53,13 +47,13 @@ def complete_for_plan(
         What is a guess, one sentence each.
     """
     new, more = add_post(new, cell)
-    said = (*report_last_axis(robot, cell.tool.T_flange_tcp), *more)
+    notes = (*report_last_axis(robot, cell.tool.T_flange_tcp), *more)
     cell = write_cell_files(folder, new)
     if request.workpiece_mm is None:
         new, more = _place_workpiece(new, request, cell, span)
-        said += more
+        notes += more
         write_cell_files(folder, new)
-    return said
+    return notes
 
 
 def _place_workpiece(

@@ -21,7 +21,7 @@ from machopt.effects.user_effects import activate_user_effects, load_effect_file
 from machopt.errors import InputError, TooManyArmJointsError
 from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.inverse.spherical_wrist import SphericalWristSolver
-from machopt.kinematics.robot import load_chain, load_masses
+from machopt.kinematics.urdf_loading import load_chain, load_masses
 from machopt.options.plan_option_reader import load_options
 
 

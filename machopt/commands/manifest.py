@@ -127,14 +127,14 @@ def write_command_manifest(
     """
     if getattr(request, "tables", "csv") == "parquet":
         write_parquet_copies(folder.glob("*.csv"))
-    asked = {f.name: getattr(request, f.name) for f in fields(request) if f.name not in _REQUEST_PATH_FIELDS}  # type: ignore[arg-type]
+    options = {f.name: getattr(request, f.name) for f in fields(request) if f.name not in _REQUEST_PATH_FIELDS}  # type: ignore[arg-type]
     manifest = FolderManifest(
         command=command,
         verdict=add_scope_to_verdict(verdict, unchecked),
         exit_code=exit_code,
         versions=read_library_versions(),
         inputs=rename_duplicate_names((*list_cell_inputs(cell), *inputs)),
-        options=convert_to_json_types(asked),
+        options=convert_to_json_types(options),
         unchecked=tuple(unchecked),
     )
     write_manifest(folder, manifest, ROLES)

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.commands.recording_cell import load_recording_cell
 from machopt.data_types.measurements.recording import Recording
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.estimation.cell_residuals import compare_with_cell
 from machopt.measurement.recording import load_recording, load_recordings
 from machopt.measurement.recording.foreign_tables import ColumnReading

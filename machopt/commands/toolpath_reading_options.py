@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.programs.program_to_toolpath import ProgramRobot

@@ -57,8 +57,20 @@ class ProcessColumns:
 
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
-        words = np.array(self.outcome, dtype=object)
-        return {word: int(np.sum(words == word)) for word in OUTCOMES}
+        return count_outcomes(self.outcome)
+
+
+def count_outcomes(outcomes: Sequence[str]) -> dict[str, int]:
+    """Count how many points have each outcome.
+
+    Args:
+        outcomes: Outcome of each point; empty where the point has no tolerance.
+
+    Returns:
+        Number by outcome, zeros included.
+    """
+    words = np.array(outcomes, dtype=object)
+    return {word: int(np.sum(words == word)) for word in OUTCOMES}
 
 
 ERROR_NAMES = ("along", "across", "normal", "axis")
@@ -121,14 +133,14 @@ def merge_process_summaries(parts: Sequence[ProcessSummary]) -> ProcessSummary |
     return ProcessSummary(
         before={name: _add_counts([p.before[name] for p in parts]) for name in parts[0].before},
         after=_add_counts([p.after for p in parts]),
-        tolerances=_number_in_job(parts),
+        tolerances=_renumber_for_job(parts),
         variance_shares={n: sum(count * one[n] for count, one in shares) / total for n in names} if total else {},
         sources={key: text for p in parts for key, text in p.sources.items()},
         validity=tuple(dict.fromkeys(text for p in parts for text in p.validity)),
     )
 
 
-def _number_in_job(parts: Sequence[ProcessSummary]) -> tuple[ToleranceSummary, ...]:
+def _renumber_for_job(parts: Sequence[ProcessSummary]) -> tuple[ToleranceSummary, ...]:
     """Return the operations of all parts; worst holes and points are numbered through the job."""
     before, out = {True: 0, False: 0}, []
     for part in parts:

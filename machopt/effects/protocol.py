@@ -41,19 +41,15 @@ from machopt.effects.law_interfaces.motion_laws import (
     VibrationLaw,
     VibrationLoading,
 )
-from machopt.effects.law_interfaces.structure_and_record_laws import (
-    BodyLaw,
-    CompliantBody,
+from machopt.effects.law_interfaces.recording_and_payload_laws import (
     DelayedChannel,
     DelayLaw,
-    DriftLaw,
     PayloadLaw,
-    Reader,
     RecordedLoad,
     RecordLaw,
-    ThermalState,
     ToolSideLoad,
 )
+from machopt.effects.law_interfaces.structure_laws import BodyLaw, CompliantBody, DriftLaw, Reader, ThermalState
 
 __all__ = [
     "ARCMIN",

@@ -300,9 +300,9 @@ def _describe_error(model: type[BaseModel], e: ErrorDetails) -> tuple[KeyPath, s
     expected = info.description if info is not None and info.description else None
     if kind == "extra_forbidden":
         key = str(loc[-1])
-        told = owner.HINTS.get(key) if issubclass(owner, StrictSchema) else None
+        hint = owner.HINTS.get(key) if issubclass(owner, StrictSchema) else None
         elsewhere = _find_key_elsewhere(model, key, format_key_path(loc[:-1]))
-        return loc, f"unknown key {key!r}; {told or elsewhere + suggest_nearest_word(key, list(owner.model_fields))}"
+        return loc, f"unknown key {key!r}; {hint or elsewhere + suggest_nearest_word(key, list(owner.model_fields))}"
     if kind == "missing":
         return loc, "required key is missing" + (f"; expected {expected}" if expected else "")
     if kind in ("value_error", "assertion_error"):

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from machopt.cell import cell_schema, kinematics_file
 from machopt.cell.process_file import process_schema
 from machopt.cell.stiffness import stiffness_file
-from machopt.input_files import job_list
+from machopt.input_files import job_list_keys
 from machopt.measurement.recording import cutting_recording_reader, frequency_response_reader
 from machopt.measurement.recording import recording_schema as recording_keys
 from machopt.options import option_schema
@@ -29,7 +29,7 @@ FILES: dict[str, type[BaseModel]] = {
     "recording.yaml": recording_keys.RecordingKeys,
     "cutting_recording.yaml": cutting_recording_reader.CuttingRecordingKeys,  # recording.yaml of measured cuts
     "frf_recording.yaml": frequency_response_reader.FrequencyResponseKeys,  # recording.yaml of frequency responses
-    "jobs.yaml": job_list.JobListKeys,
+    "jobs.yaml": job_list_keys.JobListKeys,
 }
 """What a file is usually called → its model."""
 

@@ -188,7 +188,7 @@ class _JobModel:
         cls, cell: Cell, toolpath: Toolpath, setting: MapSettings, process: CuttingProcess, loads: PointLoads
     ) -> _JobModel:
         assert setting.elasticity is not None
-        spread = StiffnessSpread.of(setting.elasticity, (setting.lower, setting.upper))
+        spread = StiffnessSpread.build(setting.elasticity, (setting.lower, setting.upper))
         missing, dynamics = find_missing_stability_input(cell, toolpath), None
         if not missing:
             try:

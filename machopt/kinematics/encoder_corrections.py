@@ -114,7 +114,7 @@ class EncoderCorrection:
         """
         out = np.empty_like(derivatives)
         out[:, 0] = q = self.compute_encoder_angles(derivatives[:, 0])
-        slope, bend, twist = (self._by_angles(q, order) for order in (1, 2, 3))
+        slope, bend, twist = (self._compute_angle_derivative(q, order) for order in (1, 2, 3))
         J = np.eye(derivatives.shape[-1]) + slope
         out[:, 1] = first = np.linalg.solve(J, derivatives[:, 1, :, None])[..., 0]
         rest = np.asarray(derivatives[:, 2] - _multiply(bend, np.square(first)))
@@ -167,7 +167,7 @@ class EncoderCorrection:
             )
         return out
 
-    def _by_angles(self, q: Array, order: int) -> Array:
+    def _compute_angle_derivative(self, q: Array, order: int) -> Array:
         """Return the (M, n, n) derivative of each joint's correction (row) with respect to each joint angle
         (column).
         """

@@ -27,7 +27,8 @@ from machopt.data_types.cell import Cell
 from machopt.errors import CellError
 from machopt.kinematics import product_of_exponentials
 from machopt.kinematics.mimic_joints import compute_rest_configuration
-from machopt.kinematics.robot import Robot, find_frame, load_urdf_model
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import find_frame, load_urdf_model
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 
@@ -50,27 +51,6 @@ class Machine:
     T_world_base_zero: Array  # (4, 4)
     names: tuple[str, ...] = ()  # (E,) of the external joints, in the order of the chain
     bodies: Array | None = None  # (E, 4, 4) the URDF links moved by these, in base_link where all joints are zero
-
-    @classmethod
-    def build_for_robot(cls, robot: Robot, T_base_workpiece: Array) -> Machine:
-        """Return the machine of an arm at the world origin with a fixed part.
-
-        Args:
-            robot: kinematic model.
-            T_base_workpiece: (4, 4) workpiece frame in base_link.
-        """
-        return cls(
-            robot=robot,
-            axis=robot.axis,
-            point=robot.point,
-            slides=np.zeros(6, bool),
-            column=np.arange(6),
-            sign=np.ones(6),
-            positioner=0,
-            rail=0,
-            T_base_workpiece_zero=T_base_workpiece,
-            T_world_base_zero=np.eye(4),
-        )
 
     @property
     def external_count(self) -> int:
@@ -183,12 +163,12 @@ class Machine:
         out = np.zeros((len(external), 4, 4, 4))
         out[:, 0] = self.T_base_workpiece_zero
         for k in range(self.positioner):  # from the part's side on
-            out = multiply_jets(self._exponential_jets(k, external, 1.0), out)
+            out = multiply_jets(self._compute_exponential_jets(k, external, 1.0), out)
         for k in range(self.positioner, self.external_count):
-            out = multiply_jets(self._exponential_jets(k, external, -1.0), out)
+            out = multiply_jets(self._compute_exponential_jets(k, external, -1.0), out)
         return out
 
-    def _exponential_jets(self, k: int, external: Array, sign: float) -> Array:
+    def _compute_exponential_jets(self, k: int, external: Array, sign: float) -> Array:
         """(M, 4, 4, 4) of line k moved by ``sign`` times its joint."""
         e = sign * external[:, :, self.column[k] - 6]
         out = np.zeros((len(e), 4, 4, 4))

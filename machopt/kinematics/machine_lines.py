@@ -12,7 +12,8 @@ from machopt.data_types.cell import Cell
 from machopt.kinematics import product_of_exponentials
 from machopt.kinematics.machine import Machine
 from machopt.kinematics.mimic_joints import compute_rest_configuration
-from machopt.kinematics.robot import LinkShape, find_frame, load_urdf_model
+from machopt.kinematics.robot import LinkShape
+from machopt.kinematics.urdf_loading import find_frame, load_urdf_model
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 

@@ -167,7 +167,7 @@ class _InstalledCache(NullCache):  # type: ignore[misc]
         """
         rtsys.initialize(target_context)
         try:
-            with self._file(sig, target_context.codegen()).open("rb") as file:
+            with self._get_file(sig, target_context.codegen()).open("rb") as file:
                 return CompileResult._rebuild(target_context, *pickle.load(file))  # our own installation
         except FileNotFoundError:
             return self.behind.load_overload(sig, target_context)
@@ -181,7 +181,7 @@ class _InstalledCache(NullCache):  # type: ignore[misc]
         """
         self.behind.save_overload(sig, data)
 
-    def _file(self, types: Any, codegen: Any) -> Path:
+    def _get_file(self, types: Any, codegen: Any) -> Path:
         depends = (
             numba.__version__,
             sys.version_info[:3],
@@ -214,7 +214,7 @@ class _InstallationWriter(_InstalledCache):
             sig: numba types of the arguments.
             data: compiled code.
         """
-        file = self._file(sig, data.codegen)
+        file = self._get_file(sig, data.codegen)
         own = file.with_suffix(f".{os.getpid()}")  # two processes may compile the same
         own.write_bytes(dumps(data._reduce()))
         own.replace(file)

@@ -78,7 +78,7 @@ class ExternalJointOptionKeys(StrictSchema):
     )
 
     @model_validator(mode="after")
-    def _one_unit(self) -> ExternalJointOptionKeys:
+    def _check_one_unit(self) -> ExternalJointOptionKeys:
         given = [k for k, v in self.model_dump(exclude_none=True).items() if k.endswith(("_mm", "_deg"))]
         if len({k.rsplit("_", 1)[1] for k in given}) > 1:
             raise ValueError(f"found {', '.join(given)}; a joint slides (mm) or turns (deg), not both")
@@ -105,7 +105,7 @@ class TiltKeys(StrictSchema):
     )
 
     @model_validator(mode="after")
-    def _ranges(self) -> TiltKeys:
+    def _check_ranges(self) -> TiltKeys:
         for key in ("lead", "side"):
             value = getattr(self, key)
             if value is not None and not -MAX_TILT_DEG <= value[0] <= value[1] <= MAX_TILT_DEG:
@@ -242,14 +242,14 @@ class OptionKeys(StrictSchema):
 
     @field_validator("rotation_range_deg")
     @classmethod
-    def _range(cls, value: list[float] | None) -> list[float] | None:
+    def _convert_range(cls, value: list[float] | None) -> list[float] | None:
         if value is not None and not -180 <= value[0] < value[1] <= 180:
             raise ValueError(f"found {value}; expected [lowest, highest] with -180 ≤ lowest < highest ≤ 180")
         return value
 
     @field_validator("fixed")
     @classmethod
-    def _fixed(cls, value: list[FixedKeys] | None) -> list[FixedKeys] | None:
+    def _convert_fixed(cls, value: list[FixedKeys] | None) -> list[FixedKeys] | None:
         points = [f.point for f in value or ()]
         twice = sorted({p for p in points if points.count(p) > 1})
         if twice:

@@ -253,12 +253,12 @@ def _format_external_options(axis: ExternalJointOptions) -> dict[str, object]:
     for name in ("at", "preferred", "range"):
         value = getattr(axis, name)
         if value is not None:
-            told = (
+            entries = (
                 [round_to_user_digits(v / factor) for v in value]
                 if name == "range"
                 else round_to_user_digits(value / factor)
             )
-            out[f"{name}_{axis.unit}"] = told
+            out[f"{name}_{axis.unit}"] = entries
     if axis.at_operations:
         out[f"at_operations_{axis.unit}"] = {label: round_to_user_digits(v / factor) for label, v in axis.at_operations}
     return out

@@ -38,12 +38,12 @@ class SteerKeys(StrictSchema):
     )
 
     @model_validator(mode="after")
-    def _one_place(self) -> SteerKeys:
+    def _check_one_place(self) -> SteerKeys:
         given = [k for k in ("operation", "point", "points") if getattr(self, k) is not None]
         if len(given) > 1:
             raise ValueError(f"found {' and '.join(given)}; exactly one of them gives the position")
         if self.external is not None:
-            self._of_joint()
+            self._check_joint_rule()
             return self
         joint = [k for k in ("at_mm", "at_deg", "forbid_mm") if getattr(self, k) is not None]
         if joint:
@@ -63,7 +63,7 @@ class SteerKeys(StrictSchema):
             )
         return self
 
-    def _of_joint(self) -> None:
+    def _check_joint_rule(self) -> None:
         """Refuse what is not about one external joint in one unit."""
         keys = ("at_mm", "at_deg", "forbid_mm", "forbid_deg")
         given = [k for k in keys if getattr(self, k) is not None]

@@ -26,7 +26,7 @@ class InterruptSignals:
             defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
             for number, default in defaults.items():
                 if signal.getsignal(number) == default:
-                    self._former[number] = signal.signal(number, self._on_signal)
+                    self._former[number] = signal.signal(number, self._handle_signal)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -44,7 +44,7 @@ class InterruptSignals:
         if self._came is not None:
             self._raise(self._came)
 
-    def _on_signal(self, number: int, _: FrameType | None) -> None:
+    def _handle_signal(self, number: int, _: FrameType | None) -> None:
         self._came = number
         if self._held:
             self._waiting.append(number)

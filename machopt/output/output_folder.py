@@ -130,11 +130,11 @@ class _OutputPlace:
 
     def recover(self) -> None:
         """Put back a folder that was caught in the swap, and remove what killed runs left. Only under the lock."""
-        former = self._left("old")
+        former = self._list_left_folders("old")
         if former and not self.target.exists():
             latest = max(former, key=lambda p: p.stat().st_mtime_ns)
             latest.rename(self.target)
-        for left in (*self._left("old"), *self._left("partial")):
+        for left in (*self._list_left_folders("old"), *self._list_left_folders("partial")):
             shutil.rmtree(left, ignore_errors=True)
 
     def swap(self, partial: Path) -> None:
@@ -161,7 +161,7 @@ class _OutputPlace:
     def _free(self, kind: str) -> Path:
         return self.target.parent / f"{self._stem}.{kind}-{secrets.token_hex(8)}"
 
-    def _left(self, kind: str) -> list[Path]:
+    def _list_left_folders(self, kind: str) -> list[Path]:
         """Folders of the user's own that such a run may have left."""
         found = [p for p in self.target.parent.iterdir() if p.name.startswith(f"{self._stem}.{kind}-")]
         return [p for p in found if not p.is_symlink() and p.is_dir() and _is_own_file(p)]

@@ -81,7 +81,7 @@ class DrillingCycle:
                     f"{self.name} starts at {self.start:g} mm; expected a height above its bottom {self.bottom:g} mm"
                 )
             yield self.start, MoveKind.APPROACH
-        for depth, gap, broken in self._stops():
+        for depth, gap, broken in self._iterate_stops():
             yield depth, MoveKind.CUT
             if broken:
                 yield min(depth + gap, self.clear), MoveKind.RETRACT
@@ -95,13 +95,13 @@ class DrillingCycle:
         if self.feed_out and back > self.clear:
             yield back, MoveKind.RAPID
 
-    def _stops(self) -> Iterator[tuple[float, float, bool]]:
+    def _iterate_stops(self) -> Iterator[tuple[float, float, bool]]:
         """Heights above the bottom where the tool stops, the gap behind, and whether it only breaks the chip there.
 
         Raises:
             DrillingCycleError: more than MAX_PECKS.
         """
-        pecks = list(self._pecks())
+        pecks = list(self._iterate_pecks())
         last = self.gap if self.gap_last is None else self.gap_last
         begin = self.peck_from
         for n, depth in enumerate([*pecks, self.bottom]):
@@ -117,7 +117,7 @@ class DrillingCycle:
                 yield depth, self.gap + (last - self.gap) * share, self.chip_break and not out
             begin = depth
 
-    def _pecks(self) -> Iterator[float]:
+    def _iterate_pecks(self) -> Iterator[float]:
         """Heights above the bottom down to which a peck goes.
 
         With ``less`` the last two are alike, once no more than twice that is left (Siemens, Measuring and technology

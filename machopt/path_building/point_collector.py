@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathEvent, ToolpathOperation
 from machopt.numerics.array_types import Array
-from machopt.path_building.arc_chords import RADIUS_FAULT, RADIUS_WARN, ArcChords, ArcError, interpolate_axes
+from machopt.path_building.arc_chords import interpolate_axes
 from machopt.path_building.path_checks import (
     ArcSpan,
     check_extent,
@@ -277,7 +277,7 @@ class PathBuilder(ReadingNotes):
 
     def positions(self) -> Array:
         """(N, 3) mm, a copy."""
-        return self._table()[:, :3].copy()
+        return self._build_table()[:, :3].copy()
 
     def moves(self) -> NDArray[np.int32]:
         """(N,) Move codes so far."""
@@ -290,7 +290,7 @@ class PathBuilder(ReadingNotes):
             k: Index of the coordinate: 0, 1, 2 for X, Y, Z.
             value: Value, mm.
         """
-        column = self._table()[:, k]
+        column = self._build_table()[:, k]
         column[np.isnan(column)] = value
 
     def replace_positions(self, p_mm: Array) -> None:
@@ -299,9 +299,9 @@ class PathBuilder(ReadingNotes):
         Args:
             p_mm: Positions (N, 3), mm.
         """
-        self._table()[:, :3] = p_mm
+        self._build_table()[:, :3] = p_mm
 
-    def _table(self) -> Array:
+    def _build_table(self) -> Array:
         return np.frombuffer(self._numbers, dtype=np.float64).reshape(-1, 7)
 
     def _warn_of_arcs(self, position: Array) -> None:
@@ -331,7 +331,7 @@ class PathBuilder(ReadingNotes):
         n = len(self)
         if n == 0:
             raise self.source.build_error("holds no toolpath points")
-        table = self._table()
+        table = self._build_table()
         codes = np.frombuffer(self._codes, dtype=np.int32).reshape(-1, 4)
         line = codes[:, 2].copy()
         check_numbers(self.source, table, line)
@@ -342,7 +342,7 @@ class PathBuilder(ReadingNotes):
             raise self.source.build_error(
                 f"holds {n} points but no cutting move; expected at least one feed move (GOTO after FEDRAT, G1)"
             )
-        p, axis = table[:, :3], self._unit_axes(table[:, 3:6], line)
+        p, axis = table[:, :3], self._normalise_axes(table[:, 3:6], line)
         self._warn_of_arcs(p)
         self.warn_of_feeds_and_words(table, move, line)
         if self.used_options:
@@ -377,7 +377,7 @@ class PathBuilder(ReadingNotes):
         out[list(self._hole_depths)] = np.array(list(self._hole_depths.values())) * 1e-3
         return out
 
-    def _unit_axes(self, axis: Array, line: NDArray[np.int32]) -> Array:
+    def _normalise_axes(self, axis: Array, line: NDArray[np.int32]) -> Array:
         length = np.sqrt(np.einsum("ij,ij->i", axis, axis))
         if (length < 1e-6).any():
             at = int(np.argmax(length < 1e-6))
@@ -388,24 +388,3 @@ class PathBuilder(ReadingNotes):
             count = len(np.unique(line[off]))  # several points may come from one line
             self.warn(f"lines with a tool axis that is not of unit length: {count}; it was normalised", int(line[at]))
         return np.asarray(axis / length[:, None])
-
-
-def check_radius(found: ArcChords, line: int, out: PathBuilder, stated: float | None = None) -> None:
-    """Warn where start and end of an arc have different distances from its centre, or others than the radius stated.
-
-    Args:
-        found: Chords and radii of the arc, mm.
-        line: Line number in the file (1-based).
-        out: Path builder that takes the warning.
-        stated: Radius that the record states, mm; it shows a wrong centre of a whole circle.
-
-    Raises:
-        ArcError: they differ by more than half a millimetre or a tenth of the radius.
-    """
-    if stated is not None and abs(stated - found.radius) > max(10.0 * RADIUS_WARN, RADIUS_FAULT * found.radius):
-        raise ArcError(f"the radius is {stated:.6g} mm, but the arc starts {found.radius:.6g} mm from its centre")
-    off = abs(found.mismatch)
-    if off > RADIUS_WARN and (off > RADIUS_FAULT * found.radius or off > 10.0 * RADIUS_WARN):
-        raise ArcError(f"start and end of the arc differ by {off:.4g} mm in their distance from the centre")
-    if off > RADIUS_WARN:
-        out.warn_once("start and end of an arc differ by more than 0.05 mm in their distance from its centre", line)

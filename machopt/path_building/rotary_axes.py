@@ -158,10 +158,10 @@ class RotaryMachine:
             )
         rotations = [compute_axis_turn(about, sign * angles_deg.get(letter, 0.0)) for letter, about, sign in self.axes]
         if self.kind == "head":
-            return SystemTransform(np.eye(3), self._lean(rotations))
+            return SystemTransform(np.eye(3), self._compute_lean(rotations))
         if self.kind == "mixed":
             centre = np.array(self.centres[0])
-            lean = SystemTransform(np.eye(3), self._lean(rotations[1:]))
+            lean = SystemTransform(np.eye(3), self._compute_lean(rotations[1:]))
             return lean.then(SystemTransform(rotations[0], centre - rotations[0] @ centre))
         found = SystemTransform(np.eye(3), np.zeros(3))
         for k in reversed(range(len(rotations))):
@@ -169,7 +169,7 @@ class RotaryMachine:
             found = found.then(SystemTransform(rotations[k], centre - rotations[k] @ centre))
         return found
 
-    def _lean(self, rotations: list[Array]) -> Array:
+    def _compute_lean(self, rotations: list[Array]) -> Array:
         """L(z − n) of a head."""
         n = np.array([0.0, 0.0, 1.0])
         for rotation in reversed(rotations):

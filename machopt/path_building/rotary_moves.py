@@ -78,13 +78,13 @@ class RotaryTurn:
         while True:
             if count > _MOST_STEPS:
                 raise ArcError(f"{count} steps for one block that turns rotary axes by {swing:g}°: too many")
-            off = self._deviation(count)
+            off = self._compute_deviation(count)
             if off <= math.radians(AXIS_TOLERANCE_DEG):
                 return count
             wanted = math.sqrt(off / math.radians(AXIS_TOLERANCE_DEG))  # it falls with the square of the step
             count = max(math.ceil(count * min(wanted, 8.0)), count + 1)
 
-    def _deviation(self, count: int) -> float:
+    def _compute_deviation(self, count: int) -> float:
         """Largest angle (rad) between the rotary path and great circles between ``count`` steps."""
         ends = self.axes(np.arange(count + 1) / count)
         worst = 0.0

@@ -11,7 +11,7 @@ from machopt.data_types.cell import Cell, CollisionShape
 from machopt.errors import InputError, suggest_nearest_word
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.machine_lines import LinkCarriers
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 from machopt.placement.search_options import PlacementOptions, PlacementShift

@@ -87,7 +87,7 @@ class SegmentTask:
             options: plan options.
         """
         cell = move_cell(self.setup.driven, carried, shift)
-        arm = PlanningArm.of(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), options)
+        arm = PlanningArm.build(cell, self.setup.arm.solver, load_machine(cell, self.setup.robot), options)
         arm = replace(arm, stability=self.setup.arm.stability)
         if self.has_free_external_joints:
             found = estimate_with_external_joints(self.setup, arm, self.path, options, self.groups)

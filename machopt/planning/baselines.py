@@ -50,7 +50,7 @@ def plan_cam_default(path: PlanningPath, arm: PlanningArm, home: Array) -> Joint
     Returns:
         Rotation, joints and infeasibility reason at each planning point.
     """
-    return _follow(path, arm, _unwrapped(path, -path.offset), home)
+    return _follow(path, arm, _unwrap_rotation(path, -path.offset), home)
 
 
 def plan_jiao2022(
@@ -84,9 +84,9 @@ def plan_jiao2022(
     """
     phi = np.full(len(path.index), np.nan)
     start = home
-    for keys, rows, fraction in _groups(path, arm):
-        best, start = _best_rotations(path, arm, elasticity, directions, collision, keys, start, options)
-        roll = _roll(path, arm, rows)  # keys are the first and the last of rows
+    for keys, rows, fraction in _group_key_points(path, arm):
+        best, start = _find_best_rotations(path, arm, elasticity, directions, collision, keys, start, options)
+        roll = _compute_roll(path, arm, rows)  # keys are the first and the last of rows
         psi = roll[[0, -1]] + best
         rotated = psi[0] + fraction * wrap_angle(psi[1] - psi[0])
         phi[rows] = rotated - roll
@@ -98,10 +98,10 @@ def plan_jiao2022(
             phi[run] = phi[run][known[np.searchsorted(between, np.arange(last - first + 1))]]
         else:
             phi[run] = 0.0
-    return _follow(path, arm, _unwrapped(path, phi), home)
+    return _follow(path, arm, _unwrap_rotation(path, phi), home)
 
 
-def _roll(path: PlanningPath, arm: PlanningArm, rows: Ints) -> Array:
+def _compute_roll(path: PlanningPath, arm: PlanningArm, rows: Ints) -> Array:
     """Return ψ at phi = 0 of ``rows``: the angle x of R = Rz Ry Rx about the tool axis (eq. 27; the paper's tool x is
     our z).
 
@@ -116,7 +116,7 @@ def _roll(path: PlanningPath, arm: PlanningArm, rows: Ints) -> Array:
     return np.arctan2(R[:, e, 0], R[:, e, 1])
 
 
-def _groups(path: PlanningPath, arm: PlanningArm) -> list[tuple[Ints, Ints, Array]]:
+def _group_key_points(path: PlanningPath, arm: PlanningArm) -> list[tuple[Ints, Ints, Array]]:
     """Return per group: the key points, the points between them, and the proportion (0…1) of each."""
     counted = path.counted
     position = arm.directions(path.external, path.position)
@@ -140,7 +140,7 @@ def _groups(path: PlanningPath, arm: PlanningArm) -> list[tuple[Ints, Ints, Arra
     return groups
 
 
-def _best_rotations(
+def _find_best_rotations(
     path: PlanningPath,
     arm: PlanningArm,
     elasticity: ArmElasticity,
@@ -193,7 +193,7 @@ def _solve(path: PlanningPath, arm: PlanningArm, rows: Ints, phi: Array) -> tupl
     return q, why
 
 
-def _unwrapped(path: PlanningPath, phi: Array) -> Array:
+def _unwrap_rotation(path: PlanningPath, phi: Array) -> Array:
     out = np.array(phi)
     for first, last in path.runs:
         out[first : last + 1] = np.unwrap(out[first : last + 1])
@@ -209,7 +209,7 @@ def _follow(path: PlanningPath, arm: PlanningArm, phi: Array, home: Array) -> Jo
     P = len(every)
     starts = np.zeros(P, bool)
     starts[[first for first, _ in path.runs]] = True
-    q, branch, reason = _nearest_to_last(branches.q, why, starts, arm.turns, arm.lower, arm.upper, home)
+    q, branch, reason = _find_nearest_to_last(branches.q, why, starts, arm.turns, arm.lower, arm.upper, home)
     rows = np.arange(P)
     margin = {n: np.where(branch >= 0, getattr(branches, n)[rows, branch], np.nan) for n in MARGINS}
     return JointAssignment(phi=phi, q=q, branch=branch, reason=reason, **margin)
@@ -245,7 +245,7 @@ def _take_any_turn(
 
 
 @jit_compile
-def _nearest_to_last(
+def _find_nearest_to_last(
     solutions: Array,
     reasons: NDArray[np.uint8],
     starts: NDArray[np.bool_],

@@ -89,9 +89,9 @@ def compute_cached(step: str, inputs: Callable[[], tuple[object, ...]], make: Ca
     store = _AT_WORK.get()
     if store is None:
         return make()
-    key = (step, _key(inputs()))
+    key = (step, _build_key(inputs()))
     if key not in store.results:
-        store.results[key] = _frozen(make())
+        store.results[key] = _freeze(make())
         store.made[step] = store.made.get(step, 0) + 1
     else:
         store.found[step] = store.found.get(step, 0) + 1
@@ -108,12 +108,12 @@ class _Very:
     place: int
 
 
-def _key(value: object) -> Hashable:
+def _build_key(value: object) -> Hashable:
     if isinstance(value, np.ndarray):
         digest = hashlib.blake2b(np.ascontiguousarray(value).tobytes(), digest_size=16).digest()
         return value.dtype.str, value.shape, digest
     if isinstance(value, tuple | list):
-        return tuple(_key(v) for v in value)
+        return tuple(_build_key(v) for v in value)
     if value is None or isinstance(value, bool | int | float | str | bytes | np.generic):
         return type(value).__name__, value
     if isinstance(
@@ -123,13 +123,13 @@ def _key(value: object) -> Hashable:
     return _Very(value, id(value))
 
 
-def _frozen(value: T) -> T:
+def _freeze(value: T) -> T:
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
     elif isinstance(value, tuple):
         for v in value:
-            _frozen(v)
+            _freeze(v)
     elif is_dataclass(value):
         for f in fields(value):
-            _frozen(getattr(value, f.name))
+            _freeze(getattr(value, f.name))
     return value

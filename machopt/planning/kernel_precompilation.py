@@ -39,7 +39,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("kinematics.inverse.solver", "_check_branches", f"{_F3},{_F3},{_F1},{_F2},{_F1},{_F1},u1[:,::1],b1[:,:,::1]"),
     ("kinematics.product_of_exponentials", "compute_link_motions", f"{_F2},{_F2},{_F2},f8[:,:,:,::1],{_F3}"),
     ("kinematics.product_of_exponentials", "compute_jacobians", f"{_F2},{_F2},{_F2},{_F2},{_F3},{_F3}"),
-    ("planning.baselines", "_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
+    ("planning.baselines", "_find_nearest_to_last", f"{_F3},u1[:,::1],b1[::1],{_F2},{_F1},{_F1},{_FIXED}"),
     (
         "planning.cost.lost_feed_time",
         "_compute_excess",
@@ -88,7 +88,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("planning.retiming.taylor_series", "_twists", f"{_F3},f8[:,:,:,::1]"),
     ("planning.retiming.joint_derivatives", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
     ("planning.retiming.joint_derivatives", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2},{_F1}"),
-    ("planning.motion.clearance_over_cuts", "_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
+    ("planning.motion.clearance_over_cuts", "_find_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
     ("planning.motion.clearance_over_cuts", "_find_higher", f"{_F3},{_F2},{_F2},f8"),
     ("planning.retiming.time_law_kernels", "find_next_corners", f"{_F1},{_F1},{_F1}"),
     (
@@ -170,8 +170,8 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
         f"{_F2},f8,f8,f8,b1[::1],{_I1},{_F2},{_F1},{_F1},{_F2},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1},{_F1}",
     ),
     (
-        "collision.gouge_depth",
-        "_compute_row_depths",
+        "collision.gouge_depth_kernels",
+        "compute_row_depths",
         f"{_F2},{_I1},{_F1},{_F3},{_F3},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F2},f8",
     ),
     ("verification.motion.collision.gouge_check", "_bound_depths", f"{_F2},{_F3},{_F2},{_F1},{_F1},{_C},{_C},{_C},f8"),
@@ -182,7 +182,7 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
         f"UniTuple(UniTuple(f8,3),12),{_F3},{_F3}",
     ),
     ("kinematics.inverse.newton_iteration", "polish_branches", f"{_F2},{_F2},{_F2},{_F3},{_F3},i8,f8"),
-    ("planning.collision_handling.contact_lookahead", "_neighbours", f"{_I1},b1[::1],b1[:,::1],b1[::1],i8,i8"),
+    ("planning.collision_handling.contact_lookahead", "_find_neighbours", f"{_I1},b1[::1],b1[:,::1],b1[::1],i8,i8"),
     (
         "planning.tilt.tilt_and_rotation_search_kernel",
         "find_joint_sequence",
@@ -190,10 +190,10 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     ),
     ("planning.tilt.step_limit", "_shorten", f"{_F2},b1[::1],f8,i8"),
     # laws with memory: of a diagnosis, and of a job whose stiffness.yaml contains them
-    ("effects.joint.hysteresis", "_integrate_play", f"{_F1},{_I1},f8"),
-    ("effects.joint.hysteresis", "_integrate_drag", f"{_F1},{_I1},f8,f8"),
+    ("effects.joint.play_and_drag_operators", "_integrate_play", f"{_F1},{_I1},f8"),
+    ("effects.joint.play_and_drag_operators", "_integrate_drag", f"{_F1},{_I1},f8,f8"),
     ("effects.joint.creep", "_filter_first_order", f"{_F1},{_F1},{_I1},f8"),
-    ("effects.joint.friction", "_integrate_presliding", f"{_F1},f8,{_I1},f8,i8"),
+    ("effects.joint.presliding_direction", "_integrate_presliding", f"{_F1},f8,{_I1},f8,i8"),
     ("effects.joint.joint_vibration", "_integrate_mass_on_spring", f"{_F1},{_F1},{_F1},{_I1},f8,f8"),
 )
 
@@ -208,13 +208,13 @@ def compile_all(kernels: Iterable[tuple[str, str, str]] = KERNELS[::-1]) -> list
         The compiled functions.
     """
     compiled = []
-    for kernel, types in _meant(kernels):
+    for kernel, types in _iterate_kernels(kernels):
         kernel.compile(types)
         compiled.append(kernel)
     return compiled
 
 
-def _meant(kernels: Iterable[tuple[str, str, str]]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+def _iterate_kernels(kernels: Iterable[tuple[str, str, str]]) -> Iterator[tuple[Any, tuple[Any, ...]]]:
     """Yield each function with numba's normalised argument types, which are the keys of the stored code."""
     from importlib import import_module
 
@@ -248,7 +248,7 @@ def preload_kernels_in_thread(*also: str) -> Iterator[None]:
 
     def take_all() -> None:
         with suppress(ImportError, AttributeError):
-            for kernel, types in _meant(KERNELS):
+            for kernel, types in _iterate_kernels(KERNELS):
                 if stopped.is_set() or not load_stored_kernel(kernel, types):
                     return
             for module in also:
@@ -291,7 +291,7 @@ def compile_into(folder: Path) -> None:
     every = KERNELS + MORE
     for module, name, _ in every:
         enable_kernel_storage(getattr(import_module(f"machopt.{module}"), name), folder)
-    for module in sorted({module for module, _, _ in every}, key=_longest_first):
+    for module in sorted({module for module, _, _ in every}, key=_rank_by_length):
         try:
             (folder / f"{module}.claimed").touch(exist_ok=False)
         except FileExistsError:
@@ -308,7 +308,7 @@ LONGEST = (
 )  # half the work
 
 
-def _longest_first(module: str) -> tuple[int, str]:
+def _rank_by_length(module: str) -> tuple[int, str]:
     return (LONGEST.index(module) if module in LONGEST else len(LONGEST), module)
 
 

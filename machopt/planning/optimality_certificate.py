@@ -54,7 +54,7 @@ def compute_external_travel_cost(plan: Plan) -> float:
     """
     path, setup = plan.path, plan.setup
     way = np.abs(np.diff(path.external * setup.per_rad[6:], axis=0)).sum(axis=1)
-    terms = ObjectiveTerms.of(path, setup.velocity, plan.options)
+    terms = ObjectiveTerms.build(path, setup.velocity, plan.options)
     return float(plan.options.weights.travel * (terms.travel[1:] @ way))
 
 
@@ -65,7 +65,7 @@ def compute_certificate(plan: Plan) -> OptimalityCertificate | None:
         plan: plan of a job or of one tool.
     """
     if plan.parts:
-        return _of_all(plan)
+        return _certify_job(plan)
     c, ways = plan.choice, compute_external_travel_cost(plan)
     values = (plan.chosen.objective.total, c.total + ways, c.bound + ways, plan.grid.total)
     if plan.found is None or c.broken or not np.isfinite(values).all():
@@ -73,7 +73,7 @@ def compute_certificate(plan: Plan) -> OptimalityCertificate | None:
     return OptimalityCertificate(*values)
 
 
-def _of_all(plan: Plan) -> OptimalityCertificate | None:
+def _certify_job(plan: Plan) -> OptimalityCertificate | None:
     """Return the certificate of a job that changes tools, J as in :mod:`machopt.planning.job.joined_plan`.
 
     The bound is that of all stretches under one cap on the worst index
@@ -86,7 +86,7 @@ def _of_all(plan: Plan) -> OptimalityCertificate | None:
         found = compute_certificate(part.plan)
         if found is None:
             return None
-        own = _worst_of_sequence(part.plan)
+        own = _compute_sequence_worst(part.plan)
         bound += part.share * (found.bound if plan.bound is None else compute_external_travel_cost(part.plan))
         sequence += part.share * (found.sequence - price * own)
         worst.append(own)
@@ -94,7 +94,7 @@ def _of_all(plan: Plan) -> OptimalityCertificate | None:
     return OptimalityCertificate(plan.chosen.objective.total, sequence + price * max(worst), bound, plan.grid.total)
 
 
-def _worst_of_sequence(plan: Plan) -> float:
+def _compute_sequence_worst(plan: Plan) -> float:
     """The worst index of the sequence over the grid, in units of c₀."""
     c, path = plan.choice, plan.path
     return compute_worst_index(

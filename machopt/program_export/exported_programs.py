@@ -90,7 +90,7 @@ class ExportedProgram:
         """For the report."""
         c = self.checked
         held = self.feed
-        said = page.ProgramRow(
+        row = page.ProgramRow(
             post=self.label,
             files=self.files,
             lines=self.lines,
@@ -104,9 +104,9 @@ class ExportedProgram:
             feed_deviation=float("nan") if held is None else held.deviation,
         )
         if c is None or not c.readable:
-            return replace(said, checked=False)
+            return replace(row, checked=False)
         return replace(
-            said,
+            row,
             moves=c.moves,
             position_error=c.get_value(CheckName.CAM_POINTS) / 1e3,
             angle_error=math.radians(c.get_value(CheckName.ORIENTATIONS)),

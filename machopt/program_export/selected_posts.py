@@ -8,7 +8,8 @@ from pathlib import Path
 
 from machopt.data_types.cell import Cell
 from machopt.errors import OptionError
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.programs.program_writer import format_program_name, load_post, write_program
 from machopt.programs.writing.post_file import list_post_names
 from machopt.verification.folder.programs.post_lookup import build_short_program, select_controller

@@ -24,12 +24,8 @@ from machopt.programs.writing.feed_model import FeedModelResult, compute_program
 from machopt.programs.writing.maker_rules import MakerRules
 from machopt.programs.writing.post_errors import MissingControllerKeyError, MissingFieldValueError
 from machopt.programs.writing.post_file import PostTemplate, list_post_names, load_post, read_post_text
-from machopt.programs.writing.template_engine import (
-    TemplateEngine,
-    compute_part_length,
-    find_event_item,
-    write_program_files,
-)
+from machopt.programs.writing.program_files import write_program_files
+from machopt.programs.writing.template_engine import TemplateEngine, compute_part_length, find_event_item
 from machopt.programs.writing.template_fields import (
     LazyColumns,
     PostJob,
@@ -204,7 +200,7 @@ def estimate_program_feed(
     if loaded.keys.samples:
         return None
     dialect = _load_rules(loaded.keys.dialect)
-    job = PostJob.of(program, controller, compute_part_length(loaded, controller))
+    job = PostJob.build(program, controller, compute_part_length(loaded, controller))
     passing = dialect.passing(job, loaded.list_used_fields)
     distance = passing.distance
     rounded = distance > 0.0
@@ -225,7 +221,7 @@ def list_assumptions(program: RobotProgram, post: str | Path, controller: RobotC
         One sentence per assumption.
     """
     loaded = load_post(post)
-    job = PostJob.of(program, controller)
+    job = PostJob.build(program, controller)
     return tuple(_list_assumptions(job, loaded.list_used_fields, _load_rules(loaded.keys.dialect)))
 
 
@@ -284,7 +280,7 @@ def _build_engine(
         program = replace(program, T_carrier_workpiece=None)
     if not dialect.maker:
         controller = RobotController()  # joints and frames stay those of the URDF
-    job = PostJob.of(program, controller, compute_part_length(post, controller))
+    job = PostJob.build(program, controller, compute_part_length(post, controller))
     job = job if zone is None else replace(job, zone=zone)
     used = post.list_used_fields
     dialect.check(job, used)

@@ -16,140 +16,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid
+from machopt.data_types.stiffness import ArmStiffness
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import CellError
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
 from machopt.stiffness.discrepancy_mean import DiscrepancyMean
 from machopt.stiffness.external_joint_compliance import KnownCompliance
+from machopt.stiffness.joint_compliance import compute_deflection, compute_directional_compliance, compute_jiao_index
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 from machopt.stiffness.kinetostatic_indices import compute_geometric_stiffness
-from machopt.stiffness.terms.stability_check import (
-    UnstableTerm,
-    limit_to_spring_range,
-)
-from machopt.stiffness.terms.stability_check import (
-    find_unstable_term as stiffness_find_unstable_term,
-)
+from machopt.stiffness.terms.stability_check import UnstableTerm, limit_to_spring_range
+from machopt.stiffness.terms.stability_check import find_unstable_term as stiffness_find_unstable_term
 from machopt.stiffness.terms.term_builder import compile_terms
 from machopt.stiffness.terms.term_interface import ElasticContribution, LinearTerm, LoadedArm
-
-GRID_FACE_TOLERANCE_M = 1e-6  # m; a TCP this near to a face, edge or corner of the grid belongs to all its cells
-
-
-@dataclass(frozen=True)
-class JointStiffness:
-    """Joint stiffness at given TCP positions."""
-
-    k: Array  # (..., 6) N·m/rad
-    is_in_grid: NDArray[np.bool_]  # (...,) False: outside the identified grid, constant values used
-
-
-def compute_joint_stiffness(stiffness: ArmStiffness, position: Array) -> JointStiffness:
-    """Return K_θ(j) of jiao2022 section 2.3: the cell's values, averaged on shared faces, edges and corners.
-
-    Args:
-        stiffness: stiffness model of the arm.
-        position: (..., 3) TCP position in base_link, m.
-    """
-    position = np.asarray(position, float)
-    lead = position.shape[:-1]
-    grid = stiffness.grid
-    if grid is None:
-        return JointStiffness(np.broadcast_to(stiffness.joints, (*lead, len(stiffness.joints))), np.ones(lead, bool))
-    flat = position.reshape(-1, 3)
-    rows, cells = find_grid_cells(grid, flat)
-    total, count = np.zeros((len(flat), len(stiffness.joints))), np.bincount(rows, minlength=len(flat))
-    np.add.at(total, rows, grid.joints[cells])
-    found = count > 0
-    k = np.where(found[:, None], total / np.maximum(count, 1)[:, None], stiffness.joints)
-    return JointStiffness(k.reshape(*lead, len(stiffness.joints)), found.reshape(lead))
-
-
-def find_grid_cells(grid: StiffnessGrid, position: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the grid cells that positions lie in or touch, as pairs of rows (position, cell).
-
-    Args:
-        grid: stiffness grid.
-        position: (M, 3) m in base_link.
-    """
-    shape = np.array(grid.shape)
-    x = (position - grid.origin) / grid.cell
-    eps = GRID_FACE_TOLERANCE_M / grid.cell
-    low = np.floor(x - eps).astype(int)  # the cells touched along each axis: low … high (one or two)
-    high = np.floor(x + eps).astype(int)
-    rows, cells = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-    for corner in np.ndindex(2, 2, 2):
-        pick = np.where(np.array(corner) == 1, high, low)
-        new = np.all((np.array(corner) == 0) | (high != low), axis=1)  # do not count a cell twice
-        inside = np.flatnonzero(new & np.all((pick >= 0) & (pick < shape), axis=1))
-        rows.append(inside)
-        cells.append(pick[inside, 0] + shape[0] * (pick[inside, 1] + shape[1] * pick[inside, 2]))
-    return np.concatenate(rows), np.concatenate(cells)
-
-
-def compute_translational_compliance(J: Array, k: Array) -> Array:
-    """Return C_tt = J_v K_θ⁻¹ J_vᵀ, (..., 3, 3) m/N.
-
-    Args:
-        J: (..., 6, 6) Jacobian at the TCP.
-        k: (..., 6) N·m/rad, joint stiffness.
-    """
-    Jv = J[..., :3, :]
-    return (Jv / k[..., None, :]) @ np.swapaxes(Jv, -1, -2)
-
-
-def compute_directional_compliance(J: Array, k: Array, direction: Array) -> Array:
-    """Return eᵀ C_tt e in m/N, without forming C: Σ_i (J_v,i · e)² / k_i.
-
-    Args:
-        J: (..., 6, 6) Jacobian at the TCP.
-        k: (..., 6) N·m/rad, joint stiffness.
-        direction: (..., 3) unit.
-    """
-    along = np.einsum("...ci,...c->...i", J[..., :3, :], direction)
-    return np.asarray(np.sum(along**2 / k, axis=-1))
-
-
-def compute_deflection(J: Array, k: Array, force: Array) -> Array:
-    """Return the displacement (..., 3) in m of the TCP under a force without moment.
-
-    Args:
-        J: (..., 6, 6) Jacobian at the TCP.
-        k: (..., 6) N·m/rad, joint stiffness.
-        force: (..., 3) N, in the axes of J.
-    """
-    Jv = J[..., :3, :]
-    return np.asarray(np.einsum("...ci,...i->...c", Jv, np.einsum("...ci,...c->...i", Jv, force) / k))
-
-
-def compute_constrained_stiffness(J: Array, k: Array) -> Array:
-    """Return K_fd of jiao2022 eq. 13: top-left block of (J K_θ⁻¹ Jᵀ)⁻¹ = J⁻ᵀ K_θ J⁻¹, (..., 3, 3) N/m.
-
-    Invalid at singular configurations (J⁻¹ does not exist).
-
-    Args:
-        J: (..., 6, 6) Jacobian at the TCP.
-        k: (..., 6) N·m/rad, joint stiffness.
-    """
-    Ji = np.linalg.inv(J)[..., :3]  # joint motion for a translation with constrained orientation
-    return np.swapaxes(Ji, -1, -2) @ (k[..., :, None] * Ji)
-
-
-def compute_jiao_index(J: Array, k: Array, direction: Array) -> Array:
-    """Return k_x, k_y or k_z of jiao2022 eqs. 16–25 along a unit direction, N/m.
-
-    The paper's λ are the eigenvalues of K_fdᵀ K_fd, and k = (Σ e_i²/λ_i²)^(−1/4) in its principal axes,
-    which is (eᵀ (K_fdᵀ K_fd)⁻² e)^(−1/4) = |S² e|^(−1/2) with S = K_fd⁻¹.
-
-    Args:
-        J: (..., 6, 6) Jacobian at the TCP.
-        k: (..., 6) N·m/rad, joint stiffness.
-        direction: (..., 3) unit.
-    """
-    S = np.linalg.inv(compute_constrained_stiffness(J, k))
-    s2e = np.einsum("...ij,...jk,...k->...i", S, S, direction)
-    return np.asarray(np.linalg.norm(s2e, axis=-1) ** -0.5)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -137,11 +137,11 @@ class PageServer:
         if not self._busy.acquire(blocking=False):
             return None
         try:
-            asked = PendingAction(what, body)
-            self._queue.put(asked)
-            while self._open and not asked.finished.wait(0.1):
+            action = PendingAction(what, body)
+            self._queue.put(action)
+            while self._open and not action.finished.wait(0.1):
                 pass
-            return asked.answer
+            return action.answer
         finally:
             self._busy.release()
 

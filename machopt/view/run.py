@@ -93,8 +93,8 @@ class SessionActions:
         """
         try:
             if what == "plan":
-                told, shown = self.session.replan(body, progress)
-                return ViewAnswerDocument(told=told, good=shown, shown=shown)
+                message, shown = self.session.replan(body, progress)
+                return ViewAnswerDocument(told=message, good=shown, shown=shown)
             if what == "back":
                 self.session.swap_plans()
                 return ViewAnswerDocument(told=self.session.message, good=self.session.has_motion, shown=True)

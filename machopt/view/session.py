@@ -80,13 +80,13 @@ class ViewSession:
         store = StepCache()
         with use_step_cache(store):
             made = compute_optimize_plan(given, StageTimings(progress=progress))
-        told, good = _describe_outcome(made)
+        message, good = _describe_outcome(made)
         return cls(
             optimize_inputs=given,
             file=file,
             words=words,
             current=made,
-            message=told,
+            message=message,
             has_motion=good,
             overwrite=overwrite,
             inputs=inputs,
@@ -123,11 +123,11 @@ class ViewSession:
             made = compute_optimize_plan(
                 replace(given, options=options, manifest=manifest), StageTimings(progress=progress), lends
             )
-        told, good = _describe_outcome(made)
+        message, good = _describe_outcome(made)
         if self.has_motion and not good:
-            return told, False
-        self.previous, self.current, self.message, self.has_motion = self.current, made, told, good
-        return told, True
+            return message, False
+        self.previous, self.current, self.message, self.has_motion = self.current, made, message, good
+        return message, True
 
     def swap_plans(self) -> None:
         """Exchange the shown plan and the previous one."""
@@ -169,12 +169,12 @@ class ViewSession:
             for c in found.checks
         )
         good, bad = sum(c.passed is True for c in found.checks), [c.name for c in found.failed]
-        told = f"Verification passed: {good} checks of every file that optimize would write."
+        message = f"Verification passed: {good} checks of every file that optimize would write."
         if bad:
-            told = f"VERIFICATION FAILED: {', '.join(bad)}."
+            message = f"VERIFICATION FAILED: {', '.join(bad)}."
         if left := [c.name for c in found.checks if c.passed is None]:
-            told += f" Not run: {', '.join(left)}."
-        answer = ViewAnswerDocument(told=told, good=not bad, checks=rows)
+            message += f" Not run: {', '.join(left)}."
+        answer = ViewAnswerDocument(told=message, good=not bad, checks=rows)
         shown = [one for one in self.verifications if one[0] is self.previous]
         self.verifications = [*shown, (self.current, answer)]
         return answer

@@ -25,7 +25,8 @@ from machopt.numerics.rigid_transforms import invert_transform
 from machopt.version import __version__
 from machopt.workspace_map.measured_stiffness import MeasuredComparison
 from machopt.workspace_map.postures import MapPostures, ReachingArm
-from machopt.workspace_map.quantities import MapQuantity, MapSettings, QuantityUnit, QuantityValues
+from machopt.workspace_map.quantities import MapQuantity, MapSettings, QuantityUnit
+from machopt.workspace_map.quantity_evaluation import QuantityValues
 from machopt.workspace_map.request import MapOptions
 from machopt.workspace_map.sample_grid import MapSamples, compute_farthest_reach
 

@@ -13,7 +13,8 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.errors import OptionError
 from machopt.kinematics.inverse.solver import SingularityMargins, build_solver
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import LinkShape, Robot, load_masses
+from machopt.kinematics.robot import LinkShape, Robot
+from machopt.kinematics.urdf_loading import load_masses
 from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance

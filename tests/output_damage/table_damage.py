@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.cell.cell_reader import load_cell
 from machopt.kinematics.inverse.solver import refine_by_newton
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from output_damage.damage_case import Damage, Job, build_table_change, build_text_change
 
 Row = dict[str, str]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from machopt.cell.cell_reader import load_cell
 from machopt.kinematics.inverse.solver import refine_by_newton
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from output_damage.damage_case import CELLS, JOBS, PASS, Damage, Job, build_json_change, plan_table
 from output_damage.damage_case import build_table_change as table
 from output_damage.table_damage import JOINTS, Change, Rows, add, cutting, put, swap, times

@@ -15,7 +15,7 @@ from machopt.cell.process_file import load_process
 from machopt.cli import main
 from machopt.data_types.cutting_coefficients import MillingCoefficients
 from machopt.errors import InputError, RecordingError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.cutting.coefficient_fit import NAMES, fit_coefficients
 from machopt.measurement.cutting.force_axes import compute_cut_forces
 from machopt.measurement.recording import load_cutting_recording

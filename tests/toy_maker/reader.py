@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.file_formats.source_file import SourceFile
+from machopt.programs.reading.move_attributes import MoveAttributes
 from machopt.programs.reading.parsed_program import LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
+from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import Rows, build_pose_matrix, convert_quaternion
 
 from .harmless_words import TOY

@@ -44,15 +44,15 @@ class OffChainMimicJoint:
         mass = sum(p.mass or 0.0 for p in parts)
         if not bodies and not mass:
             return None
-        said = (
+        message = (
             [f"the collision bodies of {', '.join(bodies)} are left out: what touches them is not seen"]
             if bodies
             else []
         )
-        said += [f"its {mass:g} kg count where they are at zero"] if mass else []
+        message += [f"its {mass:g} kg count where they are at zero"] if mass else []
         return (
             f"{urdf.path.name}: line {self.joint.line}: joint {self.joint.name!r} follows {self.source.name!r} outside "
-            f"of the chain to the flange (as the cylinder of a balancer does); {'; '.join(said)}"
+            f"of the chain to the flange (as the cylinder of a balancer does); {'; '.join(message)}"
         )
 
 

@@ -19,7 +19,6 @@ from machopt.numerics.array_types import Array
 
 FACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _LINES = ("lines", "linestrips")
-_CORNERS_LOST = {"tristrips": 2, "trifans": 2}  # corners of a strip or fan that begin it and make no triangle
 _DEEPEST = 20  # nodes in nodes; a reference to itself ends here
 _MOST = 2_000_000  # triangles; a collision mesh has some thousand
 _UNIT = 1e-3  # by which a printed unit vector may miss its length

@@ -121,8 +121,8 @@ def _read_triangles(text: str, path: Path) -> tuple[Array, list[str]]:
             bound = [] if file.scene is None else list(file.scene.objects("geometry"))
             parts = [_list_triangle_corners(part) for geometry in bound for part in geometry.primitives()]
     except (*_BROKEN, collada.common.DaeError) as problem:
-        said = " ".join(str(problem).split())[:200]
-        raise MeshError(f"is a damaged COLLADA file: {said}; an STL would work", file=path) from None
+        message = " ".join(str(problem).split())[:200]
+        raise MeshError(f"is a damaged COLLADA file: {message}; an STL would work", file=path) from None
     errors = [" ".join(str(e).split())[:200] for e in file.errors]
     return np.concatenate([np.empty((0, 3, 3)), *parts]), errors
 

@@ -85,13 +85,7 @@ def find_arm(
     Raises:
         InputError: no such link, no chain of six revolute joints, or more than one.
     """
-    for option, link in (("--base-link", base_link), ("--flange-link", flange_link)):
-        if link is not None and link not in urdf.links:
-            raise RobotModelError(
-                f"link {link!r} is not there; {suggest_nearest_word(link, list(urdf.links))}",
-                file=urdf.path,
-                where=option,
-            )
+    _check_links_exist(urdf, base_link, flange_link)
     flange = _find_flange(urdf) if flange_link is None else flange_link
     moving = _list_moving_joints(urdf, flange)
     gripper: tuple[UrdfJoint, ...] = ()
@@ -100,26 +94,10 @@ def find_arm(
         if behind and all(any(word in j.name.lower() for word in GRIPS) for j in behind):
             gripper, moving = behind, moving[:6]
             flange = next((f for f in FLANGES if f in _list_fixed_links(urdf, moving[-1].child)), behind[0].parent)
-    if base_link is not None:
-        above = urdf.chain(base_link)
-        external = tuple(j for j in moving if j in above)
-    else:
-        external = moving[:-6]
-        turning = [j.name for j in external if j.kind in _TURNS]
-        if turning and any_number:
-            external = tuple(itertools.takewhile(lambda j: j.kind not in _TURNS, moving))
-        elif turning:
-            raise _build_too_many_joints_error(urdf, flange, moving)
+    external = _find_external_joints(urdf, flange, moving, base_link, any_number=any_number)
     arm = moving[len(external) :]
     if (len(arm) < 6 if any_number else len(arm) != 6) or any(j.kind not in _TURNS for j in arm):
-        found = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
-        others = [link for link in urdf.links if _ends_an_arm(urdf, link, base_link)]
-        advice = f", as to {', '.join(others)}" if others else "; the URDF has no link with such a chain"
-        raise OptionError(
-            f"the chain to {flange!r} has {found}; six joints that turn would work{advice}",
-            file=urdf.path,
-            where="--flange-link",
-        )
+        raise _build_chain_error(urdf, flange, moving, base_link)
     fixed = tuple(f for f in _list_fixed_links(urdf, arm[-1].child) if f != flange)
     return ArmLinks(
         base_link=base_link or _find_base(urdf, arm[0]),
@@ -128,6 +106,46 @@ def find_arm(
         external=external,
         flanges=fixed,
         gripper=gripper,
+    )
+
+
+def _check_links_exist(urdf: UrdfModel, base_link: str | None, flange_link: str | None) -> None:
+    """Raise RobotModelError where a link that the user named is not in the URDF."""
+    for option, link in (("--base-link", base_link), ("--flange-link", flange_link)):
+        if link is not None and link not in urdf.links:
+            raise RobotModelError(
+                f"link {link!r} is not there; {suggest_nearest_word(link, list(urdf.links))}",
+                file=urdf.path,
+                where=option,
+            )
+
+
+def _find_external_joints(
+    urdf: UrdfModel, flange: str, moving: tuple[UrdfJoint, ...], base_link: str | None, *, any_number: bool
+) -> tuple[UrdfJoint, ...]:
+    """Return the moving joints in front of the arm: those above the base link, else all but the last six."""
+    if base_link is not None:
+        above = urdf.chain(base_link)
+        return tuple(j for j in moving if j in above)
+    external = moving[:-6]
+    if not any(j.kind in _TURNS for j in external):
+        return external
+    if not any_number:
+        raise _build_too_many_joints_error(urdf, flange, moving)
+    return tuple(itertools.takewhile(lambda j: j.kind not in _TURNS, moving))
+
+
+def _build_chain_error(
+    urdf: UrdfModel, flange: str, moving: tuple[UrdfJoint, ...], base_link: str | None
+) -> OptionError:
+    """Return the error of a chain to the flange that is none of six joints that turn."""
+    joints = ", ".join(f"{j.name} ({j.kind})" for j in moving) or "no moving joint"
+    others = [link for link in urdf.links if _is_arm_end(urdf, link, base_link)]
+    advice = f", as to {', '.join(others)}" if others else "; the URDF has no link with such a chain"
+    return OptionError(
+        f"the chain to {flange!r} has {joints}; six joints that turn would work{advice}",
+        file=urdf.path,
+        where="--flange-link",
     )
 
 
@@ -145,7 +163,7 @@ def _build_too_many_joints_error(urdf: UrdfModel, flange: str, moving: tuple[Urd
     return TooManyJointsError(urdf.path, tuple(j.name for j in moving), flange, tuple(choices))
 
 
-def _ends_an_arm(urdf: UrdfModel, link: str, base_link: str | None) -> bool:
+def _is_arm_end(urdf: UrdfModel, link: str, base_link: str | None) -> bool:
     """Whether six joints that turn, and nothing else that moves, lead to a link from the base (else the root)."""
     above = urdf.chain(base_link) if base_link is not None else ()
     moving = [j for j in _list_moving_joints(urdf, link) if j not in above]

@@ -88,13 +88,13 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], find: PackageFinder, 
             file=path,
         ) from None
     failures = (XacroException, SubstitutionException, *_FAILURES_OF_EXPRESSIONS)
-    said, known = io.StringIO(), len(xacro.all_includes)
+    output, known = io.StringIO(), len(xacro.all_includes)
     try:
         with (
             _replace_package_index(find),
             limit_xacro(xacro, find, may),
-            contextlib.redirect_stderr(said),
-            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(output),
+            contextlib.redirect_stdout(output),
         ):
             document = xacro.process_file(str(path), mappings=dict(arguments))
             text = document.toprettyxml(indent="  ")
@@ -116,7 +116,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], find: PackageFinder, 
         raise RobotModelError(f"cannot be expanded: {_shorten_message(problem)}", file=path, where=where) from None
     files = tuple(dict.fromkeys(Path(f).resolve() for f in (path, *xacro.all_includes[known:])))
     _check_arguments(path, files, arguments)
-    return ExpandedXacro(text, files, tuple(dict.fromkeys(_split_lines(said.getvalue()))))
+    return ExpandedXacro(text, files, tuple(dict.fromkeys(_split_lines(output.getvalue()))))
 
 
 def _get_current_file(stack: list[str | None] | None, path: Path) -> Path:

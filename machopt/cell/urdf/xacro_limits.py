@@ -141,7 +141,7 @@ class _LimitedFunctions:
         while lexer.peek():
             kind, found = lexer.next()
             if kind == lexer.EXPR:
-                results.append(self._expression(found[2:-1], symbols))
+                results.append(self._evaluate_expression(found[2:-1], symbols))
             elif kind == lexer.EXTENSION:
                 results.append(self.eval_extension(f"$({self.eval_text(found[2:-1], symbols)})"))
             else:
@@ -150,7 +150,7 @@ class _LimitedFunctions:
             self._count(len(value) if isinstance(value, str) else count_parts(value))
         return results[0] if len(results) == 1 else "".join(map(str, results))
 
-    def _expression(self, text: str, symbols: Any) -> object:
+    def _evaluate_expression(self, text: str, symbols: Any) -> object:
         inner = str(self.eval_text(text, symbols))
         try:
             return self.evaluate(inner, symbols)

@@ -85,10 +85,10 @@ def parse_markup(text: str, path: Path, expected: str) -> XmlElement:
         builder.parser.Parse(text.encode("utf-8"), True)
     except expat.ExpatError as problem:
         where = f"line {problem.lineno}, column {problem.offset + 1}"
-        said = f"is not XML: {expat.ErrorString(problem.code)}{builder.expected()}"
+        message = f"is not XML: {expat.ErrorString(problem.code)}{builder.expected()}"
         if not text.lstrip().startswith("<"):
-            said += f"; expected {expected}"  # another file altogether
-        raise RobotModelError(said, file=path, where=where) from None
+            message += f"; expected {expected}"  # another file altogether
+        raise RobotModelError(message, file=path, where=where) from None
     assert builder.root is not None  # a document without a root is an ExpatError
     return builder.root
 
@@ -136,9 +136,9 @@ class _XmlTreeBuilder:
         self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
-        self.parser.CharacterDataHandler = self._data
-        self.parser.StartDoctypeDeclHandler = self._doctype
-        self.parser.EntityDeclHandler = self._entity
+        self.parser.CharacterDataHandler = self._add_text
+        self.parser.StartDoctypeDeclHandler = self._check_doctype
+        self.parser.EntityDeclHandler = self._refuse_entity
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._count += 1
@@ -167,14 +167,14 @@ class _XmlTreeBuilder:
     def _end(self, _: str) -> None:
         self._open.pop().text = "".join(self._texts.pop()).strip()
 
-    def _data(self, text: str) -> None:
+    def _add_text(self, text: str) -> None:
         self._texts[-1].append(text)  # all of it: meshes have their numbers here
 
-    def _doctype(self, name: str, system: str | None, public: str | None, internal: bool) -> None:
+    def _check_doctype(self, name: str, system: str | None, public: str | None, internal: bool) -> None:
         if system or public or internal:
             self._refuse("declares a document type of its own")
 
-    def _entity(self, *_: object) -> None:
+    def _refuse_entity(self, *_: object) -> None:
         self._refuse("declares XML entities")
 
     def _refuse(self, what: str) -> None:

@@ -32,6 +32,6 @@ def add_post(new: NewCellContent, cell: Cell) -> tuple[NewCellContent, tuple[str
             raise
         select_posts(replace(cell, controller=replace(cell.controller, post=kin)), ())
         note = f"{new.post} once {problem.where} is known"
-        said = f"the robot program is {kin}, positions as joints; {problem.where} in cell.yaml allows {new.post}"
-        return replace(new, post=kin, post_note=note), (said,)
+        message = f"the robot program is {kin}, positions as joints; {problem.where} in cell.yaml allows {new.post}"
+        return replace(new, post=kin, post_note=note), (message,)
     return new, ()

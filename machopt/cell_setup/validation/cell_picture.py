@@ -10,7 +10,7 @@ from machopt.collision.bodies import CollisionBody, build_cell_bodies, build_cut
 from machopt.data_types.cell import Cell
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.machine_lines import LinkCarriers
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.report.svg.chart_elements import (

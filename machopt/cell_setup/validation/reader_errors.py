@@ -78,8 +78,8 @@ def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
             problems.append(problem)
             said = str(problem)
             tried = ((p, remove_key(document, p)) for p in _list_removable_places(document))
-            mended = ((m.place, m.document) for m in list_value_repairs(document))
-            other = (pair for pair in (*tried, *mended) if _try_reading(pair[1], allow_external) != said)
+            repairs = ((m.place, m.document) for m in list_value_repairs(document))
+            other = (pair for pair in (*tried, *repairs) if _try_reading(pair[1], allow_external) != said)
             guilty = next(other, None)
         if guilty is None:
             return PartialCell(

@@ -18,7 +18,8 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ModelDiscrepancy, describe_ignored_springs
 from machopt.errors import InputError, OptionError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
-from machopt.kinematics.robot import Robot, load_masses, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 from machopt.measurement.identification.assessment.misfit_intervals import (
     compute_gain_covariance,

@@ -18,7 +18,7 @@ from machopt.data_types.documents.frequency_response_document import FrequencyRe
 from machopt.data_types.measurements.frequency_response_recording import FrequencyResponseRecording
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.identification.frequency_response.frequency_response_document import (
     build_frequency_response_document,
     list_damping_percent,

@@ -95,10 +95,10 @@ class OptimizeJobResult:
             programs: The exported programs.
         """
         named = tuple(ManifestProgram(p.label, p.files, p.tool_segment) for p in programs if p.files)
-        said = tuple(
+        notes = tuple(
             f"{p.files[0]}: {text}" for p in programs if p.files for text in (*p.unstarted_events, *p.assumptions)
         )
-        return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=said))
+        return replace(self, programs=programs, manifest=replace(self.manifest, programs=named, warnings=notes))
 
     def with_touching_pairs(self) -> OptimizeJobResult:
         """Return a copy with the pairs of bodies that the planner leaves out, in the manifest."""

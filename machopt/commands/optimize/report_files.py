@@ -59,8 +59,8 @@ def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimi
         (folder / name).unlink(missing_ok=True)
     result = build_optimize_document(made, folder, timings.seconds)
     write_result(folder / "result.json", result)
-    told = replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked)
-    write_manifest(folder, told, ROLES)
+    manifest = replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked)
+    write_manifest(folder, manifest, ROLES)
     return result
 
 

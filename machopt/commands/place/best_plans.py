@@ -12,7 +12,7 @@ from machopt.commands.optimize.run import run_optimize
 from machopt.commands.place.document import ConfirmedPlacement
 from machopt.commands.place.request import PlaceRequest
 from machopt.placement.moved_cell import move_cell
-from machopt.placement.search import PlacementSite
+from machopt.placement.placement_site import PlacementSite
 from machopt.placement.search_result import PlacementSearchResult, PlannedPlacement
 from machopt.placement.task_executor import InProcessExecutor, PlacementExecutor
 

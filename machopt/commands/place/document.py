@@ -25,7 +25,7 @@ from machopt.data_types.process_columns import OUTCOMES
 from machopt.file_formats.csv_text_escaping import escape_formula_text
 from machopt.options.plan_option_reader import format_user_options
 from machopt.placement.moved_cell import move_cell
-from machopt.placement.search import PlacementSite
+from machopt.placement.placement_site import PlacementSite
 from machopt.placement.search_options import PlacementOptions, PlacementShift, compute_grid_steps
 from machopt.placement.search_result import PlacementCandidate, PlacementSearchResult, PlannedPlacement
 from machopt.planning.cost.stiffness_index import resolve_index

@@ -77,7 +77,7 @@ def compute_request_key(
         search: Options of the placement search.
     """
     ranges = {k: v for k, v in asdict(search).items() if k not in ("seconds", "plans", "best")}
-    asked = [
+    inputs = [
         __version__,
         compute_input_hashes(cell),
         [t.sha256 for t in toolpaths],
@@ -85,5 +85,5 @@ def compute_request_key(
         ranges,
     ]
     points = b"".join(np.ascontiguousarray(t.position).tobytes() for t in toolpaths)  # as read: units and words count
-    text = json.dumps(asked, sort_keys=True, default=str).encode()
+    text = json.dumps(inputs, sort_keys=True, default=str).encode()
     return hashlib.sha256(text + points).hexdigest()

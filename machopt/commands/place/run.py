@@ -20,7 +20,8 @@ from machopt.errors import InputError
 from machopt.file_formats.parquet_tables import refuse_without_pyarrow
 from machopt.output import write_output_folder, write_result
 from machopt.placement.journal import SearchJournal, refuse_foreign_journal
-from machopt.placement.search import PlacementSite, find_best_placement
+from machopt.placement.placement_site import PlacementSite
+from machopt.placement.search import find_best_placement
 from machopt.placement.search_result import PlacementSearchResult
 from machopt.placement.task_executor import PlacementExecutor
 from machopt.planning.job.request_checks import check_length_unit

@@ -20,7 +20,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.effects.user_effects import activate_user_effects, load_effect_files
 from machopt.options.plan_option_reader import load_options
 from machopt.placement.moved_cell import check_robot_movable
-from machopt.placement.search import PlacementSite
+from machopt.placement.placement_site import PlacementSite
 from machopt.process.binding.job_binding import attach_forces, mark_forces
 from machopt.process.binding.operation_matching import attach_process
 from machopt.toolpath.toolpath_reader import read_toolpath

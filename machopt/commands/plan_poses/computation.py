@@ -28,7 +28,8 @@ from machopt.measurement.design.measurement_table_and_empty_recording import (
     expand_load_steps,
 )
 from machopt.measurement.design.plan_warnings import build_plan_warnings
-from machopt.measurement.design.request import PosesRequest, check_poses_request, list_unchecked_conditions
+from machopt.measurement.design.request import PosesRequest, list_unchecked_conditions
+from machopt.measurement.design.request_checks import check_poses_request
 from machopt.measurement.diagnosis.discrimination.discrimination_document import build_discrimination_document
 from machopt.measurement.diagnosis.discrimination.next_measurement import plan_next_measurement
 from machopt.report.page_data.machine_scene import build_machine_scene

@@ -14,7 +14,7 @@ import numpy as np
 
 from machopt.effects import parameter_conversion
 from machopt.effects.compliance_matrices import body_compliance_laws
-from machopt.effects.compliance_matrices.body_compliance_laws import (
+from machopt.effects.compliance_matrices.uniform_beam_law import (
     ACROSS_KEY,
     LEAST_LENGTH,
     RIGID,

@@ -52,15 +52,15 @@ class HarmonicSeries:
             return compute_harmonics(self.angle, orders)
         out = np.empty((len(self.angle), 2 * len(orders)))
         for k, n in enumerate(orders):
-            power = self._power(int(n))
+            power = self._compute_power(int(n))
             out[:, 2 * k], out[:, 2 * k + 1] = power.real, power.imag
         return out
 
-    def _power(self, n: int) -> NDArray[np.complex128]:
-        factors = [self._square(k) for k in range(n.bit_length()) if n >> k & 1]
+    def _compute_power(self, n: int) -> NDArray[np.complex128]:
+        factors = [self._compute_squared_power(k) for k in range(n.bit_length()) if n >> k & 1]
         return functools.reduce(np.multiply, factors)
 
-    def _square(self, k: int) -> NDArray[np.complex128]:
+    def _compute_squared_power(self, k: int) -> NDArray[np.complex128]:
         """Return z to the power 2ᵏ."""
         if not self._squares:
             self._squares.append(np.exp(1j * self.angle))

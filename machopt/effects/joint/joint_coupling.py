@@ -200,8 +200,8 @@ class ThroughShaftCoupling:
 
     @property
     def name(self) -> str:
-        told = "torques of motors" if self.is_motor_side else "torques of joints"
-        return f"motor turns with the other joint, {'forward' if self.forward else 'back'}, {told}"
+        torques = "torques of motors" if self.is_motor_side else "torques of joints"
+        return f"motor turns with the other joint, {'forward' if self.forward else 'back'}, {torques}"
 
     @property
     def equation(self) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from machopt.data_types.effect_locations import MOST_JOINTS, format_link_location
-from machopt.effects.compliance_matrices.body_compliance_laws import TWO_PLANES, UniformBeamLaw
 from machopt.effects.compliance_matrices.tapered_tube import TAPERED, read_tube_law
+from machopt.effects.compliance_matrices.uniform_beam_law import TWO_PLANES, UniformBeamLaw
 from machopt.effects.protocol import Effect
 
 EFFECT = Effect(

@@ -15,15 +15,12 @@ import numpy as np
 from machopt.effects.compliance_matrices.beam_compliance import BeamCylinder, compute_stepped_beam_compliance
 from machopt.effects.compliance_matrices.body_compliance_laws import (
     DIAGONAL_ENTRIES,
-    LEAST_LENGTH,
-    MATRIX,
     UNITS,
-    BodyLawDefaults,
     MatrixEntriesLaw,
-    UniformBeamLaw,
     read_body_law,
 )
 from machopt.effects.compliance_matrices.semidefinite_projection import find_nearest_semidefinite
+from machopt.effects.compliance_matrices.uniform_beam_law import LEAST_LENGTH, MATRIX, BodyLawDefaults, UniformBeamLaw
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import BodyLaw, CompliantBody, Effect, LawParameter, Quantity, Shape
 from machopt.numerics.array_types import Array
@@ -143,8 +140,8 @@ class RotationallySymmetricTool(BodyLawDefaults):
 
     @property
     def name(self) -> str:
-        said = "bends about the line from flange to TCP" if self.line else "round, bends and tilts"
-        return f"{said}, twists" if TWIST_PARAMETER in self.coefficients else said
+        bending = "bends about the line from flange to TCP" if self.line else "round, bends and tilts"
+        return f"{bending}, twists" if TWIST_PARAMETER in self.coefficients else bending
 
     def restrict_to_observed(self, dimensions: int, *, turning: bool) -> BodyLaw:
         """Drop the coefficients that the readings cannot determine.
@@ -325,8 +322,8 @@ def _read_stepped_tool(given: ParameterReader, body: CompliantBody) -> tuple[Arr
             raise one.build_error("bore_mm", "expected at least 0 and less than the diameter")
         steps.append(step)
     C = compute_stepped_beam_compliance(steps)
-    asked = [given.has_key(key) for key in SENSOR]  # both, so that neither is an unknown key
-    if any(asked):
+    given_keys = [given.has_key(key) for key in SENSOR]  # both, so that neither is an unknown key
+    if any(given_keys):
         # the sensor sits at the flange, its axes are the flange's
         linear = given.read_array(SENSOR[0], (3,), np.full(3, np.inf)) * 1e3
         angular = given.read_array(SENSOR[1], (3,), np.full(3, np.inf))

@@ -167,7 +167,7 @@ class GeneralSolver:
         out = np.full((len(T), self.branches, 6), np.nan)
         pending = np.flatnonzero(np.isfinite(T).all(axis=(1, 2)))
         for elimination in self.eliminations:
-            both = np.concatenate([out[pending], self._real_solutions(elimination, T[pending])], axis=1)
+            both = np.concatenate([out[pending], self._find_real_solutions(elimination, T[pending])], axis=1)
             pose = np.repeat(np.arange(len(pending)), 2 * self.branches)
             error = np.where(np.isfinite(both[..., 0]), 0.0, np.inf).ravel()
             out[pending] = remove_duplicate_solutions(
@@ -178,7 +178,7 @@ class GeneralSolver:
             pending = pending[count % 2 == 1]
         return out
 
-    def _real_solutions(self, elimination: DialyticElimination, T: Array) -> Array:
+    def _find_real_solutions(self, elimination: DialyticElimination, T: Array) -> Array:
         """Return branches (M, B, 6) by one elimination; where two share its angle also from a pose close by.
 
         A double eigenvalue spans a plane of monomials, and the eigenvectors are a mixture of the two solutions.

@@ -73,13 +73,13 @@ class GeneralBranches:
         if self._seen is not None:
             _compute_three_parallel_margins(self._seen, q, margin)
         elif exists.any():
-            np.swapaxes(margin, 1, 2)[exists] = np.stack(self._by_jacobian(q[exists]), axis=-1)
+            np.swapaxes(margin, 1, 2)[exists] = np.stack(self._compute_jacobian_margins(q[exists]), axis=-1)
         # distance from axis 2 to the flange minus the longest the arm can make: a lower bound of the shortfall
         beyond = np.linalg.norm(T[:, :3, 3] - self.robot.point[1], axis=1) - self._reach
         short = np.where(exists.any(axis=1), 0.0, np.maximum(beyond, 0.0))
         return KinematicBranches(q, margin, short)
 
-    def _by_jacobian(self, q: Array) -> tuple[Array, Array, Array]:
+    def _compute_jacobian_margins(self, q: Array) -> tuple[Array, Array, Array]:
         _, J = self.robot.compute_fk_jacobian(q)
         J = J.copy()
         J[:, :3] /= CHARACTERISTIC_LENGTH_M

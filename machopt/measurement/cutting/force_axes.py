@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.cutting_recording import CuttingRecording
 from machopt.errors import RecordingError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.process.milling.milling_cut import MillingCutter
 

@@ -6,5 +6,5 @@
             limits, KCI,       weights,      exchange            efficiency_bound      order of work
             clearance          pulls, arms   algorithm           published heuristics
 
-:mod:`machopt.measurement.design.two_model_discrimination` selects readings that discriminate between two models.
+:mod:`machopt.measurement.design.maximin_discrimination` selects readings that discriminate between models.
 """

@@ -8,9 +8,7 @@ covariance V that all readings at its pose share. A pose with the readings S giv
 poses add. A design maximises Σ_k w_k log det M_k over one or several models of the same readings:
 
 - one model, w = 1: D-optimal, the smallest confidence ellipsoid;
-- several prior stiffnesses, w = 1/K: Bayesian D-optimal;
-- a law [A, y] with w = 1 and a law A with w = −1: T-optimal, the largest deviation y that A cannot imitate
-  (:mod:`machopt.measurement.design.two_model_discrimination`).
+- several prior stiffnesses, w = 1/K: Bayesian D-optimal.
 
 Poses are added greedily, each with its most informative loads. Then single poses with their loads, and single loads,
 are exchanged for better ones (Fedorov's exchange) until nothing improves.
@@ -19,10 +17,12 @@ are exchanged for better ones (Fedorov's exchange) until nothing improves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.measurement.design.design_problem import DesignProblem, ModelBelief, ReadingDesign, index_readings_by_pose
+from machopt.measurement.design.log_determinant import compute_log_det_one_plus
 from machopt.numerics.array_types import Array, Bools, Ints
 
 RIDGE = 1e-4  # prior information: 1 sigma of 100 (10,000 % of a relative unknown)
@@ -30,61 +30,6 @@ SHORTLIST = 48  # best poses by single readings, for which combinations of loads
 FOCUS = 400  # poses that an exchange tries first
 GAIN = 1e-8  # least improvement of log det above rounding
 PASSES = 40  # most passes; an exchange typically converges in 3–8
-
-
-@dataclass(frozen=True)
-class ModelBelief:
-    """One prior model of the N readings."""
-
-    response: Array  # (N, D, P)
-    covariance: Array  # (N, D, D) noise of each reading
-    weight: float = 1.0
-
-
-@dataclass(frozen=True)
-class DesignProblem:
-    """Candidate readings and the models that they inform."""
-
-    models: tuple[ModelBelief, ...]
-    pose: Ints  # (N,) ascending
-    shared: Array  # (D, D) covariance of the pose error
-
-    def select_poses(self, poses: Ints) -> tuple[DesignProblem, Ints]:
-        """Restrict the problem to some poses.
-
-        Args:
-            poses: Pose labels.
-
-        Returns:
-            The restricted problem, and the indices of its readings in this one.
-        """
-        rows = np.flatnonzero(np.isin(self.pose, poses))
-        models = tuple(replace(m, response=m.response[rows], covariance=m.covariance[rows]) for m in self.models)
-        return DesignProblem(models, self.pose[rows], self.shared), rows
-
-
-@dataclass(frozen=True)
-class ReadingDesign:
-    """Selected readings by pose, in the order of selection."""
-
-    blocks: tuple[tuple[int, ...], ...]  # indices of readings; one tuple per pose
-    value: float  # Σ w log det
-    history: tuple[float, ...] = field(default=(), compare=False)  # value after every accepted exchange
-
-    @property
-    def readings(self) -> Ints:
-        return np.array([n for block in self.blocks for n in block], np.int64)
-
-    def map_rows(self, rows: Ints) -> ReadingDesign:
-        """Translate the indices of the readings.
-
-        Args:
-            rows: New index of each reading.
-
-        Returns:
-            The translated design.
-        """
-        return replace(self, blocks=tuple(tuple(int(rows[n]) for n in block) for block in self.blocks))
 
 
 def find_d_optimal_design(
@@ -172,20 +117,6 @@ def select_promising_poses(problem: DesignProblem, design: ReadingDesign, loads:
     return np.asarray(problem.pose[search.slots[rows, 0]])
 
 
-def index_readings_by_pose(pose: Ints) -> Ints:
-    """Index the readings of each pose.
-
-    Args:
-        pose: (N,) pose labels, ascending.
-
-    Returns:
-        (poses, L) reading indices, −1 as padding.
-    """
-    _, start, count = np.unique(pose, return_index=True, return_counts=True)
-    column = np.arange(count.max())
-    return np.asarray(np.where(column < count[:, None], start[:, None] + column, -1), np.int64)
-
-
 class _DesignSearch:
     """Prepared problem: readings by pose, whitened responses."""
 
@@ -244,7 +175,7 @@ class _DesignSearch:
         """
         blocks = list(blocks)
         parts = [self.compute_block_information(b) for b in blocks]
-        value = self._value(parts)
+        value = self._compute_value(parts)
         history = [value]
         focus = np.zeros(len(self.slots), bool)
         focus[self.find_promising_poses(parts, loads, FOCUS)] = True
@@ -255,9 +186,9 @@ class _DesignSearch:
                 rest = parts[:i] + parts[i + 1 :]
                 taken = self._sum_chosen(blocks[:i] + blocks[i + 1 :])
                 new = self._find_best_block(self._sum(rest), loads, taken, None if whole else focus)
-                for block in (new, self._better_loads(blocks[i], rest, loads)):
+                for block in (new, self._find_better_loads(blocks[i], rest, loads)):
                     part = self.compute_block_information(block)
-                    v = self._value([*rest, part])
+                    v = self._compute_value([*rest, part])
                     if v > value + GAIN:
                         blocks[i], parts[i], value = block, part, v
                         history.append(v)
@@ -280,10 +211,10 @@ class _DesignSearch:
         Returns:
             Rows of the poses.
         """
-        sums = self._sums_of_best(self._compute_first_gains(self._sum(parts)), loads)
+        sums = self._sum_best_gains(self._compute_first_gains(self._sum(parts)), loads)
         return np.asarray(np.argsort(-sums, kind="stable")[:count], np.int64)
 
-    def _better_loads(self, block: tuple[int, ...], rest: list[list[Array]], loads: int) -> tuple[int, ...]:
+    def _find_better_loads(self, block: tuple[int, ...], rest: list[list[Array]], loads: int) -> tuple[int, ...]:
         """Return the block with the best exchange or addition of one load."""
         row = self.slots[self.row_of[block[0]]]
         readings = [int(n) for n in row[row >= 0]]
@@ -293,7 +224,7 @@ class _DesignSearch:
             variants += [(*block, n) for n in others]
         if not variants:
             return block
-        values = [self._value([*rest, self.compute_block_information(v)]) for v in variants]
+        values = [self._compute_value([*rest, self.compute_block_information(v)]) for v in variants]
         return variants[int(np.argmax(values))]
 
     def _find_best_block(
@@ -301,7 +232,7 @@ class _DesignSearch:
     ) -> tuple[int, ...]:
         """Return the free pose with loads that increases Σ w log det most."""
         gains = self._compute_first_gains(Ms, among)
-        sums = self._sums_of_best(gains, loads)
+        sums = self._sum_best_gains(gains, loads)
         sums[taken] = -np.inf
         if loads == 1:
             row = int(np.argmax(sums))
@@ -315,14 +246,14 @@ class _DesignSearch:
         total = np.zeros(len(self.row_of) if asked is None else len(asked))
         for m, U, M in zip(self.problem.models, self.whitened, Ms, strict=True):
             G = (U if asked is None else U[asked]) @ _compute_inverse_root(M)
-            total += m.weight * _compute_log_det_one_plus(G)
+            total += m.weight * compute_log_det_one_plus(G)
         if asked is None:
             return total
         out = np.full(len(self.row_of), -np.inf)
         out[asked] = total
         return out
 
-    def _sums_of_best(self, gains: Array, loads: int) -> Array:
+    def _sum_best_gains(self, gains: Array, loads: int) -> Array:
         """Return the sum (rows,) of the best ``loads`` gains of each pose."""
         padded = _pad_values(gains, self.slots)
         if loads == 1:
@@ -390,7 +321,7 @@ class _DesignSearch:
         sizes = [m.response.shape[2] for m in self.problem.models]
         return [np.sum([p[k] for p in parts], axis=0) + RIDGE * np.eye(n) for k, n in enumerate(sizes)]
 
-    def _value(self, parts: list[list[Array]]) -> float:
+    def _compute_value(self, parts: list[list[Array]]) -> float:
         return _compute_weighted_log_det(self.problem, self._sum(parts))
 
 
@@ -459,21 +390,3 @@ def _invert_matrix(M: Array) -> Array:
 
 def _pad_values(values: Array, slots: Ints) -> Array:
     return np.asarray(np.where(slots >= 0, values[np.maximum(slots, 0)], -np.inf))
-
-
-def _compute_log_det_one_plus(G: Array) -> Array:
-    """Return log det(1 + G Gᵀ) (N,) for G (N, D, P) by an LDLᵀ factorisation over all N at once."""
-    D = G.shape[1]
-    S = [[np.einsum("np,np->n", G[:, i], G[:, j]) for j in range(i + 1)] for i in range(D)]
-    total = np.zeros(len(G))
-    pivot: list[Array] = []
-    L: list[list[Array]] = []
-    for i in range(D):
-        row: list[Array] = []
-        for j in range(i):
-            s = S[i][j] - sum((row[k] * L[j][k] * pivot[k] for k in range(j)), np.zeros(len(G)))
-            row.append(s / pivot[j])
-        pivot.append(1.0 + S[i][i] - sum((row[k] ** 2 * pivot[k] for k in range(i)), np.zeros(len(G))))
-        L.append(row)
-        total += np.log(pivot[i])
-    return total

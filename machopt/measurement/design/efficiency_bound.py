@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.measurement.design.d_optimal_search import (
-    DesignProblem,
-    ReadingDesign,
-    compute_information_matrix,
-    index_readings_by_pose,
-)
+from machopt.measurement.design.d_optimal_search import compute_information_matrix
+from machopt.measurement.design.design_problem import DesignProblem, ReadingDesign, index_readings_by_pose
 from machopt.numerics.array_types import Array, Ints
 
 NULL = 1e-10  # relative eigenvalue of the information that counts as rounding

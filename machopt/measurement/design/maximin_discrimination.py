@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chndtr, ndtri
 
-from machopt.measurement.design.two_model_discrimination import compute_noncentrality
+from machopt.measurement.design.noncentrality import compute_noncentrality
 from machopt.numerics.array_types import Array, Ints
 
 SMOOTH, SHARP = 4.0, 40.0  # exponents of the power mean that approximates the minimum: smooth first, then sharp
@@ -266,7 +266,7 @@ class _MaximinSearch:
             if not len(free):
                 break
             ridge = FIRST if len(chosen) < self.poses * self.loads / 2 else LAST
-            chosen.append(int(free[np.argmax(self._values(chosen, free, ridge, sharpness))]))
+            chosen.append(int(free[np.argmax(self._compute_values(chosen, free, ridge, sharpness))]))
         return chosen
 
     def exchange(self, chosen: list[int], sharpness: float) -> list[int]:
@@ -281,7 +281,7 @@ class _MaximinSearch:
         """
         chosen = list(chosen)
         everything = np.arange(len(self.pose))
-        order = np.argsort(-self._values(chosen, everything, LAST, sharpness), kind="stable")
+        order = np.argsort(-self._compute_values(chosen, everything, LAST, sharpness), kind="stable")
         focus = np.zeros(len(self.pose), bool)
         focus[order[:FOCUS]] = True
         value = self.value(chosen, sharpness)
@@ -293,7 +293,7 @@ class _MaximinSearch:
                 free = free[focus[free]]
                 if not len(free):
                     continue
-                values = self._values(rest, free, LAST, sharpness)
+                values = self._compute_values(rest, free, LAST, sharpness)
                 best = int(np.argmax(values))
                 if values[best] > value * (1.0 + 1e-9):
                     chosen[k], value = int(free[best]), float(values[best])
@@ -309,7 +309,7 @@ class _MaximinSearch:
     def random(self, rng: np.random.Generator, poses: int) -> list[int]:
         return [n for b in draw_random_readings(self.pose, poses, self.loads, rng) for n in b]
 
-    def _values(self, chosen: Sequence[int], among: Ints, ridge: float, sharpness: float) -> Array:
+    def _compute_values(self, chosen: Sequence[int], among: Ints, ridge: float, sharpness: float) -> Array:
         return _compute_power_mean(
             np.stack([s.compute_after_addition(chosen, ridge, among) for s in self.sums]), sharpness
         )

@@ -15,13 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.measurement.design.d_optimal_search import (
-    DesignProblem,
-    ModelBelief,
-    ReadingDesign,
     compute_information_matrix,
     find_d_optimal_design,
     select_promising_poses,
 )
+from machopt.measurement.design.design_problem import DesignProblem, ModelBelief, ReadingDesign
 from machopt.measurement.design.efficiency_bound import compute_efficiency_bound
 from machopt.measurement.design.expected_accuracy import (
     ExpectedAccuracy,

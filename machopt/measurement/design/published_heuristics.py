@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.kinematics.inverse.solver import build_solver, list_whole_turns
-from machopt.measurement.design.d_optimal_search import DesignProblem
+from machopt.measurement.design.design_problem import DesignProblem
 from machopt.measurement.design.load_cases import LoadCases
 from machopt.measurement.design.pose_candidates import PosePool, PoseScreen, screen_given_poses
 from machopt.numerics.array_types import Array, Ints

@@ -49,14 +49,14 @@ class ReadingNoise:
         """
         own = (UNLOADED_TWICE * self.displacement**2 + self.cycle**2) / self.cycles
         out = self.force**2 * displacement[:, :, None] * displacement[:, None, :]
-        out[:, np.arange(self.dimensions), np.arange(self.dimensions)] += own * self._per_row() ** 2
+        out[:, np.arange(self.dimensions), np.arange(self.dimensions)] += own * self._compute_row_scales() ** 2
         return np.asarray(out)
 
     def shared(self) -> Array:
         """Return the covariance (D, D) of b."""
-        return np.diag(self.pose**2 * self._per_row() ** 2)
+        return np.diag(self.pose**2 * self._compute_row_scales() ** 2)
 
-    def _per_row(self) -> Array:
+    def _compute_row_scales(self) -> Array:
         """Return 1 for translations and 1/distance for rotations (measured as displacements of the targets)."""
         return np.ones(3) if self.targets is None else np.repeat([1.0, 1.0 / self.targets], 3)
 

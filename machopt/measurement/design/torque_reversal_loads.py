@@ -16,13 +16,8 @@ import numpy as np
 
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.kinematics.robot import Robot, RobotMasses
-from machopt.measurement.design.d_optimal_search import (
-    RIDGE,
-    DesignProblem,
-    ReadingDesign,
-    compute_design_criterion,
-    compute_information_matrix,
-)
+from machopt.measurement.design.d_optimal_search import RIDGE, compute_design_criterion, compute_information_matrix
+from machopt.measurement.design.design_problem import DesignProblem, ReadingDesign
 from machopt.measurement.design.load_cases import LoadCases
 from machopt.measurement.design.maximin_discrimination import compute_required_noncentrality
 from machopt.measurement.design.pose_candidates import PosePool

@@ -13,7 +13,8 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import StiffnessTerm, describe_ignored_springs
 from machopt.errors import InputError, OptionError, RecordingError
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
-from machopt.kinematics.robot import Robot, RobotMasses, load_masses, load_robot
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality import (
     exchanged_inclinometer_columns,
     joint_conventions,

@@ -24,7 +24,7 @@ from machopt.data_types.documents.identification_document import (
 )
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import ModelDiscrepancy
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.identification.assessment.coefficient_uncertainty import compute_coefficient_uncertainty
 from machopt.measurement.identification.assessment.misfit_intervals import (
     find_inseparable_sums,

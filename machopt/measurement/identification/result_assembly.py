@@ -17,7 +17,8 @@ from machopt.measurement.identification.assessment.subset_and_monte_carlo_studie
     SubsetStudyResult,
 )
 from machopt.measurement.identification.data_quality.record_fault import RecordFault
-from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit, set_term_coefficients
+from machopt.measurement.identification.fitting.reading_weights import set_term_coefficients
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.measurement.identification.grid_stiffness.grid_fit import GridFit
 from machopt.measurement.identification.identification_result import (
     IdentificationResult,
@@ -27,7 +28,7 @@ from machopt.measurement.identification.identification_result import (
 )
 from machopt.measurement.identification.warnings_and_notes import build_notes, build_warnings
 from machopt.numerics.array_types import Array
-from machopt.stiffness.arm_stiffness import compute_joint_stiffness
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 from machopt.stiffness.terms import LinearTerm
 
 

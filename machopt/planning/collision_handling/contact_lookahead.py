@@ -74,7 +74,7 @@ class ContactLookahead:
         remaining = np.ceil(budget * share).astype(int)  # (P,) the budget of a pair is proportional to its contacts
         checked = 0
         while len(vertices):
-            vertices, pair = self._ring(vertices, pair)
+            vertices, pair = self._find_ring(vertices, pair)
             if len(vertices):
                 s, r, b = np.unravel_index(vertices, self.pairs.shape)
                 hit = self.model.check_single_pairs(self.whole(s, r, b), pair)
@@ -89,7 +89,7 @@ class ContactLookahead:
                 vertices, pair = vertices[continued], pair[continued]
         return checked
 
-    def _ring(self, vertices: Rows, pair: NDArray[np.int32]) -> tuple[Rows, NDArray[np.int32]]:
+    def _find_ring(self, vertices: Rows, pair: NDArray[np.int32]) -> tuple[Rows, NDArray[np.int32]]:
         """Return the neighbours not yet checked for the same pair, and the pair of each.
 
         They are sorted by pair and along the path: successive stations often touch with the same two triangles.
@@ -101,14 +101,14 @@ class ContactLookahead:
         for p in np.unique(pair).tolist():
             checked = self.asked.setdefault(p, np.zeros(S * R * B, bool))
             skipped = self.may_touch if self.model.pairs[p].unless_cutting else none
-            along = np.sort(_neighbours(vertices[pair == p], checked, feasible, skipped, R, B))
+            along = np.sort(_find_neighbours(vertices[pair == p], checked, feasible, skipped, R, B))
             out.append(along % S * (R * B) + along // S % R * B + along // (S * R))
             which.append(np.full(len(along), p, np.int32))
         return np.concatenate(out), np.concatenate(which)
 
 
 @jit_compile
-def _neighbours(vertices: Rows, checked: Bools, feasible: Bools, skipped: Bools, R: int, B: int) -> Rows:
+def _find_neighbours(vertices: Rows, checked: Bools, feasible: Bools, skipped: Bools, R: int, B: int) -> Rows:
     """Return the unchecked neighbours of vertices (n,), flat over (S, R, B), and mark them in ``checked``.
 
     Args:

@@ -92,7 +92,7 @@ class ExclusionTracker:
             Whether any vertex of the sequence has been excluded.
         """
         s = np.flatnonzero(~choice.dropped)[::every]
-        return self._look(s, choice.rotation[s], choice.branch[s]) > 0
+        return self._check_around(s, choice.rotation[s], choice.branch[s]) > 0
 
     def along(self, choice: SequenceChoice, a: JointAssignment, check: PathCollisions) -> int:
         """Check the grid vertices on either side of a curve where it collides, and the neighbours of those that
@@ -111,9 +111,9 @@ class ExclusionTracker:
         grid, (R, phi) = self.phi, (self.shape[1], a.phi[self.path.stations[s]])
         low = np.floor(wrap_angle(phi - grid[s, 0]) / (2 * np.pi / R)).astype(int)
         both, sides = np.tile(s, 2), np.concatenate([low, low + 1]) % R
-        return self._look(both, sides, choice.branch[both])
+        return self._check_around(both, sides, choice.branch[both])
 
-    def _look(self, s: Rows, r: Rows | NDArray[np.int32], b: NDArray[np.int32]) -> int:
+    def _check_around(self, s: Rows, r: Rows | NDArray[np.int32], b: NDArray[np.int32]) -> int:
         """Check vertices not checked before, and the neighbours of those that collide; return the number excluded."""
         ahead = self.ahead
         usable = compute_any_last(self.candidates.feasible[s, r, b]) & ~self.looked[s, r, b]
@@ -133,7 +133,7 @@ class ExclusionTracker:
         self.ahead_of = min(4 * self.ahead_of, self.pairs.size)
         return len(vertices)
 
-    def _kept(self, choice: SequenceChoice, stations: Rows, budget: int) -> Rows:
+    def _select_stations(self, choice: SequenceChoice, stations: Rows, budget: int) -> Rows:
         """Return the stations that have a choice, at most ``budget`` of them, spread evenly."""
         stations = stations[~choice.dropped[stations]]
         if len(stations) > budget:
@@ -150,7 +150,7 @@ class ExclusionTracker:
             budget: maximum number of stations that are examined.
         """
         before = int(self.candidates.feasible.sum()), len(self.edges)
-        stations = self._kept(choice, self.stations(check.hit | check.lost), budget)
+        stations = self._select_stations(choice, self.stations(check.hit | check.lost), budget)
         for s in stations:  # a pose exactly on a limit or margin: rounding decides
             why = plain.reason[self.path.stations[s]]
             if why != InfeasibilityReason.OK:
@@ -165,13 +165,13 @@ class ExclusionTracker:
                     for k in (s - 1, s)
                 ]
                 if not any(excluded):
-                    bans += self._strike_edges(choice, s, closing)
+                    bans += self._exclude_edges(choice, s, closing)
         self.edges = closing.merged()
-        self._ban(bans)
+        self._exclude_ways(bans)
         if (int(self.candidates.feasible.sum()), len(self.edges)) == before:
             for at in stations:  # contacts that only the whole path shows exclude the chosen edges
                 bans += self._drop_way(choice, int(at), int(check.pair[self.path.stations[at]]))
-            self._ban(bans)
+            self._exclude_ways(bans)
 
     def _drop_way(self, choice: SequenceChoice, s: int, pair: int) -> list[tuple[int, int, int]]:
         joined = s > 0 and s not in choice.broken and not choice.dropped[s - 1]
@@ -189,13 +189,15 @@ class ExclusionTracker:
         if not self.candidates.feasible[s, r, b].any():
             self.candidates.reason[s, r, b] = why
 
-    def _strike_edges(self, choice: SequenceChoice, s: int, closing: TransitionCollector) -> list[tuple[int, int, int]]:
+    def _exclude_edges(
+        self, choice: SequenceChoice, s: int, closing: TransitionCollector
+    ) -> list[tuple[int, int, int]]:
         """Exclude the edges into station s with the same swing as the chosen one that are not free, on either side of
         it
         up to the first free one.
 
         Returns:
-            Edges that are blocked in some turns only, as :meth:`_ban` takes them.
+            Edges that are blocked in some turns only, as :meth:`_exclude_ways` takes them.
         """
         _, R, B, T = self.shape
         b, bu = int(choice.branch[s]), int(choice.branch[s - 1])
@@ -206,7 +208,7 @@ class ExclusionTracker:
                 r, ru = (here + k) % R, (before + k) % R
                 if not (c.feasible[s, r, b].any() and c.feasible[s - 1, ru, bu].any()):
                     break
-                found = self._edge(s, ru, bu, r, b)
+                found = self._list_edge_turns(s, ru, bu, r, b)
                 if len(found) == np.count_nonzero(c.feasible[s - 1, ru, bu]):
                     closed.append((ru * B + bu, r * B + b))
                 else:
@@ -219,10 +221,10 @@ class ExclusionTracker:
         if closed:
             closing.add(s, *np.array(closed).T)
             if b == bu and self.banned[s] >= 0:
-                self._across(s, before, here, b, closing)
+                self._exclude_across_contact(s, before, here, b, closing)
         return bans
 
-    def _across(self, s: int, before: int, here: int, b: int, closing: TransitionCollector) -> None:
+    def _exclude_across_contact(self, s: int, before: int, here: int, b: int, closing: TransitionCollector) -> None:
         """Exclude the swings past the contact of the chosen edge: into this station and into its neighbours as long as
         any collide.
 
@@ -230,30 +232,34 @@ class ExclusionTracker:
         across
         it once.
         """
-        ends, pair = self._ends(s, np.array([before]), np.array([here]), b), self.banned[s]
+        ends, pair = self._get_edge_ends(s, np.array([before]), np.array([here]), b), self.banned[s]
         if ends is None:
             return
         phi, q = ((np.repeat(a, FINE, axis=0), np.repeat(z, FINE, axis=0)) for a, z in ends)
         f, at, known = self.checker.on_the_way(int(self.path.stations[s]), phi, q, np.linspace(0.0, 1.0, FINE))
-        touching = np.flatnonzero(known & self._touching(at, pair))
+        touching = np.flatnonzero(known & self._find_touching(at, pair))
         for part in np.split(touching, np.flatnonzero(np.diff(touching) > 1) + 1):
             if len(part):
                 closed_at = float(phi[0][0] + f[part[len(part) // 2]] * (phi[1] - phi[0])[0])
-                self._swings(s, b, closed_at, pair, closing)
+                self._exclude_swings(s, b, closed_at, pair, closing)
                 for side in (range(s + 1, self.shape[0]), range(s - 1, 0, -1)):
                     for t in side:
-                        if not self._swings(t, b, closed_at, pair, closing):
+                        if not self._exclude_swings(t, b, closed_at, pair, closing):
                             break
 
-    def _swings(self, s: int, b: int, phi: float, pair: int, closing: TransitionCollector) -> bool:
+    def _exclude_swings(self, s: int, b: int, phi: float, pair: int, closing: TransitionCollector) -> bool:
         """Exclude the edges into station s that rotate past phi (rad) and collide there; return whether any do."""
         known = self.swept.setdefault((s, b, pair), {})
         if phi not in known:
-            known[phi] = self._swing_over(s, b, phi, pair, closing, any(known.values()))
+            known[phi] = self._exclude_swing_over(s, b, phi, pair, closing, any(known.values()))
         return known[phi]
 
-    def _swing_over(self, s: int, b: int, phi: float, pair: int, closing: TransitionCollector, before: bool) -> bool:
-        """Do the work of :meth:`_swings`; if such edges were excluded ``before``, the blocked ones count as well."""
+    def _exclude_swing_over(
+        self, s: int, b: int, phi: float, pair: int, closing: TransitionCollector, before: bool
+    ) -> bool:
+        """Do the work of :meth:`_exclude_swings`; if such edges were excluded ``before``, the blocked ones
+        count as well.
+        """
         c, st, model = self.candidates, self.path.stations, self.checker.model
         if model is None or self.path.run[st[s]] != self.path.run[st[s - 1]]:
             return False
@@ -269,11 +275,11 @@ class ExclusionTracker:
         over[over] = np.abs(step).max(axis=1, initial=0.0) <= compute_joint_jump_limit(c.stable)
         over[over] = still = closing.open(s, source[over] * B + b, target[over] * B + b)
         source, target, share = source[over], target[over], share[over]
-        closed, ends = before and not still.all(), self._ends(s, source, target, b)
+        closed, ends = before and not still.all(), self._get_edge_ends(s, source, target, b)
         if ends is None or not len(source):
             return closed
         _, at, known = self.checker.on_the_way(int(st[s]), *ends, share)
-        known[known] = self._touching(at[known], pair)
+        known[known] = self._find_touching(at[known], pair)
         if known.any():
             closing.add(s, source[known] * B + b, target[known] * B + b)
             self.banned[s] = pair
@@ -283,7 +289,7 @@ class ExclusionTracker:
         """Return the (n,) rotation in rad along edges into station s."""
         return np.asarray(wrap_angle(self.phi[s, target] - self.phi[s - 1, source]))
 
-    def _ends(
+    def _get_edge_ends(
         self, s: int, source: Rows, target: Rows, b: int
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]] | None:
         """Return rotation (n,) and joints (n, 6) at both ends of edges into station s in one branch; None where
@@ -296,17 +302,17 @@ class ExclusionTracker:
         qa, qb = self.candidates.q[s - 1, source, b], self.candidates.q[s, target, b]
         return (phi, phi + self._turn(s, source, target)), (qa, qa + wrap_angle(qb - qa))
 
-    def _touching(self, q: Array, pair: int) -> NDArray[np.bool_]:
+    def _find_touching(self, q: Array, pair: int) -> NDArray[np.bool_]:
         model = self.checker.model
         return np.zeros(len(q), bool) if model is None else model.check_single_pairs(q, np.full(len(q), pair))
 
-    def _ban(self, ways: list[tuple[int, int, int]]) -> None:
+    def _exclude_ways(self, ways: list[tuple[int, int, int]]) -> None:
         """Exclude edges (station, source, target), and those to the other turns of the targets."""
         if ways:
             s, u, v = (np.repeat(np.array(x, np.int32), self.shape[3]) for x in zip(*ways, strict=True))
             self.edges = self.edges.plus(s, u, v + np.tile(np.arange(self.shape[3], dtype=np.int32), len(ways)))
 
-    def _edge(self, s: int, ru: int, bu: int, r: int, b: int) -> list[tuple[int, int]]:
+    def _list_edge_turns(self, s: int, ru: int, bu: int, r: int, b: int) -> list[tuple[int, int]]:
         """Return the turns in which the edge from a vertex of station s − 1 to one of s is blocked, each with its pair.
 
         The pair is −1 for an edge that has no valid pose in between.

@@ -45,9 +45,9 @@ class GougeResult:
 
     def sentences(self) -> dict[int, str]:
         """Return per planning point the message about the gouge on the way to it."""
-        return {int(p): self._sentence(int(p)) for p in np.flatnonzero(self.deep)}
+        return {int(p): self._describe_gouge(int(p)) for p in np.flatnonzero(self.deep)}
 
-    def _sentence(self, p: int) -> str:
+    def _describe_gouge(self, p: int) -> str:
         x, tip = 1e3 * self.place[p], 1e3 * self.tip[p]
         return (
             f"the cutter gouges the finished part by {1e3 * self.depth[p]:.3f} mm at "
@@ -69,7 +69,7 @@ def find_gouges(path: PlanningPath, cell: Cell, limit: float) -> GougeResult:
     """
     cutter, part = get_cutter_and_part(cell)
     points, between = build_cutter_points(cutter), build_spiral_points(cutter)
-    owner, share = _along(path)
+    owner, share = _place_poses(path)
     n = len(path.index)
     out = GougeResult(limit, np.zeros(n), np.full((n, 3), np.nan), np.full((n, 3), np.nan))
     for start in range(0, len(owner), AT_ONCE):
@@ -105,7 +105,7 @@ def get_cutter_and_part(cell: Cell) -> tuple[CutterGeometry, tuple[CollisionShap
     return cutter, part
 
 
-def _along(path: PlanningPath) -> tuple[Ints, Array]:
+def _place_poses(path: PlanningPath) -> tuple[Ints, Array]:
     """Return the planning point that each pose leads to, and its share of that move, above 0 and 1 at the point."""
     fed = np.asarray(path.move != MoveKind.RAPID)
     joined = np.r_[False, path.run[1:] == path.run[:-1]]

@@ -48,7 +48,7 @@ class PathCollisionChecker:
     step: float  # rad, joint step between collision checks
 
     @classmethod
-    def of(
+    def build(
         cls, path: PlanningPath, arm: PlanningArm, robot: Robot, model: CollisionModel | None, options: PlanOptions
     ) -> PathCollisionChecker:
         """Return the checker of a path with the collision step of the options.
@@ -82,10 +82,12 @@ class PathCollisionChecker:
             stretches += [part for part in parts if len(part)]
         for batch in _group_stretches(stretches):
             part = np.concatenate(batch)
-            hit[part], pair[part], lost[part] = self._known(batch, phi[part], q[part])
+            hit[part], pair[part], lost[part] = self._check_with_cache(batch, phi[part], q[part])
         return PathCollisions(hit, pair, lost)
 
-    def _known(self, batch: list[NDArray[np.intp]], phi: Array, q: Array) -> tuple[Bools, NDArray[np.int32], Bools]:
+    def _check_with_cache(
+        self, batch: list[NDArray[np.intp]], phi: Array, q: Array
+    ) -> tuple[Bools, NDArray[np.int32], Bools]:
         """Return the result of :meth:`stretches`, from the cache where an earlier plan had the same ones."""
         rows = np.concatenate(batch)
 
@@ -118,7 +120,7 @@ class PathCollisionChecker:
         n, lengths = len(rows), [len(part) for part in batch]
         starts = np.zeros(n, bool)
         starts[np.cumsum([0, *lengths[:-1]])] = True
-        dense, owner, lost = self._filled(rows, phi, q, starts)
+        dense, owner, lost = self._refine_long_steps(rows, phi, q, starts)
         hit, pair = np.zeros(n, bool), np.full(n, -1, np.int32)
         if self.model is not None:
             touch = np.repeat(self.path.may_touch[[part[0] for part in batch]], lengths)[owner]
@@ -128,7 +130,7 @@ class PathCollisionChecker:
                 hit[owner[m]], pair[owner[m]] = True, found.pair[m]
         return hit, pair, lost
 
-    def _filled(
+    def _refine_long_steps(
         self, rows: NDArray[np.intp], phi: Array, q: Array, starts: Bools
     ) -> tuple[Array, NDArray[np.intp], Bools]:
         """Return configurations (M, 6 + E), refined where a step is long; also the point (M,) each leads to and lost
@@ -147,13 +149,15 @@ class PathCollisionChecker:
         b, f = owner[inner], share[inner]
         a = b - 1
         g = f[:, None]
-        between, bad = self._between(rows[a], rows[b], f, (1 - f) * phi[a] + f * phi[b], (1 - g) * q[a] + g * q[b])
+        between, bad = self._interpolate_configurations(
+            rows[a], rows[b], f, (1 - f) * phi[a] + f * phi[b], (1 - g) * q[a] + g * q[b]
+        )
         out = self.path.whole(q, rows)[owner]
         out[inner] = between
         lost[b[bad]] = True
         return out, owner, lost
 
-    def _between(
+    def _interpolate_configurations(
         self, a: NDArray[np.intp], b: NDArray[np.intp], f: Array, phi: Array, seed: Array
     ) -> tuple[Array, Bools]:
         """Return configurations (n, 6 + E) at a share f (n,) of the move from planning points a to b (n,), and where
@@ -190,7 +194,9 @@ class PathCollisionChecker:
         pieces = np.maximum(np.ceil(np.abs(q[1] - q[0]).max(axis=1, initial=0.0) / NEAR), 1)
         f = np.clip(np.round(wanted * pieces), 1, np.maximum(pieces - 1, 1)) / pieces
         g, b = f[:, None], np.full(len(f), row, np.intp)
-        at, bad = self._between(b - 1, b, f, (1 - f) * phi[0] + f * phi[1], (1 - g) * q[0] + g * q[1])
+        at, bad = self._interpolate_configurations(
+            b - 1, b, f, (1 - f) * phi[0] + f * phi[1], (1 - g) * q[0] + g * q[1]
+        )
         return f, at, ~bad & (pieces > 1)
 
 

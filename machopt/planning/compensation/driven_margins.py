@@ -55,7 +55,7 @@ def find_lost_margin(planned: Plan, driven: Plan) -> SequenceBreak | None:
         planned: plan as chosen.
         driven: the same plan with the driven rotation.
     """
-    rows = _lost(planned, driven)
+    rows = _find_lost_points(planned, driven)
     if not len(rows):
         return None
     at = float(planned.path.index[rows[0]])
@@ -77,7 +77,7 @@ def find_runs_with_lost_margins(planned: Plan, driven: Plan) -> set[int]:
         planned: plan as chosen.
         driven: the same plan with the driven rotation.
     """
-    return set(planned.path.run[_lost(planned, driven)].tolist())
+    return set(planned.path.run[_find_lost_points(planned, driven)].tolist())
 
 
 def add_margin_reserve(options: PlanOptions, planned: Plan, driven: Plan) -> PlanOptions:
@@ -88,7 +88,7 @@ def add_margin_reserve(options: PlanOptions, planned: Plan, driven: Plan) -> Pla
         planned: plan as chosen.
         driven: the same plan with the driven rotation.
     """
-    rows, a, arm = _lost(planned, driven), driven.chosen.assignment, driven.setup.arm
+    rows, a, arm = _find_lost_points(planned, driven), driven.chosen.assignment, driven.setup.arm
     m, q = arm.margins, a.q[rows]
 
     def more(short: Array) -> float:
@@ -120,7 +120,7 @@ def restore_requested_margins(reserved: Plan, options: PlanOptions, arm: Plannin
     return replace(reserved, options=options, setup=replace(reserved.setup, arm=arm))
 
 
-def _lost(planned: Plan, driven: Plan) -> NDArray[np.intp]:
+def _find_lost_points(planned: Plan, driven: Plan) -> NDArray[np.intp]:
     """Return the rows of points that are feasible as planned and infeasible as driven."""
     before, after = (p.chosen.assignment.reason for p in (planned, driven))
     return np.flatnonzero((before == InfeasibilityReason.OK) & (after != InfeasibilityReason.OK))

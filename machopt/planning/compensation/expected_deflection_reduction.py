@@ -94,7 +94,7 @@ def predict_removals(
         for share, rule in zip(SHARES, RULE, strict=True):
             for own, mine in plan.among(end[some]):
                 rows = end[some][mine]
-                shift, d = _drawn(own, rows - (rows[0] - plan.at(int(rows[0]))[1]), share, doubt)
+                shift, d = _draw_deflections(own, rows - (rows[0] - plan.at(int(rows[0]))[1]), share, doubt)
                 d = d * load[some][mine][:, None]
                 rest, whole = np.linalg.norm(shift[..., None] + d, axis=1), np.linalg.norm(d, axis=1)
                 weight, to = rule * length[some][mine][:, None], group[some][mine]
@@ -102,9 +102,9 @@ def predict_removals(
                 np.add.at(bent, to, weight * whole)
                 np.maximum.at(worst, to, rest)
     cut = np.flatnonzero(length_cut > 0)
-    parts = [_removal(labels[k], left[k] / length_cut[k], bent[k] / length_cut[k], worst[k]) for k in cut]
+    parts = [_build_removal(labels[k], left[k] / length_cut[k], bent[k] / length_cut[k], worst[k]) for k in cut]
     total = length_cut.sum()
-    return (_removal("", left.sum(axis=0) / total, bent.sum(axis=0) / total, worst.max(axis=0)), *parts)
+    return (_build_removal("", left.sum(axis=0) / total, bent.sum(axis=0) / total, worst.max(axis=0)), *parts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +121,8 @@ class _DeflectionDraws:
     def build(cls, plan: Plan) -> _DeflectionDraws | None:
         """Return the draws; None where the stiffness file says nothing of its error."""
         elasticity, limits = plan.setup.elasticity, plan.setup.cell.limits
-        spread = StiffnessSpread.of(elasticity, (limits.lower[:6], limits.upper[:6]))
-        found = DiscrepancyModel.of(elasticity) or DiscrepancyModel.of_springs(elasticity)
+        spread = StiffnessSpread.build(elasticity, (limits.lower[:6], limits.upper[:6]))
+        found = DiscrepancyModel.build(elasticity) or DiscrepancyModel.of_springs(elasticity)
         if found is None and not spread.is_known:
             return None
         draws = build_draws(spread, POWER).take_first(DRAWS)
@@ -166,7 +166,9 @@ class _DeflectionDraws:
         return out
 
 
-def _drawn(plan: Plan, end: NDArray[np.intp], share: float, doubt: _DeflectionDraws | None) -> tuple[Array, Array]:
+def _draw_deflections(
+    plan: Plan, end: NDArray[np.intp], share: float, doubt: _DeflectionDraws | None
+) -> tuple[Array, Array]:
     """Return the (S, 3) shift and (S, 3, draws) deflections in base_link at one place of each segment that ends at
     ``end``.
     """
@@ -183,7 +185,7 @@ def _drawn(plan: Plan, end: NDArray[np.intp], share: float, doubt: _DeflectionDr
     return shift, np.concatenate([d, d + doubt.compute_errors(elastic, between, force)], axis=2)
 
 
-def _removal(label: str, left: Array, bent: Array, worst: Array) -> DeflectionRemoval:
+def _build_removal(label: str, left: Array, bent: Array, worst: Array) -> DeflectionRemoval:
     out = DeflectionRemoval(
         label=label,
         bent=float(bent[0]),
@@ -200,13 +202,13 @@ def _removal(label: str, left: Array, bent: Array, worst: Array) -> DeflectionRe
     high = 1.0 - least * (1.0 - out.removed)  # of what is removed: what no shift removes grows with the deflection
     return replace(
         out,
-        left90=_ninety(left[1:], least * out.left),
-        worst90=_ninety(worst[1:], least * out.worst),
+        left90=_compute_ninety_interval(left[1:], least * out.left),
+        worst90=_compute_ninety_interval(worst[1:], least * out.worst),
         removed90=(float(np.quantile(share, 0.05)), max(float(np.quantile(share, 0.95)), high)),
     )
 
 
-def _ninety(values: Array, own: float) -> Interval:
+def _compute_ninety_interval(values: Array, own: float) -> Interval:
     """Return the 90 % interval of a quantity that is better the smaller it is."""
     low, high = np.quantile(values, [0.05, 0.95])
     return min(float(low), own), float(high)

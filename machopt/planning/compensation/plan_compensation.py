@@ -78,7 +78,7 @@ def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
     )
 
     def carried(scored: ScoredAssignment) -> ScoredAssignment:
-        assignment = _between(plan, path, rows, scored.assignment)
+        assignment = _interpolate_assignment(plan, path, rows, scored.assignment)
         return rescore_plan(replace(refined, chosen=scored), assignment).chosen
 
     return replace(
@@ -86,7 +86,9 @@ def add_corner_points(plan: Plan, toolpath: Toolpath, length: float) -> Plan:
     )
 
 
-def _between(plan: Plan, path: PlanningPath, rows: NDArray[np.intp], a: JointAssignment) -> JointAssignment:
+def _interpolate_assignment(
+    plan: Plan, path: PlanningPath, rows: NDArray[np.intp], a: JointAssignment
+) -> JointAssignment:
     """Return the assignment at more points; at the old ones (``rows``) unchanged to the last bit."""
     index = plan.path.index
     phi = np.interp(path.index, index, a.phi)

@@ -86,17 +86,17 @@ def shift_path(plan: Plan, length: float, fade: float | None = None) -> Plan:
         push = setup.arm.directions(path.external[known], force[known])
         bent = plan.directions.elastic(plan.setup.elasticity, q, known).compute_deflection(push)
         offset[known] = -setup.arm.back(path.external[known], bent)
-        offset = _filled(path, offset, before.reason == InfeasibilityReason.OK)
+        offset = _fill_offsets(path, offset, before.reason == InfeasibilityReason.OK)
         moved = path.shift_positions(offset)
         after = solve_joint_path(moved, setup.arm, setup.robot, before.phi, before.q)
     reason, check, notes = after.reason.copy(), plan.check, dict(plan.notes)
     keep = before.reason != InfeasibilityReason.OK  # excluded points stay excluded
-    for p, why in _refused(plan, offset, length, length if fade is None else fade).items():
+    for p, why in _find_refused_points(plan, offset, length, length if fade is None else fade).items():
         if reason[p] == InfeasibilityReason.OK:
             reason[p], notes[p] = InfeasibilityReason.SHIFT, why
     reason[keep] = before.reason[keep]
     if setup.collision is not None:
-        checker = PathCollisionChecker.of(moved, setup.arm, setup.robot, setup.collision, plan.options)
+        checker = PathCollisionChecker.build(moved, setup.arm, setup.robot, setup.collision, plan.options)
         check = checker.whole(after.phi, np.where((reason == InfeasibilityReason.OK)[:, None], after.q, np.nan))
         reason[check.hit & (reason == InfeasibilityReason.OK)] = InfeasibilityReason.COLLIDING
     after = replace(after, reason=reason)
@@ -109,11 +109,14 @@ def shift_path(plan: Plan, length: float, fade: float | None = None) -> Plan:
     )
     out = rescore_plan(replace(plan, setup=setup, path=moved, check=check, compensation=found, notes=notes), after)
     # the baselines with the same lengths, which the shift changes by some micrometres
-    weighed = [replace(s, objective=_objective(out, s.assignment, s.cost)) for s in (plan.jiao2022, plan.cam_default)]
+    weighed = [
+        replace(s, objective=_compute_shifted_objective(out, s.assignment, s.cost))
+        for s in (plan.jiao2022, plan.cam_default)
+    ]
     return replace(out, jiao2022=weighed[0], cam_default=weighed[1])
 
 
-def _filled(path: PlanningPath, offset: Array, there: NDArray[np.bool_]) -> Array:
+def _fill_offsets(path: PlanningPath, offset: Array, there: NDArray[np.bool_]) -> Array:
     """Return the offsets, interpolated linearly where a point of the run has no configuration."""
     out = offset.copy()
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.position, axis=0), axis=1))])
@@ -126,11 +129,11 @@ def _filled(path: PlanningPath, offset: Array, there: NDArray[np.bool_]) -> Arra
     return out
 
 
-def _refused(plan: Plan, offset: Array, length: float, fade: float) -> dict[int, str]:
+def _find_refused_points(plan: Plan, offset: Array, length: float, fade: float) -> dict[int, str]:
     """Return the planning points whose shift is refused, with the reason."""
     path, most = plan.path, plan.options.compensation_max
     size, slope = np.linalg.norm(offset, axis=1), compute_offset_slope(path, offset)
-    deflection = _nearby(path, plan, 2.0 * max(length, fade))
+    deflection = _compute_greatest_nearby(path, plan, 2.0 * max(length, fade))
     out = {}
     for p in np.flatnonzero((size > most) | (slope > STEEPEST) | (size > MENDS * deflection + NOTHING)):
         message = f"the shift against the deflection is refused: it is {1e3 * size[p]:.3f} mm"
@@ -143,7 +146,7 @@ def _refused(plan: Plan, offset: Array, length: float, fade: float) -> dict[int,
     return out
 
 
-def _nearby(path: PlanningPath, plan: Plan, reach: float) -> Array:
+def _compute_greatest_nearby(path: PlanningPath, plan: Plan, reach: float) -> Array:
     """Return the (P,) greatest deflection in m within a reach in m of each point, along its run."""
     q, ok = plan.chosen.assignment.q, np.isfinite(plan.chosen.assignment.q).all(axis=1)
     bent = np.zeros(len(q))
@@ -174,11 +177,11 @@ def rescore_plan(plan: Plan, assignment: JointAssignment) -> Plan:
     cost[ok] = compute_configuration_cost(
         plan.setup.elasticity, plan.directions, ok, assignment.q[ok], plan.scores.index
     )
-    value = _objective(plan, assignment, cost)
+    value = _compute_shifted_objective(plan, assignment, cost)
     return replace(plan, chosen=replace(plan.chosen, assignment=assignment, cost=cost, objective=value))
 
 
-def _objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
+def _compute_shifted_objective(plan: Plan, a: JointAssignment, cost: Array) -> PlanObjective:
     pricing = None if plan.pricing is None else plan.pricing.with_path(plan.path, plan.directions)
     x, rapid = plan.setup.in_rad(plan.path, a.q), plan.scores.rapid
     costs = AssignmentCosts(
@@ -217,7 +220,7 @@ def compute_residual(plan: Plan) -> CompensationResidual | None:
     if plan.compensation is None:
         return None
     if plan.parts:
-        return _of_all(
+        return _join_residuals(
             [(part.share, found) for part in plan.parts if (found := compute_residual(part.plan)) is not None]
         )
     path, arm = plan.path, plan.setup.arm
@@ -262,7 +265,7 @@ def get_segment_force(plan: Plan, end: NDArray[np.intp]) -> Array:
     return np.where(begin.any(axis=1, keepdims=True), begin, plan.directions.force[end])
 
 
-def _of_all(parts: list[tuple[float, CompensationResidual]]) -> CompensationResidual | None:
+def _join_residuals(parts: list[tuple[float, CompensationResidual]]) -> CompensationResidual | None:
     """Return the residual of a whole job from its stretches, each with its share of the length cut."""
     if not parts:
         return None

@@ -100,7 +100,7 @@ class BorderedSystem:
         if self.border:
             side, corner = low[:, : self.inner], low[:, self.inner :]
             corner = np.tril(corner) + np.tril(corner, -1).T + more * np.eye(self.border)
-            first = _band_solved(factor, np.hstack([inner, side.T]))
+            first = _solve_band(factor, np.hstack([inner, side.T]))
             try:
                 schur = cho_factor(corner - side @ first[:, right.shape[1] :], lower=True)
             except LinAlgError:
@@ -108,11 +108,11 @@ class BorderedSystem:
             below = cho_solve(schur, below - side @ first[:, : right.shape[1]])
             inner = first[:, : right.shape[1]] - first[:, right.shape[1] :] @ below
         else:
-            inner = _band_solved(factor, inner)
+            inner = _solve_band(factor, inner)
         out = np.empty_like(right)
         out[self.order] = np.vstack([inner, below])
         return out
 
 
-def _band_solved(factor: Array, right: Array) -> Array:
+def _solve_band(factor: Array, right: Array) -> Array:
     return np.asarray(dpbtrs(factor, right, lower=1)[0]) if len(right) else right

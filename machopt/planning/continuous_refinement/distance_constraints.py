@@ -40,9 +40,9 @@ def add_distance_constraints(
         return bounds
     sides = np.concatenate([np.zeros((1, d)), STENCIL * np.eye(d), -STENCIL * np.eye(d)])
     neighbours = x[at, None] + np.einsum("nkd,sd->nsk", lean[at], sides)
-    distance = _room(model, neighbours.reshape(-1, neighbours.shape[2]), np.repeat(cutting[at], len(sides))).reshape(
-        len(at), -1
-    )
+    distance = _compute_distance_margin(
+        model, neighbours.reshape(-1, neighbours.shape[2]), np.repeat(cutting[at], len(sides))
+    ).reshape(len(at), -1)
     slope[at, 0] = (distance[:, 1 : 1 + d] - distance[:, 1 + d :]) / (2.0 * STENCIL)
     lower[at, 0] = np.minimum(KEPT - distance[:, 0], 0.0)
     return replace(
@@ -53,7 +53,7 @@ def add_distance_constraints(
     )
 
 
-def _room(model: CollisionModel, x: Array, cutting: Bools) -> Array:
+def _compute_distance_margin(model: CollisionModel, x: Array, cutting: Bools) -> Array:
     """Return the (S,) distance in m to the nearest body beyond the clearance."""
     found = model.find_nearest_pair(x, cutting, FAR + model.clearance)
     clearance = np.array([pair.clearance for pair in model.pairs] or [0.0])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from machopt.numerics.array_types import Array, Bools
-from machopt.planning.external_axes.moving_axis_search import SHORTEST
+from machopt.planning.external_axes.axis_curve_smoothing import SHORTEST
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.smoothing.corridor import compute_turning_length
 from machopt.planning.smoothing.cubic_curves import build_design_matrix
@@ -32,7 +32,7 @@ class OffsetCurves:
     shared: Bools  # (m,) several runs have the coefficient
 
     @classmethod
-    def of(cls, path: PlanningPath, groups: Sequence[OperationGroup], held: Bools | None = None) -> OffsetCurves:
+    def build(cls, path: PlanningPath, groups: Sequence[OperationGroup], held: Bools | None = None) -> OffsetCurves:
         """Build the curves along a path that contains all runs of the groups.
 
         Args:
@@ -53,12 +53,12 @@ class OffsetCurves:
             ]
             for points in rows:
                 turning = compute_turning_length(path, points[0], points[-1])
-                turns = _basis(turning, _intervals(path, points, points[-1] - points[0], 0.0))
-                blocks.append((points, 0, _off(turns, held[points, 0])))
+                turns = _build_spline_basis(turning, _count_intervals(path, points, points[-1] - points[0], 0.0))
+                blocks.append((points, 0, _build_zero_basis(turns, held[points, 0])))
                 length = path.s[points] - path.s[points[0]]
                 for k in free[group.moving[free]]:
-                    ways = _basis(length, _intervals(path, points, 0, 0.5))
-                    blocks.append((points, 1 + int(k), _off(ways, held[points, 1 + int(k)])))
+                    ways = _build_spline_basis(length, _count_intervals(path, points, 0, 0.5))
+                    blocks.append((points, 1 + int(k), _build_zero_basis(ways, held[points, 1 + int(k)])))
         values, i, j, shared, column = [], [], [], [], 0
         for points, variable, basis in blocks:
             row, own = np.nonzero(basis)
@@ -73,7 +73,7 @@ class OffsetCurves:
         return cls(every[rows], every, np.array(shared, bool))
 
 
-def _intervals(path: PlanningPath, points: NDArray[np.intp], most: int, shortest: float) -> int:
+def _count_intervals(path: PlanningPath, points: NDArray[np.intp], most: int, shortest: float) -> int:
     """Return the number of spline intervals of a run, 0 where it keeps one value.
 
     Args:
@@ -96,12 +96,12 @@ def _intervals(path: PlanningPath, points: NDArray[np.intp], most: int, shortest
     return max(count, 1)
 
 
-def _off(basis: Array, is_fixed: Bools) -> Array:
+def _build_zero_basis(basis: Array, is_fixed: Bools) -> Array:
     """Return the curves (n, k) that are zero at all of some places (n,)."""
     return np.asarray(basis[:, ~(basis[is_fixed] != 0.0).any(axis=0)])
 
 
-def _basis(along: Array, intervals: int) -> Array:
+def _build_spline_basis(along: Array, intervals: int) -> Array:
     """Return (n, k) cubic B-splines at places along a run; one constant where there are no intervals."""
     length = float(along[-1])
     if intervals == 0 or length <= 0.0:

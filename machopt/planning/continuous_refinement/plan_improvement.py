@@ -133,7 +133,7 @@ class _Passes:
                 start = None
                 if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
                     break
-                better = self._part_of(stages[-1], proposed)
+                better = self._find_best_share(stages[-1], proposed)
             if better is None:
                 break
             gained = self.job.worth.plan(stages[-1]) - self.job.worth.plan(better)
@@ -143,28 +143,30 @@ class _Passes:
         for last in reversed(stages[1:]):
             if self.job.worth.plan(last) >= min(below, self.job.worth.plan(self.plan)):
                 break
-            whole, searched = self._whole(last)
-            if self._better(whole, self.plan):
+            whole, searched = self._plan_completely(last)
+            if self._is_better(whole, self.plan):
                 return whole, searched
         return self.plan, False
 
     def planned_again(self) -> Plan:
         """Return the plan planned in full by its own options; its own rotation where no other is better."""
         is_incomplete = self.plan.found is None or bool(self.plan.breaks) or len(self.plan.missing) > 0
-        searched = self._planned(self.plan, self.plan.path, np.inf if is_incomplete else _as_searched(self.plan))
+        searched = self._plan_path_again(
+            self.plan, self.plan.path, np.inf if is_incomplete else _compute_searched_objective(self.plan)
+        )
         if is_incomplete:
             return searched
-        own = replace(_own(searched, self.plan), over_external=self.plan.over_external)
+        own = replace(_restore_rotation(searched, self.plan), over_external=self.plan.over_external)
         return (
             searched
-            if self._better(searched, own) and is_drivable(searched, self.job.toolpath, self.job.clock)
+            if self._is_better(searched, own) and is_drivable(searched, self.job.toolpath, self.job.clock)
             else own
         )
 
-    def _better(self, one: Plan, other: Plan) -> bool:
+    def _is_better(self, one: Plan, other: Plan) -> bool:
         return not one.breaks and not len(one.missing) and self.job.worth.plan(one) < self.job.worth.plan(other)
 
-    def _part_of(self, plan: Plan, proposed: RefinementResult) -> Plan | None:
+    def _find_best_share(self, plan: Plan, proposed: RefinementResult) -> Plan | None:
         """Return the plan with the largest share of the offsets that makes it better and drivable; None where none
         does.
         """
@@ -174,24 +176,24 @@ class _Passes:
             phi = a.phi + share * (proposed.phi - a.phi)
             seed = proposed.seed if share == 1.0 else a.q + share * (proposed.seed - a.q)
             path = fix_external_axes(plan.path, external)
-            there = replace(plan, path=path, directions=_directions(plan, path))
-            found = self._turned(there, phi, seed)
-            if found is not None and self._better(found, plan):
+            there = replace(plan, path=path, directions=_compute_directions(plan, path))
+            found = self._plan_with_rotation(there, phi, seed)
+            if found is not None and self._is_better(found, plan):
                 return found
         return None
 
-    def _whole(self, plan: Plan) -> tuple[Plan, bool]:
+    def _plan_completely(self, plan: Plan) -> tuple[Plan, bool]:
         """Return the fully planned plan, with its own rotation or a searched one, and whether the latter is so much
         better that another refinement is worth it.
         """
-        searched = self._planned(plan, plan.path, _as_searched(plan))
-        own = _own(searched, plan)
-        if searched.breaks or len(searched.missing) or self._better(own, searched):
+        searched = self._plan_path_again(plan, plan.path, _compute_searched_objective(plan))
+        own = _restore_rotation(searched, plan)
+        if searched.breaks or len(searched.missing) or self._is_better(own, searched):
             return own, False
         gained = self.job.worth.plan(own) - self.job.worth.plan(searched)
         return searched, gained >= GAINS * searched.chosen.objective.total
 
-    def _planned(self, plan: Plan, path: PlanningPath, below: float = np.inf) -> Plan:
+    def _plan_path_again(self, plan: Plan, path: PlanningPath, below: float = np.inf) -> Plan:
         return planned(
             plan.setup.cell,
             self.job.toolpath,
@@ -203,7 +205,7 @@ class _Passes:
             before=self.job.before,
         )
 
-    def _turned(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
+    def _plan_with_rotation(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
         """Return the plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it is
         infeasible.
         """
@@ -213,16 +215,18 @@ class _Passes:
         a = solve_joint_path(path, setup.arm, setup.robot, phi, seed)
         if (a.reason != InfeasibilityReason.OK).any() or not is_assignment_allowed(a, path, plan.options):
             return None
-        check = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
+        check = PathCollisionChecker.build(path, setup.arm, setup.robot, setup.collision, plan.options).whole(
+            a.phi, a.q
+        )
         return replace(rescore_plan(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None
 
 
-def _own(searched: Plan, plan: Plan) -> Plan:
+def _restore_rotation(searched: Plan, plan: Plan) -> Plan:
     """Return the searched plan with the rotation of a plan of the same external joints and unit."""
     return replace(searched, chosen=plan.chosen, chosen_from=plan.chosen_from, check=plan.check, breaks=())
 
 
-def _as_searched(plan: Plan) -> float:
+def _compute_searched_objective(plan: Plan) -> float:
     """Return J of a plan as the search counts it: the travel of its external joints, a constant there, is left out."""
     a, objective, cell = plan.chosen.assignment, plan.chosen.objective, plan.setup.cell
     late = compute_lost_time(plan.path, plan.setup.drives, plan.options, a.q, a.phi)
@@ -233,5 +237,5 @@ def _as_searched(plan: Plan) -> float:
     )
 
 
-def _directions(plan: Plan, path: PlanningPath) -> LoadDirections:
+def _compute_directions(plan: Plan, path: PlanningPath) -> LoadDirections:
     return compute_load_directions(path, plan.setup.arm, plan.setup.elasticity, plan.options.force)

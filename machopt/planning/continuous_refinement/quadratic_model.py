@@ -91,7 +91,7 @@ class AbsoluteValueTerms:
     beside: Array  # (n, d) linear part: a one-sided bound is half an absolute value plus half a line
 
     @classmethod
-    def of(cls, steps: TransitionTerms, bounds: OffsetBounds) -> AbsoluteValueTerms:
+    def build(cls, steps: TransitionTerms, bounds: OffsetBounds) -> AbsoluteValueTerms:
         """Return the terms of all steps and bounds; those that cannot become active within the bounds are left out.
 
         Args:
@@ -125,7 +125,7 @@ class QuadraticModel:
     """Quadratic model of J as a function of the coefficients."""
 
     def __init__(self, local: LocalModel, steps: TransitionTerms, bounds: OffsetBounds, curves: BorderedSystem) -> None:
-        self.curves, self.kinks, self.shape = curves, AbsoluteValueTerms.of(steps, bounds), local.gradient.shape
+        self.curves, self.kinks, self.shape = curves, AbsoluteValueTerms.build(steps, bounds), local.gradient.shape
         self.counted: Bools = np.asarray(local.counted & (local.worst > 0.0))
         self.worst = local.worst if self.counted.any() else 0.0
         self.gradient, self.hessian = local.gradient + self.kinks.beside, np.ascontiguousarray(local.hessian)

@@ -81,10 +81,10 @@ class StationState:
     @property
     def margins(self) -> Array:
         """(n, 3) singularity margins of shoulder, elbow and wrist."""
-        return _margins(self.found)
+        return _compute_margins(self.found)
 
 
-def _margins(found: JointAssignment) -> Array:
+def _compute_margins(found: JointAssignment) -> Array:
     """(n, 3) of shoulder, elbow and wrist, :data:`NEVER` where an arm without a spherical wrist has one at infinity."""
     return np.minimum(np.column_stack([found.shoulder, found.elbow, found.wrist]), NEVER)
 
@@ -120,18 +120,18 @@ class PlanRefinement:
         for group, rows in zip(groups, own, strict=True):
             self.range[0][rows], self.range[1][rows] = group.low, group.high
             room[rows] = np.where(group.moving, ROOM, 0.0) * (group.high - group.low)
-            self._wished(group, rows, is_fixed)
+            self._apply_wishes(group, rows, is_fixed)
         self.held = is_fixed
         self.inner = self.range[0] + room, self.range[1] - room
         self.low, self.high = (bound[self.rows] for bound in self.inner)
-        self.curves = OffsetCurves.of(self.path, groups, is_fixed)
+        self.curves = OffsetCurves.build(self.path, groups, is_fixed)
         self.tied = BorderedSystem(self.curves.at_stations, 1 + plan.path.external.shape[1], self.curves.shared)
         self.terms = ObjectiveTerms.at_stations(self.path, plan.setup.velocity, plan.options)
         self.across = compute_sideways_directions(self.path)
         self.per, self.worth = plan.setup.per_rad[6:], worth
         self.touching = np.zeros(len(self.rows), bool)  # (n,) stations where a step has led to a contact
 
-    def _wished(self, group: OperationGroup, own: Bools, held: Bools) -> None:
+    def _apply_wishes(self, group: OperationGroup, own: Bools, held: Bools) -> None:
         """Apply the user's requests about moving joints of a group: pins fix a value, a zone keeps them on one side."""
         at = np.arange(len(own))
         for wish in group.stands:
@@ -159,19 +159,19 @@ class PlanRefinement:
         if here is None:
             return None
         first, trust = here.merit, np.full((len(rows), 1 + len(self.per)), self.trust)
-        initial = self._begun(RefinementStart(phi, external, q) if start is None else start)
+        initial = self._build_start_state(RefinementStart(phi, external, q) if start is None else start)
         if initial is not None:
             here, phi, external = initial
         elif start is not None:
             return None
         coefficients = np.zeros(self.curves.at_points.shape[1])
         for _ in range(ROUNDS):
-            local = self._local(here)
+            local = self._build_local_model(here)
             there, first_try = None, True
             for _ in range(TRIES):
-                bounds = self._bounds(here, local, trust)
-                step = minimize_quadratic_model(local, self._steps(here, local), bounds, self.tied)
-                there = self._tried(here, step, trust)
+                bounds = self._build_bounds(here, local, trust)
+                step = minimize_quadratic_model(local, self._build_transition_terms(here, local), bounds, self.tied)
+                there = self._try_step(here, step, trust)
                 if there is not None or trust.max() < LEAST_TRUST:
                     break
                 first_try = False
@@ -190,7 +190,7 @@ class PlanRefinement:
             phi + moved[:, 0], external, interpolate_between_stations(self.path, here.q), first - here.merit
         )
 
-    def _begun(self, start: RefinementStart) -> tuple[StationState, Array, Array] | None:
+    def _build_start_state(self, start: RefinementStart) -> tuple[StationState, Array, Array] | None:
         """Return the state at the curves nearest to a start, nearer to the plan where a pose is lost; None if that
         fails too.
 
@@ -205,18 +205,18 @@ class PlanRefinement:
             there = start.nearer(self.plan.chosen.assignment.phi, self.plan.path.external, share)
             phi, e = there.fitted(self.curves, self.per, np.where(share < 1.0, CLOSER, 1.0))
             e = np.clip(e, *self.inner)
-            if not self._within(phi):
+            if not self._is_within_bounds(phi):
                 return None
             seed = find_nearby_seeds(self.path, self.setup.arm, rows, phi[rows], e[rows], start.seed[rows])
-            found, cost = self._solved(phi[rows], e[rows], seed)
-            lost = self._lost(found, e[rows]) | ~np.isfinite(cost)
+            found, cost = self._solve_stations(phi[rows], e[rows], seed)
+            lost = self._find_lost_stations(found, e[rows]) | ~np.isfinite(cost)
             if not lost.any():
-                merit = self._merit(phi[rows], e[rows], found.q, cost)
+                merit = self._compute_merit(phi[rows], e[rows], found.q, cost)
                 return StationState(phi=phi[rows], e=e[rows], found=found, q=found.q, cost=cost, merit=merit), phi, e
             left |= lost
         return None
 
-    def _within(self, phi: Array) -> bool:
+    def _is_within_bounds(self, phi: Array) -> bool:
         """Return whether the user's rotation bounds hold at all planning points (P,) rad."""
         low, high = self.options.rotation_range
         gamma = np.asarray(wrap_angle(phi + self.path.offset))
@@ -224,7 +224,7 @@ class PlanRefinement:
 
     # --- exact --------------------------------------------------------------------------------------------------------
 
-    def _solved(self, phi: Array, e: Array, seed: Array) -> tuple[JointAssignment, Array]:
+    def _solve_stations(self, phi: Array, e: Array, seed: Array) -> tuple[JointAssignment, Array]:
         """Return the poses at the stations, and their index in units of c₀, NaN where there is none."""
         rows, setup = self.rows, self.setup
         external = self.path.external.copy()
@@ -242,12 +242,14 @@ class PlanRefinement:
 
     def _state(self, phi: Array, e: Array, seed: Array) -> StationState | None:
         """Return the state if all stations have a pose without contact; else None."""
-        found, cost = self._solved(phi, e, seed)
-        if self._lost(found, e).any() or not np.isfinite(cost).all():
+        found, cost = self._solve_stations(phi, e, seed)
+        if self._find_lost_stations(found, e).any() or not np.isfinite(cost).all():
             return None
-        return StationState(phi=phi, e=e, found=found, q=found.q, cost=cost, merit=self._merit(phi, e, found.q, cost))
+        return StationState(
+            phi=phi, e=e, found=found, q=found.q, cost=cost, merit=self._compute_merit(phi, e, found.q, cost)
+        )
 
-    def _lost(self, found: JointAssignment, e: Array) -> Bools:
+    def _find_lost_stations(self, found: JointAssignment, e: Array) -> Bools:
         """Return the (n,) stations without a pose, or whose pose has a contact."""
         lost = np.asarray(found.reason != InfeasibilityReason.OK)
         if self.setup.collision is not None and not lost.all():
@@ -256,7 +258,7 @@ class PlanRefinement:
             lost[there] |= self.setup.collision.check_configurations(x, self.path.may_touch[self.rows][there]).hit
         return lost
 
-    def _merit(self, phi: Array, e: Array, q: Array, cost: Array) -> float:
+    def _compute_merit(self, phi: Array, e: Array, q: Array, cost: Array) -> float:
         terms, w = self.terms, self.options.weights
         x = np.hstack([q, e * self.per])
         total = terms.nodes(cost, phi).sum() + terms.steps(x, phi).sum()
@@ -265,14 +267,14 @@ class PlanRefinement:
 
     # --- the model ----------------------------------------------------------------------------------------------------
 
-    def _local(self, here: StationState) -> LocalModel:
+    def _build_local_model(self, here: StationState) -> LocalModel:
         """Return joints and margins to first order and the index to second, from differences around the poses."""
         n, d = len(here.phi), 1 + len(self.per)
         free = np.flatnonzero(np.r_[True, (self.high > self.low).any(axis=0)])
 
         def at(z: Array) -> tuple[Array, Array, Array]:
-            found, cost = self._solved(here.phi + z[0], here.e + z[1:] / self.per, here.q)
-            return found.q, _margins(found), cost
+            found, cost = self._solve_stations(here.phi + z[0], here.e + z[1:] / self.per, here.q)
+            return found.q, _compute_margins(found), cost
 
         h, unit = STENCIL, np.eye(d)
         q, margins, cost = (np.zeros((n, k, d)) for k in (6, 3, 1))
@@ -308,7 +310,7 @@ class PlanRefinement:
             bend=hessian, counted=self.terms.counted, worst=w.worst,
         )  # fmt: skip
 
-    def _steps(self, here: StationState, local: LocalModel) -> TransitionTerms:
+    def _build_transition_terms(self, here: StationState, local: LocalModel) -> TransitionTerms:
         """Return all absolute values along the stations: joints, external joints and rotation."""
         n, d = local.gradient.shape
         terms, w, E = self.terms, self.options.weights, d - 1
@@ -329,7 +331,7 @@ class PlanRefinement:
             slowness=slowness,
         )
 
-    def _bounds(self, here: StationState, local: LocalModel, trust: Array) -> OffsetBounds:
+    def _build_bounds(self, here: StationState, local: LocalModel, trust: Array) -> OffsetBounds:
         """Return the bounds of z: trust region, ranges, limits of the arm and its singularity margins."""
         arm, low, high = self.setup.arm, -trust.copy(), trust.copy()
         low[~local.known] = high[~local.known] = 0.0
@@ -362,13 +364,13 @@ class PlanRefinement:
         may_touch = self.path.may_touch[self.rows]
         return add_distance_constraints(bounds, model, np.hstack([here.q, here.e]), ahead, may_touch, self.touching)
 
-    def _tried(self, here: StationState, step: Array, trust: Array) -> StationState | None:
+    def _try_step(self, here: StationState, step: Array, trust: Array) -> StationState | None:
         """Return the state after a step if J is smaller there; else None, with a smaller ``trust`` on failure."""
         z = (self.curves.at_stations @ step).reshape(trust.shape)
         low, high = (bound[self.rows] for bound in self.range)
         phi, e = here.phi + z[:, 0], np.clip(here.e + z[:, 1:] / self.per, low, high)
-        found, cost = self._solved(phi, e, here.q)
-        lost = self._lost(found, e) | ~np.isfinite(cost)
+        found, cost = self._solve_stations(phi, e, here.q)
+        lost = self._find_lost_stations(found, e) | ~np.isfinite(cost)
         self.touching |= lost & (found.reason == InfeasibilityReason.OK)
         if lost.any():
             run = self.path.run[self.rows]
@@ -377,7 +379,7 @@ class PlanRefinement:
                 rows = np.arange(len(run))[neighbours][run[neighbours] == run[k]]
                 trust[rows] = np.minimum(trust[rows], 0.3 * np.abs(z[rows]).max(initial=LEAST_TRUST))
             return None
-        merit = self._merit(phi, e, found.q, cost)
+        merit = self._compute_merit(phi, e, found.q, cost)
         if merit < here.merit:
             return StationState(phi=phi, e=e, found=found, q=found.q, cost=cost, merit=merit)
         trust *= 0.3

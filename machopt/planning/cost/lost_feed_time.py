@@ -59,7 +59,7 @@ class FeedMotion:
     seconds: Array  # (N,) s of the path that the place represents
 
     @classmethod
-    def of(cls, path: PlanningPath, arm: PlanningArm, options: PlanOptions) -> FeedMotion:
+    def build(cls, path: PlanningPath, arm: PlanningArm, options: PlanOptions) -> FeedMotion:
         """Return the motion at every planning point, without spin about the tool axis.
 
         The segment that leaves a point counts, at the end of a run the one that arrives.
@@ -155,7 +155,7 @@ def compute_lost_time(path: PlanningPath, drives: ArmDrives, options: PlanOption
     """
     if options.weights.feed == 0.0:
         return 0.0
-    motion = FeedMotion.of(path, drives.arm, options)
+    motion = FeedMotion.build(path, drives.arm, options)
     seconds = np.diff(path.time)
     known = (path.run[1:] == path.run[:-1]) & (seconds > 0) & np.isfinite(phi[1:]) & np.isfinite(phi[:-1])
     spin = np.zeros(len(phi))
@@ -180,7 +180,7 @@ def compute_grid_price(
     """
     if options.weights.feed == 0.0:
         return None
-    motion = FeedMotion.of(path, drives.arm, options).at_stations(path)
+    motion = FeedMotion.build(path, drives.arm, options).at_stations(path)
     usable = candidates.usable & (motion.seconds > 0)[:, None, None]
     out = np.empty(usable.shape)
     price_per_second = options.weights.feed / max(float(path.time[-1]), 1e-9)

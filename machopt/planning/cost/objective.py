@@ -182,7 +182,7 @@ class ObjectiveTerms:
     liking: RotationPreference | None = None  # None: no rotation is preferred
 
     @classmethod
-    def of(cls, path: PlanningPath, velocity: Array, options: PlanOptions) -> ObjectiveTerms:
+    def build(cls, path: PlanningPath, velocity: Array, options: PlanOptions) -> ObjectiveTerms:
         """Return the terms at every planning point.
 
         Args:
@@ -221,7 +221,7 @@ class ObjectiveTerms:
         """
         st = path.stations
         return replace(
-            cls.of(path, velocity, options).take(st),
+            cls.build(path, velocity, options).take(st),
             share=path.station_weight,
             seconds=np.diff(path.time[st], prepend=path.time[st[0]]),
         )
@@ -324,7 +324,7 @@ def compute_objective(
         options: plan options with the weights.
         elsewhere: worst index of the other tools of the job, in units of c₀; a lower worst index brings no gain.
     """
-    terms = ObjectiveTerms.of(path, velocity, options)
+    terms = ObjectiveTerms.build(path, velocity, options)
     mean, worst = _compute_index_terms(terms, assignment.cost, scale)
     travel, rotation, lost = _compute_motion_terms(terms, assignment)
     preferred, clearance = _compute_place_terms(terms, assignment)

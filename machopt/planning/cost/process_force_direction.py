@@ -142,7 +142,7 @@ class _Run:
         middle = normalise_vectors(self.axis[low] + self.axis[high])
         across = self.u - np.sum(self.u * middle, axis=1, keepdims=True) * middle
         size = np.linalg.norm(across, axis=1)
-        self.carried = self._carried(across / np.maximum(size, 1e-300)[:, None], size >= SIDEWAYS)
+        self.carried = self._carry_directions(across / np.maximum(size, 1e-300)[:, None], size >= SIDEWAYS)
 
     def _list_stretches(self, mine: NDArray[np.bool_]) -> Array:
         """Return (k, 2) m start and end of each unbroken row of moves."""
@@ -150,7 +150,7 @@ class _Run:
         return np.asarray(self.s[edge.reshape(-1, 2)])
 
     @staticmethod
-    def _carried(across: Array, good: NDArray[np.bool_]) -> Array:
+    def _carry_directions(across: Array, good: NDArray[np.bool_]) -> Array:
         """Return (n − 1, 3) c of every move before projection; zero where the run has none."""
         rows = np.flatnonzero(good)
         if not len(rows):
@@ -164,10 +164,10 @@ class _Run:
             move: (...,) index of the move in the run.
             axis: (..., 3) unit tool axes.
         """
-        bare = _unit(compute_any_normal(axis.reshape(-1, 3)).reshape(axis.shape), axis)
+        bare = _project_unit(compute_any_normal(axis.reshape(-1, 3)).reshape(axis.shape), axis)
         if not len(self.u):
             return bare
-        c = _unit(self.carried[move], axis)
+        c = _project_unit(self.carried[move], axis)
         c = np.where(np.linalg.norm(c, axis=-1, keepdims=True) > 0.5, c, bare)
         across = self.u[move] - np.sum(self.u[move] * axis, axis=-1, keepdims=True) * axis
         size = np.linalg.norm(across, axis=-1, keepdims=True)
@@ -214,7 +214,7 @@ def _move_into(s: Array, stretches: Array) -> Array:
     return np.asarray(np.take_along_axis(inside, nearest[..., None], axis=-1)[..., 0])
 
 
-def _unit(v: Array, axis: Array) -> Array:
+def _project_unit(v: Array, axis: Array) -> Array:
     """(..., 3) projected on the plane normal to the axis, at unit length; zero where nothing is left."""
     flat = v - np.sum(v * axis, axis=-1, keepdims=True) * axis
     size = np.linalg.norm(flat, axis=-1, keepdims=True)

@@ -32,8 +32,9 @@ from machopt.planning.cost.rapid_time import RapidPricing
 from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sampling.planning_arm import PlanningArm, turn_directions
 from machopt.planning.stations.planning_path import PlanningPath
-from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState, compute_joint_stiffness
+from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 
 CHUNK = 8_192  # configurations at a time
 

@@ -47,7 +47,7 @@ class DiscrepancyModel:
     local: float = 0.0  # m/N per coordinate, error of single poses, 1 σ
 
     @classmethod
-    def of(cls, elasticity: ArmElasticity) -> DiscrepancyModel | None:
+    def build(cls, elasticity: ArmElasticity) -> DiscrepancyModel | None:
         """Return the model from the file's discrepancy; None where there is none.
 
         Args:
@@ -130,12 +130,12 @@ class DiscrepancyModel:
             bend = elastic.compute_deflection(d.force[points])
             size = np.linalg.norm(bend, axis=-1, keepdims=True)
             e = bend / np.maximum(size, np.finfo(float).tiny)
-            return self._along(elastic, q, d.force[points], e, small=False)
+            return self._compute_change_along(elastic, q, d.force[points], e, small=False)
         axial = d.axial[points]
         if index == "jiao2022":
-            return self._held(elastic, q, axial)
+            return self._compute_held_change(elastic, q, axial)
         normal = d.normal[points]
-        out, normal_change = (self._along(elastic, q, e, e, small=True) for e in (axial, normal))
+        out, normal_change = (self._compute_change_along(elastic, q, e, e, small=True) for e in (axial, normal))
         return np.asarray(np.where(d.drilling[points][:, None], out, 0.5 * (out + normal_change)))
 
     def own(self, d: LoadDirections, points: NDArray[np.integer[Any]], index: StiffnessIndex) -> Array:
@@ -158,12 +158,12 @@ class DiscrepancyModel:
             q: (M, 6) rad.
             e: (M, 3) unit directions in base_link.
         """
-        return self._along(elastic, q, e, e, small=True)
+        return self._compute_change_along(elastic, q, e, e, small=True)
 
-    def _along(self, elastic: ElasticState, q: Array, force: Array, e: Array, *, small: bool) -> Array:
+    def _compute_change_along(self, elastic: ElasticState, q: Array, force: Array, e: Array, *, small: bool) -> Array:
         return np.asarray(np.einsum("mc,mcr->mr", e, self.moves(elastic, q, force, small=small)))
 
-    def _held(self, elastic: ElasticState, q: Array, e: Array) -> Array:
+    def _compute_held_change(self, elastic: ElasticState, q: Array, e: Array) -> Array:
         """Return the change of 1/k_x of jiao2022, see
         :meth:`machopt.stiffness.arm_stiffness.ElasticState.compute_jiao_sensitivity`.
         """

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
-from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState, find_grid_cells
+from machopt.stiffness.arm_stiffness import ArmElasticity, ElasticState
+from machopt.stiffness.joint_stiffness import find_grid_cells
 
 SpreadKind = Literal["discrepancy", "covariance", "grid", "percent", "unknown"]
 
@@ -35,7 +36,7 @@ class StiffnessSpread:
     term_variants: tuple[ArmElasticity, ...]  # one per independent error of a term
 
     @classmethod
-    def of(cls, elasticity: ArmElasticity, limits: tuple[Array, Array]) -> StiffnessSpread:
+    def build(cls, elasticity: ArmElasticity, limits: tuple[Array, Array]) -> StiffnessSpread:
         """Return the random part of a stiffness file.
 
         Args:
@@ -49,7 +50,7 @@ class StiffnessSpread:
             assert stiffness.covariance is not None
             values, vectors = np.linalg.eigh(stiffness.covariance)
             root = vectors * np.sqrt(np.maximum(values, 0.0))
-        discrepancy = DiscrepancyModel.of(elasticity) if kind == "discrepancy" else None
+        discrepancy = DiscrepancyModel.build(elasticity) if kind == "discrepancy" else None
         return cls(
             kind=kind,
             elasticity=elasticity,

@@ -94,7 +94,7 @@ class TolerancePricing:
         surfaces = list_surface_targets(cell.process, toolpath, loads, cutter)
         if not len(holes.row) and not len(surfaces.row):
             return None
-        spread = StiffnessSpread.of(elasticity, (cell.limits.lower[:6], cell.limits.upper[:6]))
+        spread = StiffnessSpread.build(elasticity, (cell.limits.lower[:6], cell.limits.upper[:6]))
         return cls(
             process=cell.process,
             path=path,

@@ -45,7 +45,7 @@ def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJoin
                 file="options",
                 where=f"external.{axis.joint}.at_{unit}",
             )
-        _within(cell, k, now)
+        _check_within_range(cell, k, now)
     return tuple(by_name[name] for name in names)
 
 
@@ -61,7 +61,7 @@ def compute_axis_range(cell: Cell, k: int, axis: ExternalJointOptions, *, locked
     if locked:
         at = float(cell.external_home[k]) if axis.at is None else axis.at
         return at, at
-    low, high = _limits(cell, k)
+    low, high = _get_limits(cell, k)
     a, b = axis.range or (low, high)
     return max(a, low), min(b, high)
 
@@ -79,10 +79,10 @@ def _name(axis: ExternalJointOptions, names: Sequence[str]) -> str:
     return names[k]
 
 
-def _within(cell: Cell, k: int, axis: ExternalJointOptions) -> None:
+def _check_within_range(cell: Cell, k: int, axis: ExternalJointOptions) -> None:
     """Refuse values out of the joint's range."""
     unit, per = ("mm", 1e3) if cell.external_prismatic[k] else ("deg", float(np.degrees(1.0)))
-    low, high = _limits(cell, k)
+    low, high = _get_limits(cell, k)
     joint, there = cell.external_joints[k], f"[{low * per:g}, {high * per:g}]"
     values = [("at", axis.at), ("preferred", axis.preferred), *(("at_operations", v) for _, v in axis.at_operations)]
     for key, value in values:
@@ -101,5 +101,5 @@ def _within(cell: Cell, k: int, axis: ExternalJointOptions) -> None:
         )
 
 
-def _limits(cell: Cell, k: int) -> tuple[float, float]:
+def _get_limits(cell: Cell, k: int) -> tuple[float, float]:
     return float(cell.limits.lower[6 + k]), float(cell.limits.upper[6 + k])

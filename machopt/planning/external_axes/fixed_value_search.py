@@ -82,7 +82,7 @@ class FixedValueSearch:
         self.judged: list[dict[bytes, ValueAssessment]] = [{} for _ in groups]
         self.excluded: list[set[bytes]] = [set() for _ in groups]
         self.per = setup.per_rad[6:]
-        self.worth = AxisPlanRanking.of(setup, axes)
+        self.worth = AxisPlanRanking.build(setup, axes)
         self.weight = self.worth.weight
         self.medians: list[float] = []
         self.median = 1.0  # running median of the costs; read tens of thousands of times
@@ -108,37 +108,37 @@ class FixedValueSearch:
             step = (group.high - group.low) / (count - 1)
             grid = [np.linspace(a, b, count if b > a else 1) for a, b in zip(group.low, group.high, strict=True)]
             inside = group.snapped(self.home)
-            self._judge(n, [inside, *map(np.array, itertools.product(*grid))])
+            self._assess_values(n, [inside, *map(np.array, itertools.product(*grid))])
             if (
                 len(free) > 1
             ):  # each joint alone as finely as if the others were locked: more freedom never makes the result worse
                 for k in free:
-                    self._along_one(n, int(k), inside)
+                    self._assess_single_joint(n, int(k), inside)
             for _ in range(FINER):
                 step = 0.5 * step
-                centre = self._best(n, self.judged[n]).value
+                centre = self._find_best(n, self.judged[n]).value
                 around = [(-1.0, 0.0, 1.0) if k in free else (0.0,) for k in range(len(step))]
                 sides = map(np.array, itertools.product(*around))
-                self._judge(n, [np.clip(centre + side * step, group.low, group.high) for side in sides])
+                self._assess_values(n, [np.clip(centre + side * step, group.low, group.high) for side in sides])
 
-    def _along_one(self, n: int, k: int, inside: Array) -> None:
+    def _assess_single_joint(self, n: int, k: int, inside: Array) -> None:
         """Assess the values of joint ``k`` with the others at home: the grid of one joint, and a finer one around
         its best.
         """
         group = self.groups[n]
         off = np.arange(len(inside)) == k
         values = np.linspace(group.low[k], group.high[k], COARSE[1])
-        self._judge(n, [np.where(off, v, inside) for v in values])
+        self._assess_values(n, [np.where(off, v, inside) for v in values])
         step = (group.high[k] - group.low[k]) / (COARSE[1] - 1)
         for _ in range(FINER):
             step = 0.5 * step
             own = [key for key, j in self.judged[n].items() if np.array_equal(j.value[~off], inside[~off])]
-            centre = self._best(n, own).value
-            self._judge(n, [np.clip(centre + side * off, group.low, group.high) for side in (-step, step)])
+            centre = self._find_best(n, own).value
+            self._assess_values(n, [np.clip(centre + side * off, group.low, group.high) for side in (-step, step)])
 
     # --- assessment --------------------------------------------------------------------------------------------------
 
-    def _judge(self, n: int, values: Sequence[Array]) -> None:
+    def _assess_values(self, n: int, values: Sequence[Array]) -> None:
         """Assess the allowed values nearest to given ones by the least index of each station, unless already
         assessed.
         """
@@ -147,10 +147,10 @@ class FixedValueSearch:
         every = list(new.values())
 
         def judge() -> tuple[tuple[ValueAssessment, float | None], ...]:
-            return tuple(map_in_threads(lambda v: self._least(n, v), every))
+            return tuple(map_in_threads(lambda v: self._assess_least_index(n, v), every))
 
         for key, (judged, median) in zip(
-            new, compute_cached("places", lambda: self._follows(n, every), judge), strict=True
+            new, compute_cached("places", lambda: self._list_dependencies(n, every), judge), strict=True
         ):
             self.judged[n][key] = judged
             self.short[n] = min(self.short[n], judged.lost)
@@ -158,7 +158,7 @@ class FixedValueSearch:
                 self.medians.append(median)
         self.median = float(np.median(self.medians)) if self.medians else 1.0
 
-    def _candidates(self, n: int, value: Array) -> tuple[PlanningPath, CandidateGrid, CandidateScores] | None:
+    def _build_candidates(self, n: int, value: Array) -> tuple[PlanningPath, CandidateGrid, CandidateScores] | None:
         """Return the candidates at a value (E,), or along (n, E), and their cost; None where no pose is in reach."""
         part, setup = fix_external_axes(self.parts[n], value), self.setup
         candidates = enumerate_candidates(part, setup.arm, self.options)
@@ -167,8 +167,8 @@ class FixedValueSearch:
         d = compute_load_directions(part, setup.arm, setup.elasticity, self.options.force, self.across[n])
         return part, candidates, score_candidates(part, candidates, setup.elasticity, d, self.options)
 
-    def _least(self, n: int, value: Array) -> tuple[ValueAssessment, float | None]:
-        found = self._candidates(n, value)
+    def _assess_least_index(self, n: int, value: Array) -> tuple[ValueAssessment, float | None]:
+        found = self._build_candidates(n, value)
         if found is None:
             return ValueAssessment(value=value, lost=1.0, mean=0.0, worst=0.0, motion=0.0, by=FREE), None
         part, _, scores = found
@@ -180,7 +180,7 @@ class FixedValueSearch:
             value=value, lost=1.0 - float(there.mean()), mean=mean, worst=worst, motion=0.0, by=LEAST
         ), scores.scale
 
-    def _follows(self, n: int, values: Sequence[Array]) -> tuple[object, ...]:
+    def _list_dependencies(self, n: int, values: Sequence[Array]) -> tuple[object, ...]:
         """Return all inputs that the assessment of a group's values depends on; of the user's requests, those about
         its points.
         """
@@ -191,22 +191,22 @@ class FixedValueSearch:
         own = replace(options, fixed=fixed, steer=steer)
         return self.setup, own, self.across[n], tuple(getattr(part, f.name) for f in fields(part)), tuple(values)
 
-    def _further(self, n: int, key: bytes) -> None:
+    def _assess_further(self, n: int, key: bytes) -> None:
         """Assess a value by the next stage."""
         j = self.judged[n][key]
         self.judged[n][key] = compute_cached(
-            "places", lambda: (*self._follows(n, [j.value]), j.by), lambda: self._by_next(n, j)
+            "places", lambda: (*self._list_dependencies(n, [j.value]), j.by), lambda: self._assess_by_next_stage(n, j)
         )
 
-    def _by_next(self, n: int, j: ValueAssessment) -> ValueAssessment:
-        found = self._candidates(n, j.value)
+    def _assess_by_next_stage(self, n: int, j: ValueAssessment) -> ValueAssessment:
+        found = self._build_candidates(n, j.value)
         if found is None:
             raise AssertionError("points out of reach are evaluated completely")
         part, candidates, scores = found
         choice, colliding = choose_collision_free_sequence(part, candidates, scores, self.setup, self.options)
-        return self._of_choice(j.value, part, scores, choice, colliding)
+        return self._assess_choice(j.value, part, scores, choice, colliding)
 
-    def _of_choice(
+    def _assess_choice(
         self, value: Array, part: PlanningPath, scores: CandidateScores, choice: SequenceChoice, colliding: int
     ) -> ValueAssessment:
         there, w = np.flatnonzero(~choice.dropped), self.options.weights
@@ -217,23 +217,28 @@ class FixedValueSearch:
         lost = (int(choice.dropped.sum()) + len(choice.broken) + colliding) / len(choice.rotation)
         return ValueAssessment(value=value, lost=lost, mean=mean, worst=worst, motion=motion, by=FREE)
 
-    def _best(self, n: int, keys: Iterable[bytes]) -> ValueAssessment:
+    def _find_best(self, n: int, keys: Iterable[bytes]) -> ValueAssessment:
         """Return the best of some values of a group by itself, assessed to the end."""
         every = list(keys)
         while True:
             key = min(every, key=lambda k: self._rank(self.judged[n][k]))
             if self.judged[n][key].by == FREE:
                 return self.judged[n][key]
-            self._further(n, key)
+            self._assess_further(n, key)
 
     def _rank(self, j: ValueAssessment) -> float:
         """J of a group by itself."""
-        return self._alone(j) + self.options.weights.worst * j.worst / self.scale
+        return self._compute_group_value(j) + self.options.weights.worst * j.worst / self.scale
 
-    def _alone(self, j: ValueAssessment) -> float:
-        return LOST * j.lost + self.options.weights.mean * j.mean / self.scale + j.motion + self._liked(j.value)
+    def _compute_group_value(self, j: ValueAssessment) -> float:
+        return (
+            LOST * j.lost
+            + self.options.weights.mean * j.mean / self.scale
+            + j.motion
+            + self._price_preferences(j.value)
+        )
 
-    def _liked(self, value: Array) -> float:
+    def _price_preferences(self, value: Array) -> float:
         """Return the price of a deviation from the preferred values."""
         return float(self.worth.liked(value * self.per))
 
@@ -262,10 +267,10 @@ class FixedValueSearch:
         Args:
             values: (E,) m or rad, for each group.
         """
-        chosen = [self._best(n, [value.tobytes()]) for n, value in enumerate(values)]
+        chosen = [self._find_best(n, [value.tobytes()]) for n, value in enumerate(values)]
         worst = max(j.worst for j in chosen) / self.scale
-        return sum(g.share * self._alone(j) for g, j in zip(self.groups, chosen, strict=True)) + (
-            self.options.weights.worst * worst + self._travel(values)
+        return sum(g.share * self._compute_group_value(j) for g, j in zip(self.groups, chosen, strict=True)) + (
+            self.options.weights.worst * worst + self._price_travel(values)
         )
 
     def rate_along(self, external: Array) -> float:
@@ -276,10 +281,10 @@ class FixedValueSearch:
         """
         w, worst, total = self.options.weights, 0.0, 0.0
         for n, group in enumerate(self.groups):
-            j, _ = self._least(n, external[list_run_points(self.path, group.runs)])
+            j, _ = self._assess_least_index(n, external[list_run_points(self.path, group.runs)])
             total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale)
             worst = max(worst, j.worst)
-        terms = ObjectiveTerms.of(self.path, self.setup.velocity, self.options)
+        terms = ObjectiveTerms.build(self.path, self.setup.velocity, self.options)
         ways = np.abs(np.diff(external * self.per, axis=0)) @ self.weight
         return total + w.worst * worst / self.scale + w.travel * float(terms.travel[1:] @ ways)
 
@@ -293,7 +298,7 @@ class FixedValueSearch:
         total = float(self.path.weight @ self.worth.liked(external * self.per))
         for n, group in enumerate(self.groups):
             own = external[list_run_points(self.path, group.runs)]
-            found = self._candidates(n, own)
+            found = self._build_candidates(n, own)
             if found is None:
                 total += group.share * LOST
                 continue
@@ -302,14 +307,14 @@ class FixedValueSearch:
             rapid = build_rapid_pricing(part, self.setup, scores.least, candidates.stable, self.options)
             scores = replace(scores, rapid=rapid)
             choice, colliding = choose_collision_free_sequence(part, candidates, scores, self.setup, self.options)
-            j = self._of_choice(own, part, scores, choice, colliding)
+            j = self._assess_choice(own, part, scores, choice, colliding)
             total += group.share * (LOST * j.lost + w.mean * j.mean / self.scale + j.motion)
             worst = max(worst, j.worst)
-        terms = ObjectiveTerms.of(self.path, self.setup.velocity, self.options)
+        terms = ObjectiveTerms.build(self.path, self.setup.velocity, self.options)
         ways = np.abs(np.diff(external * self.per, axis=0)) @ self.weight
         return total + w.worst * worst / self.scale + w.travel * float(terms.travel[1:] @ ways)
 
-    def _travel(self, values: Sequence[Array]) -> float:
+    def _price_travel(self, values: Sequence[Array]) -> float:
         ways = np.abs(np.diff([self.home, *values, self.home], axis=0)) @ (self.weight * self.per)
         shares = np.array([g.share for g in self.groups])
         return float(self._price * np.r_[shares, shares[-1]] @ ways)
@@ -324,21 +329,23 @@ class FixedValueSearch:
         if not all(left):
             return None
         while True:
-            chosen = self._cheapest([[own[k] for k in keys] for own, keys in zip(self.judged, left, strict=True)])
+            chosen = self._find_cheapest_chain(
+                [[own[k] for k in keys] for own, keys in zip(self.judged, left, strict=True)]
+            )
             unknown = [n for n, j in enumerate(chosen) if j.by < FREE]
             if not unknown:
                 return [j.value for j in chosen]
             for n in unknown:
-                self._further(n, chosen[n].value.tobytes())
+                self._assess_further(n, chosen[n].value.tobytes())
 
-    def _cheapest(self, judged: list[list[ValueAssessment]]) -> list[ValueAssessment]:
+    def _find_cheapest_chain(self, judged: list[list[ValueAssessment]]) -> list[ValueAssessment]:
         worsts = np.unique([j.worst for own in judged for j in own])
         floor = max(min(j.worst for j in own) for own in judged)
         caps = worsts[worsts >= floor]
         caps = caps[np.unique(np.linspace(0, len(caps) - 1, min(len(caps), CAPS)).round().astype(int))]
-        return min((self._under(judged, float(cap)) for cap in caps), key=lambda f: f[0])[1]
+        return min((self._find_chain_under(judged, float(cap)) for cap in caps), key=lambda f: f[0])[1]
 
-    def _under(self, judged: list[list[ValueAssessment]], cap: float) -> tuple[float, list[ValueAssessment]]:
+    def _find_chain_under(self, judged: list[list[ValueAssessment]], cap: float) -> tuple[float, list[ValueAssessment]]:
         """Return the cheapest chain whose worst index is at most ``cap``, and its J."""
         before, at = np.zeros(1), self.home[None]
         back = []
@@ -348,7 +355,7 @@ class FixedValueSearch:
             ways = np.abs(here[:, None] - at[None]) @ (self.weight * self.per)
             total = before[None] + self._price * group.share * ways
             back.append((total.argmin(axis=1), allowed))
-            before = total.min(axis=1) + np.array([group.share * self._alone(j) for j in allowed])
+            before = total.min(axis=1) + np.array([group.share * self._compute_group_value(j) for j in allowed])
             at = here
         last = before + self._price * self.groups[-1].share * (np.abs(at - self.home) @ (self.weight * self.per))
         k, chosen = int(last.argmin()), []

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from machopt.data_types.plan_options import ExternalJointOptions
 from machopt.numerics.array_types import Array, Bools
-from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, GroupAxisRange, compute_axis_curve
+from machopt.planning.external_axes.axis_curve_smoothing import GroupAxisRange
+from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, compute_axis_curve
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axes.position_constraints import (
     AxisBound,
@@ -48,7 +49,9 @@ def list_moving_subsets(
             at_home, as_best = [g.snapped(home) for g in groups], list(fixed_values)
             same = all(np.array_equal(a[is_fixed], b[is_fixed]) for a, b in zip(at_home, as_best, strict=True))
             for values in [at_home] if same else [at_home, as_best]:
-                out.append([_resting(g, is_fixed & g.moving, v) for g, v in zip(groups, values, strict=True)])
+                out.append(
+                    [_lock_resting_joints(g, is_fixed & g.moving, v) for g, v in zip(groups, values, strict=True)]
+                )
     return out
 
 
@@ -69,7 +72,7 @@ def list_partly_fixed_groups(groups: Sequence[OperationGroup]) -> list[list[Oper
     return out
 
 
-def _resting(group: OperationGroup, rests: Bools, value: Array) -> OperationGroup:
+def _lock_resting_joints(group: OperationGroup, rests: Bools, value: Array) -> OperationGroup:
     """The group with some joints locked at a value."""
     low, high = (np.where(rests, value, bound) for bound in (group.low, group.high))
     least, most = (np.where(rests, value, bound) for bound in (group.least, group.most))
@@ -103,8 +106,8 @@ def compute_moving_axis_path(
     for g, value in zip(groups, fixed_values, strict=True):
         if g.moves.any():
             rows = list_run_points(path, g.runs)
-            sides = [_side(g, wish, float(value[wish.joint])) for wish in g.stands]
-            low, high = _narrowed(g, sides)
+            sides = [_narrow_to_wish(g, wish, float(value[wish.joint])) for wish in g.stands]
+            low, high = _narrow_ranges(g, sides)
             home = g.snapped(search.setup.cell.external_home)
             bounds = tuple(
                 _bound(rows, wish, side) for wish, side in zip(g.stands, sides, strict=True) if g.moving[wish.joint]
@@ -124,13 +127,13 @@ def compute_moving_axis_path(
     return out
 
 
-def _side(group: OperationGroup, wish: AxisPositionWish, at: float) -> Interval:
+def _narrow_to_wish(group: OperationGroup, wish: AxisPositionWish, at: float) -> Interval:
     """Return the interval a wish leaves to a moving joint; of a zone the side that contains the best fixed value."""
     whole = (float(group.least[wish.joint]), float(group.most[wish.joint]))
     return min(wish.allowed((whole,)), key=lambda side: abs(find_nearest_allowed((side,), at) - at))
 
 
-def _narrowed(group: OperationGroup, sides: Sequence[Interval]) -> tuple[Array, Array]:
+def _narrow_ranges(group: OperationGroup, sides: Sequence[Interval]) -> tuple[Array, Array]:
     """Return (E,) each: the range of the moving joints, reduced by ROOM at its ends where no wish needs values
     there.
     """

@@ -30,13 +30,14 @@ from machopt.numerics.parallel_map import map_in_threads
 from machopt.planning.cost.objective import ObjectiveTerms
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.cost.stiffness_index import compute_load_directions, score_candidates
-from machopt.planning.external_axes.moving_axis_kernels import compute_transition_costs, find_cheapest_value_sequence
-from machopt.planning.external_axes.position_constraints import (
-    AxisBound,
-    Interval,
-    compute_axis_range_along_path,
-    find_nearest_allowed,
+from machopt.planning.external_axes.axis_curve_smoothing import (
+    WAVE,
+    GroupAxisRange,
+    compute_narrowing_length,
+    smooth_step_curve,
 )
+from machopt.planning.external_axes.moving_axis_kernels import compute_transition_costs, find_cheapest_value_sequence
+from machopt.planning.external_axes.position_constraints import compute_axis_range_along_path, find_nearest_allowed
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
@@ -57,25 +58,6 @@ MOST, LEAST = 240, 60  # stations
 STEP = np.radians(15.0)  # of rotation
 LOST = 1e3  # price of a path without a reachable station
 CAPS = (0.0, 0.15, 0.3, 0.5, 0.75)  # position between the least possible worst index and that of the cheapest sequence
-WAVE = 1.0 / 6.0  # share of a run: shorter waves of the step function are removed by smoothing
-SHORTEST = 0.2, 2.0  # m and s: minimum wave length
-SAMPLE = 0.01  # m, of the grid a run is smoothed on
-SAMPLES = 400  # at most
-
-
-@dataclass(frozen=True, kw_only=True)
-class GroupAxisRange:
-    """Permitted motion of the external joints of one group of operations."""
-
-    runs: tuple[int, ...]
-    moving: Bools  # (E,)
-    fixed: Array  # (E,) m or rad, values of the best fixed plan
-    home: Array  # (E,)
-    low: Array  # (E,) range; equal to ``high`` where a joint is locked
-    high: Array  # (E,)
-    share: float  # of the length cut
-    bounds: tuple[AxisBound, ...] = ()  # user requests about the moving joints
-    allowed: tuple[tuple[Interval, ...], ...] = ()  # (E,) of those that keep one value; empty: the full range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,23 +123,23 @@ def compute_axis_curve(search: AxisCurveSearch, path: PlanningPath, group: Group
     setup = search.setup
     free = np.flatnonzero(group.moving & (group.high > group.low))
     size = (group.high - group.low)[free] * setup.per_rad[6:][free]
-    counts = _counts(setup, free, size, clear=search.clear, turns=search.turns)
+    counts = _count_coarse_values(setup, free, size, clear=search.clear, turns=search.turns)
     own = _prepare_group(search, path, group, weight, int(np.prod(counts)))
     step = np.zeros(len(group.fixed))
     step[free] = (group.high - group.low)[free] / (np.array(counts) - 1)
     stairs, fixed_values = _find_coarse_steps(own, free, counts)
-    found = _smooth(own.part, stairs, group, WAVE)
+    found = smooth_step_curve(own.part, stairs, group, WAVE)
     for level in range(1, FINER + 1):
         if float((step * setup.per_rad[6:]).max()) <= FINEST:
             break
         step = 0.5 * step
         side = AROUND[len(free)]
-        around = _offsets(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
+        around = _combine_values(free, [np.arange(-side, side + 1) * step[k] for k in free], np.zeros(len(group.fixed)))
         around = found[own.part.stations][:, None] + around
-        near = _neighbours([2 * side + 1] * len(free))
+        near = _number_neighbours([2 * side + 1] * len(free))
         values = np.where(group.moving, np.clip(around, group.low, group.high), fixed_values)
         _, stairs = own.find_steps(values, near)
-        found = _smooth(own.part, stairs, group, WAVE / 1.5**level)
+        found = smooth_step_curve(own.part, stairs, group, WAVE / 1.5**level)
     return np.where(group.moving, own.place(found, slice(None)), fixed_values)
 
 
@@ -171,7 +153,7 @@ def _prepare_group(
     part = select_path_runs(path, group.runs, stations)
     winds = np.full(6, True) if not search.turns else np.asarray(setup.arm.upper - setup.arm.lower >= WINDS)
     least, most = compute_axis_range_along_path(
-        part, group.low, group.high, group.bounds, [_near(part, run) for run in part.runs]
+        part, group.low, group.high, group.bounds, [compute_narrowing_length(part, run) for run in part.runs]
     )
     return _GroupSearch(
         search=search,
@@ -187,18 +169,20 @@ def _prepare_group(
 
 def _find_coarse_steps(own: _GroupSearch, free: NDArray[np.intp], counts: list[int]) -> tuple[Array, Array]:
     """Return the best sequence (S, E) over the coarse grid, and the (E,) values of the joints that keep one."""
-    low, high, near = own.group.low, own.group.high, _neighbours(counts)
+    low, high, near = own.group.low, own.group.high, _number_neighbours(counts)
     of_each = [np.linspace(low[k], high[k], n) for k, n in zip(free, counts, strict=True)]
     tries = []
-    for fixed_values in _held(own.group):  # of joints that keep one value
-        grid = _offsets(free, of_each, fixed_values)
+    for fixed_values in _list_held_values(own.group):  # of joints that keep one value
+        grid = _combine_values(free, of_each, fixed_values)
         cost, stairs = own.find_steps(np.broadcast_to(grid, (len(own.part.stations), *grid.shape)), near, again=True)
         tries.append((cost, stairs, fixed_values))
     _, stairs, fixed_values = min(tries, key=lambda found: found[0])
     return stairs, fixed_values
 
 
-def _counts(setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear: bool, turns: bool) -> list[int]:
+def _count_coarse_values(
+    setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear: bool, turns: bool
+) -> list[int]:
     """Return the number of coarse values of each free joint whose range is equivalent to ``size`` rad."""
     if clear:
         return [CLEAR[len(free)]] * len(free)
@@ -210,31 +194,33 @@ def _counts(setup: PlanningSetup, free: NDArray[np.intp], size: Array, *, clear:
     return [int(np.clip(np.ceil(way / APART) + 1, 3, finest)) for way in size]
 
 
-def _held(group: GroupAxisRange) -> list[Array]:
+def _list_held_values(group: GroupAxisRange) -> list[Array]:
     """Return the (E,) values tried of the joints with one value; those of the best fixed plan first."""
     choices = [
         [group.fixed[k]]
         if group.moving[k] or a == b
         else list(
-            dict.fromkeys([group.fixed[k], group.home[k], *(_next(group, k, v) for v in np.linspace(a, b, HELD))])
+            dict.fromkeys(
+                [group.fixed[k], group.home[k], *(_get_next_value(group, k, v) for v in np.linspace(a, b, HELD))]
+            )
         )
         for k, (a, b) in enumerate(zip(group.low, group.high, strict=True))
     ]
     return [np.array(values) for values in itertools.product(*choices)]
 
 
-def _next(group: GroupAxisRange, k: int, value: float) -> float:
+def _get_next_value(group: GroupAxisRange, k: int, value: float) -> float:
     return find_nearest_allowed(group.allowed[k], value) if group.allowed else value
 
 
-def _offsets(free: NDArray[np.intp], of_each: list[Array], fixed: Array) -> Array:
+def _combine_values(free: NDArray[np.intp], of_each: list[Array], fixed: Array) -> Array:
     """(G, E) all combinations of the values of the free joints, the others at ``fixed``."""
     out = np.tile(fixed, (int(np.prod([len(v) for v in of_each])), 1))
     out[:, free] = np.array(list(itertools.product(*of_each)))
     return out
 
 
-def _neighbours(counts: list[int]) -> NDArray[np.int64]:
+def _number_neighbours(counts: list[int]) -> NDArray[np.int64]:
     """(G, 3^k) numbers of the values next to each, itself among them; −1 where the grid ends."""
     at = np.array(list(itertools.product(*(range(n) for n in counts))))
     out = []
@@ -326,7 +312,7 @@ def _score_values(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> 
     q = np.stack([q[..., occurs, :] for _, q, _ in found_at], axis=1)
     q[~np.isfinite(c)] = np.nan
     if own.search.clear:
-        c[_brushing(np.asarray(np.isfinite(c).any(axis=(2, 3))), near)] = np.nan
+        c[_find_near_contact(np.asarray(np.isfinite(c).any(axis=(2, 3))), near)] = np.nan
     return c, q.reshape(S, -1, 6), found_at[0][2]
 
 
@@ -370,80 +356,9 @@ def _free(cost: Array, q: Array, external: Array, part: PlanningPath, setup: Pla
     return out
 
 
-def _brushing(free: Bools, near: NDArray[np.int64]) -> Bools:
+def _find_near_contact(free: Bools, near: NDArray[np.int64]) -> Bools:
     """Return (S, G) contact-free values next to one with contact, where their station has others: a smooth curve
     cuts corners.
     """
     inner = free & (free[:, near] | (near < 0)).all(axis=2)
     return np.asarray(free & ~inner & np.any(inner, axis=1, keepdims=True))
-
-
-def _smooth(part: PlanningPath, stairs: Array, group: GroupAxisRange, wave: float) -> Array:
-    """Return an (n, E) smooth curve for each run through the step function (S, E) at its stations."""
-    from scipy.interpolate import CubicSpline
-
-    out = np.empty((len(part.index), stairs.shape[1]))
-    for first, last in part.runs:
-        own = np.flatnonzero((part.stations >= first) & (part.stations <= last))
-        s, steps = part.s[part.stations[own]] - part.s[first], stairs[own]
-        rows = slice(first, last + 1)
-        length, shortest = float(part.s[last] - part.s[first]), _shortest(part, (first, last))
-        if _keeps_one(part, (first, last)):
-            out[rows] = np.median(steps, axis=0)
-            continue
-        n = int(np.clip(length / SAMPLE, 16, SAMPLES))
-        at = np.linspace(0.0, length, n)
-        keep = np.r_[True, np.diff(s) > 1e-9]
-        raw = np.column_stack([np.interp(at, s[keep], column[keep]) for column in steps.T])
-        curve = _whittaker(raw, max(wave * length, shortest) / (at[1] - at[0]))
-        middle, room = curve.mean(axis=0), np.ones(len(curve.T))
-        for k in range(len(room)):  # not beyond the range, and as smooth as before
-            middle[k] = np.clip(middle[k], group.low[k], group.high[k])
-            over, under = curve[:, k].max() - middle[k], middle[k] - curve[:, k].min()
-            room[k] = min(
-                1.0,
-                (group.high[k] - middle[k]) / over if over > 0 else 1.0,
-                (middle[k] - group.low[k]) / under if under > 0 else 1.0,
-            )
-        curve = middle + room * (curve - middle)
-        out[rows] = np.clip(CubicSpline(at, curve)(part.s[rows] - part.s[first]), group.low, group.high)
-    return out
-
-
-def _shortest(part: PlanningPath, run: tuple[int, int]) -> float:
-    """Return the shortest path length in m over which an external joint may move, in a run."""
-    first, last = run
-    length, seconds = float(part.s[last] - part.s[first]), float(part.time[last] - part.time[first])
-    return max(SHORTEST[0], SHORTEST[1] * length / max(seconds, 1e-9))
-
-
-def _keeps_one(part: PlanningPath, run: tuple[int, int]) -> bool:
-    """Return whether external joints keep one value in a run: point operations, or too short for a curve."""
-    first, last = run
-    stations = int(((part.stations >= first) & (part.stations <= last)).sum())
-    length = float(part.s[last] - part.s[first])
-    return bool(part.is_drilling[first : last + 1].any()) or length < _shortest(part, run) or stations < 3
-
-
-def _near(part: PlanningPath, run: tuple[int, int]) -> float:
-    """Return the path length in m over which the range narrows towards a wish; infinite in a run that keeps one
-    value.
-    """
-    if _keeps_one(part, run):
-        return np.inf
-    return max(WAVE * float(part.s[run[1]] - part.s[run[0]]), _shortest(part, run))
-
-
-def _whittaker(values: Array, wave: float) -> Array:
-    """Return the columns (n, E) smoothed; a wave of the given number of samples is damped to half."""
-    from scipy.linalg import solveh_banded
-
-    n = len(values)
-    stiff = (2.0 * np.sin(np.pi / max(wave, 2.0))) ** -6.0
-    third = np.array([-1.0, 3.0, -3.0, 1.0])
-    upper = np.zeros((4, n))  # of 1 + stiff · DᵀD, D the third differences: row 3 − k is the k-th diagonal above
-    upper[3] = 1.0
-    for a in range(4):
-        for b in range(a, 4):
-            upper[3 - (b - a), b : n - 3 + b] += stiff * third[a] * third[b]
-    return np.asarray(solveh_banded(upper, values))

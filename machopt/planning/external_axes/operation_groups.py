@@ -176,9 +176,9 @@ def _find_axis_range(
             where=f"external.{axis.joint}.operations",
         )
     mode = next(iter(modes))
-    requested = _given(axis, labels)
+    requested = _get_requested_value(axis, labels)
     moving = mode == MOVING and requested is None
-    must, allowed, (least, most) = _room(
+    must, allowed, (least, most) = _find_room(
         cell,
         k,
         axis if requested is None else replace(axis, at=requested),
@@ -201,7 +201,7 @@ def _refuse_too_many_choices(group: OperationGroup, axes: Sequence[ExternalJoint
         )
 
 
-def _room(
+def _find_room(
     cell: Cell, k: int, axis: ExternalJointOptions, wishes: Sequence[AxisPositionWish], *, locked: bool, moves: bool
 ) -> tuple[bool, tuple[Interval, ...], Interval]:
     """Return whether joint ``k`` has to move, the places allowed where it does not, and its range where it does.
@@ -227,7 +227,7 @@ def _room(
     )
 
 
-def _given(axis: ExternalJointOptions, labels: Sequence[str]) -> float | None:
+def _get_requested_value(axis: ExternalJointOptions, labels: Sequence[str]) -> float | None:
     """Return the requested value of a joint in operations that share it, m or rad; None where the plan is free to
     choose.
     """

@@ -31,7 +31,7 @@ class AxisPlanRanking:
     preferred: Array  # (E,) equivalent rad, NaN where none is preferred
 
     @classmethod
-    def of(cls, setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> AxisPlanRanking:
+    def build(cls, setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> AxisPlanRanking:
         """Return the ranking function of a cell.
 
         Args:
@@ -48,7 +48,7 @@ class AxisPlanRanking:
         Args:
             plan: plan to rank.
         """
-        terms = ObjectiveTerms.of(plan.path, plan.setup.velocity, plan.options)
+        terms = ObjectiveTerms.build(plan.path, plan.setup.velocity, plan.options)
         return plan.chosen.objective.total + self.wished(plan.path.external * self.per, terms)
 
     def wished(self, x: Array, terms: ObjectiveTerms) -> float:

@@ -80,7 +80,7 @@ def build_axis_position_wishes(
     out = []
     for wish in wishes:
         if wish.joint:
-            k = _joint(cell, wish)
+            k = _find_joint(cell, wish)
             rows = select_steered_rows(wish, path.index)
             if len(rows):
                 out.append(
@@ -101,7 +101,7 @@ def check_known_axes_and_places(cell: Cell, wishes: Sequence[SteeringRule]) -> N
     """
     for wish in wishes:
         if wish.joint:
-            _joint(cell, wish)
+            _find_joint(cell, wish)
 
 
 def find_nearest_allowed(intervals: Sequence[Interval], value: float) -> float:
@@ -198,7 +198,13 @@ def compute_axis_range_along_path(
             reach = min([length, *(float(v) for v in others)])
             s = path.s[rows]
             away = np.maximum(np.maximum(path.s[a] - s, s - path.s[b]), 0.0)
-            free = _eased(away / reach) if 0 < reach < np.inf else np.zeros(len(s)) if reach else (away > 0) * 1.0
+            free = (
+                _compute_smooth_step(away / reach)
+                if 0 < reach < np.inf
+                else np.zeros(len(s))
+                if reach
+                else (away > 0) * 1.0
+            )
             there = np.arange(first, last + 1)
             free = np.where((there >= a) & (there <= b), 0.0, free)
             low_end, high_end = (np.clip(v, least[rows, k], most[rows, k]) for v in (bound.low, bound.high))
@@ -207,13 +213,13 @@ def compute_axis_range_along_path(
     return least, most
 
 
-def _eased(share: Array) -> Array:
+def _compute_smooth_step(share: Array) -> Array:
     """Return a smooth step: 0 at 0, 1 from 1 on, with zero first and second derivatives at both ends."""
     x = np.clip(share, 0.0, 1.0)
     return np.asarray(x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
 
 
-def _joint(cell: Cell, wish: SteeringRule) -> int:
+def _find_joint(cell: Cell, wish: SteeringRule) -> int:
     names = list(cell.external_joints)
     k = find_external_joint(wish.joint, names)
     if k is None:

@@ -139,28 +139,28 @@ def find_best_external_axis_plan(
     request = _SearchRequest(
         cell=cell, toolpath=toolpath, options=options, axes=axes, clock=clock, before=before, scale=scale
     )
-    if not options.is_searched or options.rotation_step >= STEP or _stand_still(request):
-        return _refined(request)
-    coarse = _refined(replace(request, options=replace(options, rotation_step=STEP)))
-    ranking = AxisPlanRanking.of(coarse.setup, axes)
+    if not options.is_searched or options.rotation_step >= STEP or _has_fixed_joints(request):
+        return _search_refined(request)
+    coarse = _search_refined(replace(request, options=replace(options, rotation_step=STEP)))
+    ranking = AxisPlanRanking.build(coarse.setup, axes)
     job = RefinementJob(toolpath=toolpath, groups=(), worth=ranking, clock=clock, before=before)
     found = plan_on_other_grid(coarse, options.rotation_step, job)
     if not count_lost_points(found):
-        return found if found.over_external is not None else _led_on(found, request)
+        return found if found.over_external is not None else _improve_coarser_plan(found, request)
     # Where few rotations are feasible, a finer grid may find some that the coarse one misses.
-    other = _refined(request)
-    return min(found, other, key=_key_of(found.setup, axes))
+    other = _search_refined(request)
+    return min(found, other, key=_build_ranking_key(found.setup, axes))
 
 
-def _refined(request: _SearchRequest) -> Plan:
+def _search_refined(request: _SearchRequest) -> Plan:
     """The best plan on one grid of rotations."""
     toolpath, clock, before = request.toolpath, request.clock, request.before
-    starts = _coarse_to_fine(request)
+    starts = _search_coarse_to_fine(request)
     found = starts.best
     groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
-    if _locked(groups):
+    if _are_locked(groups):
         return found
-    worth, key = AxisPlanRanking.of(found.setup, request.axes), _key_of(found.setup, request.axes)
+    worth, key = AxisPlanRanking.build(found.setup, request.axes), _build_ranking_key(found.setup, request.axes)
     # The best fixed plan is a local optimum of its own, so that the moving plan is never worse.
     job = RefinementJob(toolpath=toolpath, groups=groups, worth=worth, clock=clock, before=before)
     still = replace(job, groups=[replace(g, moving=np.zeros_like(g.moving)) for g in groups])
@@ -195,31 +195,31 @@ def _refined(request: _SearchRequest) -> Plan:
     return found
 
 
-def _led_on(found: Plan, request: _SearchRequest) -> Plan:
+def _improve_coarser_plan(found: Plan, request: _SearchRequest) -> Plan:
     """Return the improvement by sequences of a plan that a finer rotation grid has made better."""
     toolpath, clock = request.toolpath, request.clock
     groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
-    ranking = AxisPlanRanking.of(found.setup, request.axes)
+    ranking = AxisPlanRanking.build(found.setup, request.axes)
     job = RefinementJob(toolpath=toolpath, groups=groups, worth=ranking, clock=clock, before=request.before)
     led = leap_to_better_sequences(found, job)
-    for one in sorted(led[1:], key=_key_of(found.setup, request.axes)):
+    for one in sorted(led[1:], key=_build_ranking_key(found.setup, request.axes)):
         if is_drivable(one, toolpath, clock):
             return one
     return led[0]
 
 
-def _stand_still(request: _SearchRequest) -> bool:
+def _has_fixed_joints(request: _SearchRequest) -> bool:
     options = resolve_steering(request.options, request.toolpath)
     path = build_planning_path(request.toolpath, list_constrained_points(options))
-    return _locked(build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer))
+    return _are_locked(build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer))
 
 
-def _locked(groups: Sequence[OperationGroup]) -> bool:
+def _are_locked(groups: Sequence[OperationGroup]) -> bool:
     return all((g.low == g.high).all() and not g.moves.any() for g in groups)
 
 
-def _key_of(setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> Callable[[Plan], Key]:
-    worth = AxisPlanRanking.of(setup, axes)
+def _build_ranking_key(setup: PlanningSetup, axes: Sequence[ExternalJointOptions]) -> Callable[[Plan], Key]:
+    worth = AxisPlanRanking.build(setup, axes)
     return lambda one: (count_lost_points(one), worth.plan(one))
 
 
@@ -232,7 +232,7 @@ class _Starts:
     others: tuple[Plan, ...] = ()  # further ones with moving joints, best first
 
 
-def _coarse_to_fine(request: _SearchRequest) -> _Starts:
+def _search_coarse_to_fine(request: _SearchRequest) -> _Starts:
     """Return the best plan over grids of values, and along a curve between them where the joints may move."""
     request = replace(request, options=resolve_steering(request.options, request.toolpath))
     options, before = request.options, request.before
@@ -240,7 +240,7 @@ def _coarse_to_fine(request: _SearchRequest) -> _Starts:
         setup = prepare_planning(request.cell, options, request.toolpath) if before is None else before.setup
         path = build_planning_path(request.toolpath, list_constrained_points(options))
         groups = build_operation_groups(request.cell, request.toolpath, path, request.axes, options.steer)
-    if _locked(groups):
+    if _are_locked(groups):
         at = _spread(path, groups, [g.low for g in groups])
         return _Starts(request.planned(request.scale, setup, at))
     with request.clock.stage("external"):
@@ -261,7 +261,7 @@ class _Tries:
     groups: list[OperationGroup]
     search: FixedValueSearch
 
-    def _planned(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
+    def _plan_with_values(self, external: Array, options: PlanOptions | None = None) -> tuple[Key, Plan]:
         request = self.request if options is None else replace(self.request, options=options)
         found = request.planned(self.search.scale, self.setup, external)
         return (count_lost_points(found), self.search.worth.plan(found)), found
@@ -281,8 +281,8 @@ class _Tries:
             if values is None:
                 break
             seen.append(values)
-            every.append(self._planned(_spread(self.path, groups, values)))
-            lost = _lost_groups(every[-1][1], groups)
+            every.append(self._plan_with_values(_spread(self.path, groups, values)))
+            lost = _list_lost_groups(every[-1][1], groups)
             bad = [n for n in lost if np.ptp([groups[n].low, groups[n].high], axis=0).any()]
             whole += not bad
             for n in bad or ([0] if len(groups) == 1 else []):
@@ -293,7 +293,7 @@ class _Tries:
         if not any(np.array_equal(home, values) for values in seen):
             best = min((key for key, _ in every), default=None)
             if best is None or best[0] or search.estimate(home) <= AS_GOOD * search.estimate(seen[0]):
-                every.append(self._planned(_spread(self.path, groups, home)))
+                every.append(self._plan_with_values(_spread(self.path, groups, home)))
         return min(every, key=lambda one: one[0])
 
     def moving(self) -> _Starts:
@@ -309,9 +309,11 @@ class _Tries:
         else:
             fixed_values = [best[1].path.external[list_run_points(self.path, g.runs)[0]] for g in self.groups]
         ways = list_moving_subsets(self.groups, fixed_values, self.request.cell.external_home)
-        (key, found), *others = self._along(ways, fixed_values)
+        (key, found), *others = self._plan_moving_joints(ways, fixed_values)
         if any(not b.pair for b in found.breaks) and (best is None or best[0][0]):
-            wound = self._along([*ways, *list_partly_fixed_groups(self.groups)], fixed_values, turns=True)[0]
+            wound = self._plan_moving_joints([*ways, *list_partly_fixed_groups(self.groups)], fixed_values, turns=True)[
+                0
+            ]
             key, found = min((key, found), wound, key=lambda one: one[0])
         contacts = count_unreached_points(found) or any(b.pair for b in found.breaks)
         if contacts and (best is None or best[0][0]) and self.setup.collision is not None:
@@ -342,9 +344,9 @@ class _Tries:
         with self.request.clock.stage("external"):
             curves = AxisCurveSearch(setup=self.setup, options=self.request.options, scale=search.scale, clear=True)
             way = compute_moving_axis_path(curves, self.path, self.groups, self.request.axes, stands)
-        return self._planned(way)
+        return self._plan_with_values(way)
 
-    def _along(
+    def _plan_moving_joints(
         self, tries: list[list[OperationGroup]], stands: list[Array], turns: bool = False
     ) -> list[tuple[Key, Plan]]:
         """Return plans with the joints moving where they may, all or some
@@ -372,15 +374,15 @@ class _Tries:
                 ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
         looks = replace(self.request.options, rotation_step=max(self.request.options.rotation_step, STEP))
         if len(ways) > 1:
-            assessed = [self._planned(at, looks) for at in ways]
+            assessed = [self._plan_with_values(at, looks) for at in ways]
             order = sorted(range(len(ways)), key=lambda k: assessed[k][0])
             if looks.rotation_step == self.request.options.rotation_step:
                 return [assessed[k] for k in order]
             ways = [ways[order[0]]]
-        return [self._planned(ways[0])]
+        return [self._plan_with_values(ways[0])]
 
 
-def _lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
+def _list_lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
     """Groups with points that have no configuration, or with breaks."""
     path = found.path
     runs = set(path.run[found.missing[path.may_touch[found.missing]]].tolist())

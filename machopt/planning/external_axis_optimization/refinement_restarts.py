@@ -37,7 +37,7 @@ def leap_to_better_sequences(best: Plan, job: RefinementJob) -> list[Plan]:
     most, out = LEAPS[len(best.path.index) > SHORT], [best]
     for leap in range(most + 1):
         with job.clock.stage("external"):
-            around = BoundSearch.of(out[-1], job.groups, VALUES)
+            around = BoundSearch.build(out[-1], job.groups, VALUES)
             if isinstance(around, str):
                 break
             found = around.best()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.cost.objective import edge_price_compiled, late_compiled
-from machopt.planning.sequence_search.search_kernels import _sort
+from machopt.planning.sequence_search.rapid_source_kernels import sort_indices
 
 TWO_PI = 2.0 * np.pi
 SECONDS, TRAVEL, ROTATION, FEED = range(4)  # columns of ``priced``: s, and the prices per rad, rad and s
@@ -72,7 +72,7 @@ def _shorten(d: float, before: int, more: int) -> float:
 
 
 @jit_compile
-def _turns(phi: Array, last: Array, out: Array) -> None:
+def _compute_rotation_steps(phi: Array, last: Array, out: Array) -> None:
     """Write (R, R) rad between the rotations of a station and those of the previous one, the shorter way round."""
     for r in range(len(phi)):
         for p in range(len(last)):
@@ -81,7 +81,7 @@ def _turns(phi: Array, last: Array, out: Array) -> None:
 
 
 @jit_compile
-def _ways(
+def _compute_value_steps(
     e: Array,
     last: Array,
     position_number: NDArray[np.int64],
@@ -130,7 +130,7 @@ def _sort_groups(
             if group[h * B + b] < np.inf:
                 order[b, count[b]] = h
                 count[b] += 1
-        _sort(group[b::B], order[b, : count[b]])
+        sort_indices(group[b::B], order[b, : count[b]])
 
 
 @jit_compile
@@ -187,8 +187,10 @@ def compute_reach_costs(
         every = not (stable and kind[s, JOINED])
         if not is_plunge:
             _sort_groups(before, R, B, group, order, count)
-        _turns(phi[s], phi[s - 1], turn)
-        _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
+        _compute_rotation_steps(phi[s], phi[s - 1], turn)
+        _compute_value_steps(
+            e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow
+        )
         for v in range(V):
             b, r, g = v % B, (v // B) % R, v // (B * R)
             if r == 0:
@@ -275,8 +277,10 @@ def trace_cheapest_sequence(
     out[S - 1] = np.argmin(reached[S - 1])
     turn, way, slow = np.empty((R, R)), np.empty((G, G)), np.empty((G, G))
     for s in range(S - 1, 0, -1):
-        _turns(phi[s], phi[s - 1], turn)
-        _ways(e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow)
+        _compute_rotation_steps(phi[s], phi[s - 1], turn)
+        _compute_value_steps(
+            e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow
+        )
         v, least = out[s], np.inf
         b, r, g = v % B, (v // B) % R, v // (B * R)
         for u in range(V):

@@ -59,14 +59,17 @@ class ValueGridSequences:
         high = max(low, known - self.worst * self.floor()) if onward is not None and np.isfinite(known) else low
         # Where vertices were excluded since, ``low`` is a lower bound only. A search with a lower limit is far faster.
         limits = [(low + share * (high - low)) * (1.0 + SLACK) for share in (LIMITS if high > low else LIMITS[:1])]
-        free = next((one for one in (self._capped(self.node, ahead, most) for most in limits) if one is not None), None)
+        free = next(
+            (one for one in (self._find_capped_sequence(self.node, ahead, most) for most in limits) if one is not None),
+            None,
+        )
         if free is None and onward is None:
             raise AssertionError("the cheapest sequence is within its own price")
         if free is None:
             return self.best(gap)
 
         def under(cap: float, most: float) -> WorstLimitedSequence | None:
-            return self._capped(np.where(self.raw <= cap, self.node, np.inf), ahead, most)
+            return self._find_capped_sequence(np.where(self.raw <= cap, self.node, np.inf), ahead, most)
 
         found = trade_worst_index(free, self.floor(), self.worst, under, gap)
         return found.total, min(found.bound, found.total), found.best.vertex.astype(np.int64)
@@ -103,7 +106,7 @@ class ValueGridSequences:
         back = self._reach(node, self.kind[after], self.priced[after], before, limit, reverse=True)
         return np.ascontiguousarray(back[::-1])
 
-    def _capped(self, node: Array, onward: Array, limit: float) -> WorstLimitedSequence | None:
+    def _find_capped_sequence(self, node: Array, onward: Array, limit: float) -> WorstLimitedSequence | None:
         """Return the cheapest sequence over the finite vertices of ``node`` (S, V); None where none is below the
         limit.
         """

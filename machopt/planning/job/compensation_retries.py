@@ -57,21 +57,21 @@ def compensate_with_retries(
     best = found = shifted(planned)
     options, avoided = whole, set[int]()
     for n in range(TRIES if requested.is_searched else 0):
-        zones = _zones(found, segment.first, min(max(whole.rotation_step, NARROWEST) * 2**n, WIDEST))
+        zones = _build_excluded_zones(found, segment.first, min(max(whole.rotation_step, NARROWEST) * 2**n, WIDEST))
         if not zones:
             break
         options = replace(options, steer=(*options.steer, *zones))
         avoided |= {zone.points[0] for zone in zones if zone.points is not None}
         alternative = replan(options)
-        if _missing(alternative) > _missing(planned):  # these rotations are needed
+        if _count_missing(alternative) > _count_missing(planned):  # these rotations are needed
             break
         found = shifted(restore_requested_margins(alternative, requested, arm))
-        if _missing(found) < _missing(best):
+        if _count_missing(found) < _count_missing(best):
             best = replace(found, elsewhere=tuple(sorted(avoided)))
     return best
 
 
-def _zones(plan: Plan, first: int, half: float) -> tuple[SteeringRule, ...]:
+def _build_excluded_zones(plan: Plan, first: int, half: float) -> tuple[SteeringRule, ...]:
     """Return the rotation zones to exclude where the shift is lost, at toolpath points of the whole job; none if no
     remedy.
     """
@@ -94,6 +94,6 @@ def _zones(plan: Plan, first: int, half: float) -> tuple[SteeringRule, ...]:
     )
 
 
-def _missing(plan: Plan) -> int:
+def _count_missing(plan: Plan) -> int:
     """Return the number of planning points without a plan, and the number of breaks of the sequence."""
     return int((plan.chosen.assignment.reason != InfeasibilityReason.OK).sum()) + len(plan.breaks)

@@ -89,7 +89,7 @@ def add_undrivable_conflict(
         return plan
     stop = stops[0]
     ends = [v for v in (stop.before, stop.after) if np.isfinite(v)]
-    wishes = sorted(list_constraints(options), key=lambda w: _distance(w, ends, toolpath))[:NEAREST]
+    wishes = sorted(list_constraints(options), key=lambda w: _compute_distance(w, ends, toolpath))[:NEAREST]
     if not wishes:
         return plan
     return replace(
@@ -101,7 +101,7 @@ def add_undrivable_conflict(
     )
 
 
-def _distance(wish: Wish, ends: Sequence[float], toolpath: Toolpath) -> float:
+def _compute_distance(wish: Wish, ends: Sequence[float], toolpath: Toolpath) -> float:
     """Return the number of toolpath points between a constraint and a place."""
     if isinstance(wish, FixedRotation):
         parts = [(wish.point, wish.point)]
@@ -180,7 +180,7 @@ class _ConflictSearch:
         self._possible = possible
         self._plans = 0
 
-    def _fails(self, some: Sequence[Wish]) -> bool:
+    def _is_failing(self, some: Sequence[Wish]) -> bool:
         self._plans += 1
         return self._plans <= MOST and not self._possible(some)
 
@@ -192,7 +192,7 @@ class _ConflictSearch:
             new: ``given`` changed since it was last tried.
             left: wishes to reduce.
         """
-        if new and self._fails(given):
+        if new and self._is_failing(given):
             return []
         if len(left) == 1:
             return left

@@ -91,7 +91,7 @@ def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:
     cut = np.array([float((t.move == MoveKind.CUT).sum()) for t in driven]) if whole else np.ones(1)
     held_shares = np.array([one.held_share for _, one in found]) if whole else np.ones(1)
     return MotionTimeline(
-        trajectory=_one_after_the_other(parts, driven) if whole else None,
+        trajectory=_concatenate_motions(parts, driven) if whole else None,
         dips=tuple(d.at(np.array([d.first, d.last]) + p.segment_plan.first) for p, one in found for d in one.dips),
         obstructions=obstructions,
         detours=tuple(
@@ -107,7 +107,7 @@ def join_timelines(parts: Sequence[DrivenToolSegment]) -> MotionTimeline | None:
     )
 
 
-def _one_after_the_other(parts: Sequence[DrivenToolSegment], motions: Sequence[Trajectory]) -> Trajectory:
+def _concatenate_motions(parts: Sequence[DrivenToolSegment], motions: Sequence[Trajectory]) -> Trajectory:
     """Concatenate all rows; the last of one and the first of the next are at the same place with another tool."""
     sample = float(motions[0].time[1] - motions[0].time[0])
     lengths = [len(m.time) for m in motions]

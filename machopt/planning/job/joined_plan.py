@@ -56,7 +56,7 @@ def join_plans(
         bound: as in :class:`~machopt.planning.pipeline.plan.Plan`.
         options: of the whole job; None: those of the first stretch.
     """
-    plans = [_in_the_whole(s) for s in stretches]
+    plans = [_place_in_job(s) for s in stretches]
     share = compute_length_shares(plans)
     rows = np.cumsum([0, *(len(p.path.index) for p in plans)])[:-1]
     stations = np.cumsum([0, *(len(p.path.stations) for p in plans)])[:-1].tolist()
@@ -66,26 +66,28 @@ def join_plans(
         some = [of(p) for p in plans]
         assignment = replace(
             some[0].assignment,
-            **{f.name: _stacked([getattr(s.assignment, f.name) for s in some]) for f in fields(some[0].assignment)},
+            **{
+                f.name: _stack_arrays([getattr(s.assignment, f.name) for s in some]) for f in fields(some[0].assignment)
+            },
         )
         cost = np.concatenate([s.cost for s in some])
-        return ScoredAssignment(assignment, cost, _summed([s.objective for s in some], share, options))
+        return ScoredAssignment(assignment, cost, _sum_objectives([s.objective for s in some], share, options))
 
     numbers = np.unique(np.concatenate([p.candidates.branch for p in plans]))
-    candidates = _candidates([p.candidates.expand_branches(numbers) for p in plans])
+    candidates = _join_candidates([p.candidates.expand_branches(numbers) for p in plans])
     return Plan(
         setup=first.setup,
         options=options,
-        path=_path([p.path for p in plans]),
+        path=_join_paths([p.path for p in plans]),
         directions=LoadDirections(
-            **{f.name: _stacked([getattr(p.directions, f.name) for p in plans]) for f in fields(LoadDirections)}
+            **{f.name: _stack_arrays([getattr(p.directions, f.name) for p in plans]) for f in fields(LoadDirections)}
         ),
         candidates=candidates,
         scores=_join_scores(plans, numbers),
-        choice=_choice(plans, candidates, stations),
+        choice=_join_choices(plans, candidates, stations),
         chosen=scored(lambda p: p.chosen),
         chosen_from=" / ".join(dict.fromkeys(p.chosen_from for p in plans)),
-        grid=_summed([p.grid for p in plans], share, options),
+        grid=_sum_objectives([p.grid for p in plans], share, options),
         cam_default=scored(lambda p: p.cam_default),
         jiao2022=scored(lambda p: p.jiao2022),
         check=None,
@@ -93,7 +95,7 @@ def join_plans(
         breaks=tuple(b for p in plans for b in p.breaks),
         notes={int(row) + p: text for row, one in zip(rows, plans, strict=True) for p, text in one.notes.items()},
         ways={int(row) + p: b for row, one in zip(rows, plans, strict=True) for p, b in one.ways.items()},
-        compensation=_compensation(plans),
+        compensation=_join_compensations(plans),
         conflict=" ".join(p.conflict for p in plans if p.conflict),
         parts=tuple(ToolPlanPart(p, int(row), float(s)) for p, row, s in zip(plans, rows, share, strict=True)),
         bound=bound,
@@ -132,7 +134,7 @@ def shift_break_indices(b: SequenceBreak, s: ToolSegmentPlan) -> SequenceBreak:
     return replace(b, before=b.before + s.first, after=b.after + s.first, text=text, begin=begin, end=end)
 
 
-def _in_the_whole(s: ToolSegmentPlan) -> Plan:
+def _place_in_job(s: ToolSegmentPlan) -> Plan:
     """Return the plan with the toolpath indices of the whole job; its messages count points from the stretch's
     first.
     """
@@ -161,7 +163,7 @@ def compute_length_shares(plans: Sequence[Plan]) -> Array:
     return share / share.sum() if share.sum() > 0 else np.full(len(plans), 1.0 / len(plans))
 
 
-def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) -> PlanObjective:
+def _sum_objectives(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) -> PlanObjective:
     """J of the whole, by the formula above; a stretch without cuts counts for its worst index only."""
     cuts = share > 0
 
@@ -186,14 +188,14 @@ def _summed(parts: Sequence[PlanObjective], share: Array, options: PlanOptions) 
     return replace(whole, total=compute_total(whole, options.weights))
 
 
-def _stacked(arrays: Sequence[Array]) -> Any:
+def _stack_arrays(arrays: Sequence[Array]) -> Any:
     """Concatenate arrays of numbers or flags; None where no stretch has any."""
     if arrays[0] is None:
         return None
     return np.concatenate(arrays)
 
 
-def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
+def _join_paths(paths: Sequence[PlanningPath]) -> PlanningPath:
     """Return one path of all runs; the last of one stretch and the first of the next are not connected."""
     before = dict.fromkeys(COUNTED_UP, 0.0)
     columns: dict[str, list[Array]] = {}
@@ -214,7 +216,7 @@ def _path(paths: Sequence[PlanningPath]) -> PlanningPath:
             columns.setdefault(f.name, []).append(value + np.asarray(by, value.dtype) if by else value)
         row += len(path.index)
         run += int(path.run[-1]) + 1
-    stacked: dict[str, Any] = {name: _stacked(some) for name, some in columns.items()}
+    stacked: dict[str, Any] = {name: _stack_arrays(some) for name, some in columns.items()}
     whole = replace(paths[0], runs=tuple(runs), **stacked, **NO_OPTIONAL_FIELDS)
     if any(path.unshifted is not None for path in paths):
         whole = replace(whole, unshifted=np.concatenate([path.without_shift.position for path in paths]))
@@ -229,27 +231,27 @@ def _add_tilts(whole: PlanningPath, paths: Sequence[PlanningPath]) -> PlanningPa
         )
         for name in ("lead", "side")
     }
-    return replace(whole, untilted=_path([replace(path.programmed, index=path.index) for path in paths]), **tilts)
+    return replace(whole, untilted=_join_paths([replace(path.programmed, index=path.index) for path in paths]), **tilts)
 
 
-def _furthest_dropped(c: CandidateGrid) -> NDArray[np.uint8]:
+def _find_furthest_dropped(c: CandidateGrid) -> NDArray[np.uint8]:
     """Return (S, R, 1) the reason of the branch left out that came furthest."""
     if c.dropped is None:
         return np.full((*c.reason.shape[:2], 1), InfeasibilityReason.UNREACHABLE, np.uint8)
     return np.asarray(c.dropped.max(axis=2, keepdims=True))
 
 
-def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
+def _join_candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
     """Return all stations of grids with the same branches, with the union of their whole turns."""
     turns = np.unique(np.concatenate([c.turns for c in some]), axis=0)
     feasible = []
     for c in some:
         wide = np.zeros((*c.feasible.shape[:3], len(turns)), bool)
-        wide[..., _places(c.turns, turns)] = c.feasible
+        wide[..., _find_turn_rows(c.turns, turns)] = c.feasible
         feasible.append(wide)
     nudged = any(c.nudge is not None for c in some)
     nudge = [np.zeros(len(c.q)) if c.nudge is None else c.nudge for c in some]
-    dropped = [_furthest_dropped(c) for c in some]
+    dropped = [_find_furthest_dropped(c) for c in some]
     return CandidateGrid(
         phi=some[0].phi,
         branch=some[0].branch,
@@ -264,16 +266,16 @@ def _candidates(some: Sequence[CandidateGrid]) -> CandidateGrid:
     )
 
 
-def _places(turns: Array, among: Array) -> Array:
+def _find_turn_rows(turns: Array, among: Array) -> Array:
     """Return (T,) the row of ``among`` equal to each of ``turns``."""
     return np.array([int(np.flatnonzero((among == t).all(axis=1))[0]) for t in turns], np.intp)
 
 
-def _choice(plans: Sequence[Plan], candidates: CandidateGrid, stations: Sequence[int]) -> SequenceChoice:
+def _join_choices(plans: Sequence[Plan], candidates: CandidateGrid, stations: Sequence[int]) -> SequenceChoice:
     choices = [p.choice for p in plans]
     turn, branch = [], []
     for p in plans:
-        place = _places(p.candidates.turns, candidates.turns)
+        place = _find_turn_rows(p.candidates.turns, candidates.turns)
         turn.append(np.where(p.choice.turn >= 0, place[np.maximum(p.choice.turn, 0)], -1).astype(p.choice.turn.dtype))
         to = np.searchsorted(candidates.branch, p.candidates.branch)
         branch.append(np.where(p.choice.branch >= 0, to[p.choice.branch], -1).astype(p.choice.branch.dtype))
@@ -286,7 +288,7 @@ def _choice(plans: Sequence[Plan], candidates: CandidateGrid, stations: Sequence
     )
 
 
-def _compensation(plans: Sequence[Plan]) -> PathCompensation | None:
+def _join_compensations(plans: Sequence[Plan]) -> PathCompensation | None:
     """Return the shifts of all stretches; None where a stretch has none."""
     some = [p.compensation for p in plans if p.compensation is not None]
     if not some:

@@ -23,9 +23,9 @@ from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, FreeSpace, 
 from machopt.planning.motion.retract_moves import compute_rest_poses
 from machopt.planning.motion.search_budget import is_used_up
 from machopt.planning.motion.trajectory_builder import SEARCHED, MotionTimeline
-from machopt.planning.pipeline.path_planner import search_without_branch_changes
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.pipeline.repeated_search import search_without_branch_changes
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
 
 TRIES = 6  # maximum number of new plans: each shifts turns, or forbids a branch change, of which six axes have 28
@@ -70,19 +70,19 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
     A = plan.setup.arm.solver.branches
     shut, descriptions = _Shut(np.zeros((A, A), bool), frozenset(), ()), dict[str, str]()
     for _ in range(TRIES):
-        stops = _stops(timeline)
+        stops = _list_blocked_moves(timeline)
         if timeline is None or timeline.trajectory is not None or not stops or is_used_up():
             break
         stuck: list[SequenceBreak] = []
         with timings.stage("retime"):
             for stop in stops:
-                turned = _turned(plan, stop)
+                turned = _shift_by_turns(plan, stop)
                 if turned is None:
                     stuck.append(stop)
                 else:
                     plan, descriptions[stop.where] = turned
         if stuck:
-            more = _shut_by(driven, stuck, shut)
+            more = _extend_shut_moves(driven, stuck, shut)
             if plan.found is None or not plan.candidates.stable or not more.more_than(shut):
                 return first
             shut, descriptions = more, {}
@@ -96,13 +96,13 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
     return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *descriptions.values()))
 
 
-def _stops(timeline: MotionTimeline | None) -> list[SequenceBreak]:
+def _list_blocked_moves(timeline: MotionTimeline | None) -> list[SequenceBreak]:
     """Return the rapid moves between two contact-free places without a collision-free path."""
     every = () if timeline is None else timeline.obstructions[:SEARCHED]  # the others were not searched fully
     return [stop for stop in every if stop.code in NO_WAY_FOUND and stop.pair != UNDER]
 
 
-def _turned(plan: Plan, stop: SequenceBreak) -> tuple[Plan, str] | None:
+def _shift_by_turns(plan: Plan, stop: SequenceBreak) -> tuple[Plan, str] | None:
     """Return the plan with the rest after a blocked move shifted by whole turns to a reachable posture, and its
     description.
 
@@ -110,7 +110,7 @@ def _turned(plan: Plan, stop: SequenceBreak) -> tuple[Plan, str] | None:
     """
     q, home = plan.chosen.assignment.q, not np.isfinite(stop.after)
     known = np.flatnonzero(np.isfinite(q).all(axis=1))  # skipped points have no posture
-    begin, before = _row(plan, stop.after), _row(plan, stop.before)
+    begin, before = _find_row(plan, stop.after), _find_row(plan, stop.before)
     if home:
         run = next(first for first, last in plan.path.runs if last >= before)
         begin = int(known[np.searchsorted(known, run)])
@@ -118,7 +118,7 @@ def _turned(plan: Plan, stop: SequenceBreak) -> tuple[Plan, str] | None:
     rest, end = compute_rest_poses(plan)
     if before >= 0:
         rest = _stands(plan, before, q[before])
-    for turns, last in _other_turns(plan, begin, rest[:6]):
+    for turns, last in _iterate_other_turns(plan, begin, rest[:6]):
         if not _free(plan, rest, _stands(plan, begin, q[begin] + turns)):
             continue
         if home and not _free(plan, _stands(plan, last, q[last] + turns), end):
@@ -138,7 +138,7 @@ def _stands(plan: Plan, row: int, q: Array) -> Array:
     return np.asarray(plan.path.whole(q[None], np.array([row]))[0])
 
 
-def _other_turns(plan: Plan, begin: int, rest: Array) -> Iterator[tuple[Array, int]]:
+def _iterate_other_turns(plan: Plan, begin: int, rest: Array) -> Iterator[tuple[Array, int]]:
     """Yield whole turns (6,) rad by which the stretch from a planning point on may be shifted, and its last point.
 
     The turns nearest to the present posture ``rest`` (6,) rad come first.
@@ -181,33 +181,33 @@ def _free(plan: Plan, a: Array, b: Array) -> bool:
     return not isinstance(move, BlockedRapid)
 
 
-def _shut_by(plan: Plan, stops: list[SequenceBreak], shut: _Shut) -> _Shut:
+def _extend_shut_moves(plan: Plan, stops: list[SequenceBreak], shut: _Shut) -> _Shut:
     """Return the set extended by the blocked moves of one more motion."""
     between, ends, descriptions = shut.between.copy(), set(shut.ends), list(shut.told)
     for stop in stops:
-        a, b = (_branch(plan, place) for place in (stop.before, stop.after))
+        a, b = (_find_branch(plan, place) for place in (stop.before, stop.after))
         if a == b or (a >= 0 and b >= 0 and between[a, b]):
             continue
         if a >= 0 and b >= 0:
             between[a, b] = between[b, a] = True
-            descriptions.append(_words(stop, f"between branches {a} and {b}"))
+            descriptions.append(_describe_stop(stop, f"between branches {a} and {b}"))
         else:
-            row = _row(plan, stop.after if a < 0 else stop.before)
+            row = _find_row(plan, stop.after if a < 0 else stop.before)
             ends.add((min(int(np.searchsorted(plan.path.stations, row)), len(plan.path.stations) - 1), max(a, b)))
-            descriptions.append(_words(stop, f"{'to' if a < 0 else 'from'} branch {max(a, b)}"))
+            descriptions.append(_describe_stop(stop, f"{'to' if a < 0 else 'from'} branch {max(a, b)}"))
     return _Shut(between, frozenset(ends), tuple(descriptions))
 
 
-def _row(plan: Plan, place: float) -> int:
+def _find_row(plan: Plan, place: float) -> int:
     """The planning point at a place along the toolpath; −1 at home."""
     return int(np.searchsorted(plan.path.index, place)) if np.isfinite(place) else -1
 
 
-def _branch(plan: Plan, place: float) -> int:
+def _find_branch(plan: Plan, place: float) -> int:
     """Of the planning point at a place along the toolpath; −1 at home."""
-    row, a = _row(plan, place), plan.chosen.assignment
+    row, a = _find_row(plan, place), plan.chosen.assignment
     return int(a.branch[row]) if row >= 0 and a.reason[row] == InfeasibilityReason.OK else -1
 
 
-def _words(stop: SequenceBreak, what: str) -> str:
+def _describe_stop(stop: SequenceBreak, what: str) -> str:
     return f"{what}: {stop.text} ({stop.where}), so that the plan does without"

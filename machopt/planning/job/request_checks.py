@@ -17,7 +17,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import CellError, suggest_nearest_word
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.planning.plan_output.unit_check import compute_maximum_reach, explain_wrong_unit
 from machopt.planning.stability.depth_ratio import find_missing_input
@@ -39,7 +39,7 @@ def check_length_unit(cell: Cell, toolpath: Toolpath, file: Path, *, stated: boo
     """
     robot = load_robot(cell)
     machine = load_machine(cell, robot)
-    workpiece_poses = machine.compute_T_base_workpiece(_corners(cell))
+    workpiece_poses = machine.compute_T_base_workpiece(_list_grid_corners(cell))
     why = [explain_wrong_unit(toolpath, robot, T, cell.tool.T_flange_tcp, stated=stated) for T in workpiece_poses]
     if all(why):  # for all positions of the external joints
         raise CellError(why[0], file=file)
@@ -73,8 +73,8 @@ def state_reach(cell: Cell, toolpath: Toolpath) -> Toolpath:
     distance, reach = _compare_with_reach(cell, toolpath)
     if not len(distance):
         return toolpath
-    said = f"{reach:.3g} m; the farthest cut point lies {distance.max():.4g} m from joint 1 of {cell.name}"
-    return replace(toolpath, meta={**toolpath.meta, "reach": said})
+    reach_text = f"{reach:.3g} m; the farthest cut point lies {distance.max():.4g} m from joint 1 of {cell.name}"
+    return replace(toolpath, meta={**toolpath.meta, "reach": reach_text})
 
 
 def _compare_with_reach(cell: Cell, toolpath: Toolpath) -> tuple[Array, float]:
@@ -84,12 +84,12 @@ def _compare_with_reach(cell: Cell, toolpath: Toolpath) -> tuple[Array, float]:
     reach = compute_maximum_reach(robot, cell.tool.T_flange_tcp)
     cuts = toolpath.position[toolpath.cutting]
     distance = np.full(len(cuts), np.inf)
-    for T in machine.compute_T_base_workpiece(_corners(cell)):
+    for T in machine.compute_T_base_workpiece(_list_grid_corners(cell)):
         distance = np.minimum(distance, np.linalg.norm(cuts @ T[:3, :3].T + T[:3, 3] - robot.point[0], axis=1))
     return distance, float(reach)
 
 
-def _corners(cell: Cell) -> Array:
+def _list_grid_corners(cell: Cell) -> Array:
     """Return (N, E): home of the external joints, and the grid between the ends of their ranges."""
     ends = [np.linspace(a, b, 5) for a, b in zip(cell.limits.lower[6:], cell.limits.upper[6:], strict=True)]
     grid = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, len(ends)) if ends else np.empty((0, 0))

@@ -23,9 +23,9 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import PlanObjective
 from machopt.planning.optimality_certificate import compute_external_travel_cost
-from machopt.planning.pipeline.path_planner import search_with_worst_price
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.pipeline.repeated_search import search_with_worst_price
 from machopt.planning.sequence_search.dynamic_programming import SequenceGrid
 from machopt.planning.sequence_search.worst_value_constraint import (
     GAP,
@@ -66,11 +66,13 @@ def plan_worst_index_over_tools(
         grids = list(best)  # with all exclusions
         ways = float(share @ [compute_external_travel_cost(p) for p in best])
         for _ in range(ROUNDS):
-            common = _traded([grids[k] for k in cuts], share[cuts], w, _beside(best, cuts))
+            common = _trade_common_cap(
+                [grids[k] for k in cuts], share[cuts], w, _compute_worst_outside_cuts(best, cuts)
+            )
             if common is None:
                 return best, bound
             bound = common.bound
-            if _whole([p.chosen.objective for p in best], share, w) <= (bound + ways) * (1 + CLOSED):
+            if _sum_job_objective([p.chosen.objective for p in best], share, w) <= (bound + ways) * (1 + CLOSED):
                 break
             searched = [k for n, k in enumerate(cuts) if share[k] > LEAST and common.differs(n, best[k])]
             tried = list(best)
@@ -78,13 +80,13 @@ def plan_worst_index_over_tools(
                 found = grids[k].found
                 if found is None:
                     raise AssertionError("every stretch was searched")
-                again = _as_before(
+                again = _restore_prices(
                     search_with_worst_price(grids[k], found, w / share[k], common.worst, timings), best[k]
                 )
                 grids[k] = again
                 if not again.breaks and not len(again.missing):
                     tried[k] = again
-            better = _better(best, tried, share, w)
+            better = _select_better(best, tried, share, w)
             if better is best:
                 break
             best = better
@@ -106,12 +108,12 @@ class _Common:
             n: index of the stretch.
             one: its plan.
         """
-        own = _worst(one)
+        own = _get_worst(one)
         value = one.choice.total - one.options.weights.worst * own
         return own > self.worst * (1 + GAP) or value > self.values[n] + GAP * abs(one.choice.total)
 
 
-def _traded(grids: Sequence[Plan], share: Array, w: float, worst_elsewhere: float) -> _Common | None:
+def _trade_common_cap(grids: Sequence[Plan], share: Array, w: float, worst_elsewhere: float) -> _Common | None:
     """The common cap of some stretches; ``worst_elsewhere`` is the worst index of the others."""
     some = []
     for p in grids:
@@ -119,7 +121,7 @@ def _traded(grids: Sequence[Plan], share: Array, w: float, worst_elsewhere: floa
             return None
         wide = p.found.wide if p.found.wide.any() else None
         scores = replace(p.scores, elsewhere=0.0)
-        grid = SequenceGrid.of(p.path, p.candidates, scores, p.setup.cell.limits.velocity[:6], p.options, wide)
+        grid = SequenceGrid.build(p.path, p.candidates, scores, p.setup.cell.limits.velocity[:6], p.options, wide)
         capped = grid.capped(p.found.edges)
         if capped is None:
             return None
@@ -180,26 +182,26 @@ class _Stretch:
         return one if one.value < limit else None
 
 
-def _beside(plans: Sequence[Plan], cuts: Sequence[int]) -> float:
+def _compute_worst_outside_cuts(plans: Sequence[Plan], cuts: Sequence[int]) -> float:
     """Return the worst index of the stretches that cut no length: they have only one result."""
     return max((p.chosen.objective.worst for k, p in enumerate(plans) if k not in cuts), default=0.0)
 
 
-def _worst(one: Plan) -> float:
+def _get_worst(one: Plan) -> float:
     """The worst index of a plan's sequence over the grid, in units of c₀."""
     c, path = one.choice, one.path
     there = np.flatnonzero(~c.dropped & path.counted[path.stations])
     return float(one.scores.cost[there, c.rotation[there], c.branch[there]].max(initial=0.0) / one.scores.scale)
 
 
-def _as_before(again: Plan, before: Plan) -> Plan:
+def _restore_prices(again: Plan, before: Plan) -> Plan:
     """Return the plan with the prices of the request, and with the bound that the first search has proven."""
     dear, floor, w = again.options.weights.worst, again.scores.elsewhere, before.options.weights.worst
 
     def priced(o: PlanObjective) -> PlanObjective:
         return replace(o, total=o.total - dear * max(o.worst, floor) + w * o.worst)
 
-    own = _worst(again)
+    own = _get_worst(again)
     total = again.choice.total - dear * max(own, floor) + w * own
     return replace(
         again,
@@ -211,17 +213,17 @@ def _as_before(again: Plan, before: Plan) -> Plan:
     )
 
 
-def _whole(parts: Sequence[PlanObjective], share: Array, w: float) -> float:
+def _sum_job_objective(parts: Sequence[PlanObjective], share: Array, w: float) -> float:
     """J of the whole."""
     rest = [s * (o.total - w * o.worst) for s, o in zip(share, parts, strict=True) if s > 0]
     return float(sum(rest) + w * max(o.worst for o in parts))
 
 
-def _better(best: list[Plan], tried: list[Plan], share: Array, w: float) -> list[Plan]:
+def _select_better(best: list[Plan], tried: list[Plan], share: Array, w: float) -> list[Plan]:
     """Return all new plans, or successively those that make the whole better; ``best`` where none does."""
 
     def cost(plans: Sequence[Plan]) -> float:
-        return _whole([p.chosen.objective for p in plans], share, w)
+        return _sum_job_objective([p.chosen.objective for p in plans], share, w)
 
     now, least = best, cost(best)
     if cost(tried) < least:

@@ -42,7 +42,7 @@ class CutSurface:
         self.axis = np.ascontiguousarray(interpolate_axis(before[of], after[of], part))
 
     @classmethod
-    def of(cls, cell: Cell, toolpath: Toolpath) -> CutSurface | None:
+    def build(cls, cell: Cell, toolpath: Toolpath) -> CutSurface | None:
         """Return the cuts of a toolpath; None where the workpiece geometry describes the material, or nothing is cut.
 
         Args:
@@ -82,11 +82,11 @@ class CutSurface:
         Args:
             tcp: (S, 4, 4) TCP poses in the workpiece frame.
         """
-        return float(_deepest(np.array(tcp, float, order="C"), self.place, self.axis, self.radius, SAME_SIDE))
+        return float(_find_deepest(np.array(tcp, float, order="C"), self.place, self.axis, self.radius, SAME_SIDE))
 
 
 @jit_compile
-def _deepest(tcp: Array, place: Array, axis: Array, radius: float, side: float) -> float:
+def _find_deepest(tcp: Array, place: Array, axis: Array, radius: float, side: float) -> float:
     deepest = 0.0
     for n in range(len(tcp)):
         over, seen = -np.inf, False

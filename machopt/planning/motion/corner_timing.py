@@ -238,7 +238,7 @@ def _fit_corner(rate: Array, k: int, steps: Array, limits: Array, most: float) -
 
 
 @jit_compile
-def _duration(rate: Array, steps: Array, lines: Array, limits: Array, most: Array) -> float:
+def _compute_duration(rate: Array, steps: Array, lines: Array, limits: Array, most: Array) -> float:
     """Time in s with some rates at the corners; NO_TIME where they are not possible.
 
     Rates are lowered where a corner would be rounded too far.
@@ -280,7 +280,7 @@ def _find_rates(steps: Array, limits: Array, most: Array) -> Any:
         rate = np.zeros(2 * count)
         for k in range(1, 2 * count - 1):
             rate[k] = share * peaks[k // 2]
-        time = _duration(rate, steps, lines, limits, most)
+        time = _compute_duration(rate, steps, lines, limits, most)
         size = FIRST
         while size > LAST:
             better = False
@@ -290,7 +290,7 @@ def _find_rates(steps: Array, limits: Array, most: Array) -> Any:
                     for k in range(first, first + WINDOW):
                         trial[k] = min(trial[k] * (1.0 + size) ** (rest % 3 - 1), lines[k // 2, 0])
                         rest //= 3
-                    taken = _duration(trial, steps, lines, limits, most)
+                    taken = _compute_duration(trial, steps, lines, limits, most)
                     if taken < time - SLACK:
                         rate, time, better = trial, taken, True
             if not better:

@@ -107,7 +107,9 @@ def plan_rapid(
     """
     q_from, q_to = np.asarray(q_from, float), np.asarray(q_to, float)
     direct = np.array([q_from, q_to])
-    blocked = None if space.collision is None or known_free else _blocked(space.collision, direct, space.step)
+    blocked = (
+        None if space.collision is None or known_free else _find_blocking_contact(space.collision, direct, space.step)
+    )
     if blocked is None:
         straight = _time_move(direct, "direct", timing)
         if space.allows(straight):
@@ -168,7 +170,7 @@ def _find_sampled_move(
     if path is None:
         count_in_vain(extensions)
         return blocked
-    for waypoints in (_shortcut(tree_space, path, rng), path):  # between samples the shortened path may be barred
+    for waypoints in (_cut_corners(tree_space, path, rng), path):  # between samples the shortened path may be barred
         sampled = _time_move(waypoints, "sampled", timing)
         if space.allows(sampled):
             return _shorten(sampled, timing, space)
@@ -196,14 +198,14 @@ def retime_straight_segments(waypoints: Array, limits: JointLimits, scale: float
             if delta.any():  # one sample: far below any jerk limit, 1e-9 rad / (1 ms)³ = 1 rad/s³
                 rows.append(b[None])
             continue
-        share = _profile(delta, limits, scale, sample)
+        share = _sample_profile(delta, limits, scale, sample)
         leg = a + share[1:, None] * delta
         leg[-1] = b
         rows.append(leg)
     return np.vstack(rows)
 
 
-def _profile(delta: Array, limits: JointLimits, scale: float, sample: float) -> Array:
+def _sample_profile(delta: Array, limits: JointLimits, scale: float, sample: float) -> Array:
     """Place along a leg, 0 … 1, at each sample."""
     import ruckig
 
@@ -254,7 +256,7 @@ class _Space:
         return self.collision is None or _free(self.collision, np.array([a, b]), self.step)
 
 
-def _blocked(collision: CollisionModel, direct: Array, step: float) -> BlockedRapid | None:
+def _find_blocking_contact(collision: CollisionModel, direct: Array, step: float) -> BlockedRapid | None:
     """Why the straight line is not free; an end that is not free comes first."""
     ends = collision.check_configurations(direct, np.zeros(2, bool))
     for n, reason in ((0, "start"), (1, "end")):
@@ -346,7 +348,7 @@ def _extend(space: _Space, tree: _Tree, near: int, target: Array) -> int | None:
     return tree.add(q, near)
 
 
-def _shortcut(space: _Space, path: Array, rng: np.random.Generator) -> Array:
+def _cut_corners(space: _Space, path: Array, rng: np.random.Generator) -> Array:
     """The path with corners cut where the straight line between two of its points is free."""
     points = list(path)
     for _ in range(SHORTCUTS):

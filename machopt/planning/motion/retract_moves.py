@@ -27,10 +27,10 @@ def compute_rest_poses(plan: Plan) -> tuple[Array, Array]:
     Args:
         plan: plan of one tool.
     """
-    return _true(plan, plan.begin), _true(plan, plan.end)
+    return _compute_true_angles(plan, plan.begin), _compute_true_angles(plan, plan.end)
 
 
-def _true(plan: Plan, encoder_angles: Array | None) -> Array:
+def _compute_true_angles(plan: Plan, encoder_angles: Array | None) -> Array:
     """Return the true angles of given encoder angles; home without them."""
     if encoder_angles is None:
         return np.asarray(np.r_[plan.setup.driven.home, plan.setup.cell.external_home])
@@ -59,12 +59,12 @@ class RetractMoves:
         """
         model = self.plan.setup.collision
         for height in GAP_LIFTS:
-            way = self._way(row, height)
+            way = self._find_lift(row, height)
             if way is None:
                 continue
             if model is None:
                 return height
-            steps = np.vstack([self.x[row], self._whole(row, way)])
+            steps = np.vstack([self.x[row], self._add_external_joints(row, way)])
             if (
                 not model.check_motion(steps, np.ones(len(steps), bool), self.options.collision_step).any
                 and not (model.check_configurations(steps[-1:], np.array([False])).hit[0])
@@ -94,14 +94,14 @@ class RetractMoves:
             row: planning point.
             height: m along the tool axis.
         """
-        way = self._way(row, height)
-        return None if way is None else self._whole(row, way[-1:])[0]
+        way = self._find_lift(row, height)
+        return None if way is None else self._add_external_joints(row, way[-1:])[0]
 
-    def _whole(self, row: int, way: Array) -> Array:
+    def _add_external_joints(self, row: int, way: Array) -> Array:
         """(n, 6 + E) joints of the machine along a lift (n, 6) at a planning point."""
         return self.path.whole(way, np.full(len(way), row))
 
-    def _way(self, row: int, height: float) -> Array | None:
+    def _find_lift(self, row: int, height: float) -> Array | None:
         """Return (n, 6) configurations LIFT_STEP apart that retract the tool along its axis, None where one is
         missing.
         """
@@ -131,7 +131,7 @@ class RetractMoves:
         if model is None or not pieces:
             return frozenset()
         whole = set(self.path.runs)  # start and end of other stretches depend on the gap
-        self.touch = EndContacts.of(model, self.x, (row for piece in pieces for row in piece))
+        self.touch = EndContacts.build(model, self.x, (row for piece in pieces for row in piece))
         ends: list[tuple[Array, Array]] = []
         here: Array | None = rest
         for piece in pieces:
@@ -155,14 +155,14 @@ class RetractMoves:
             row: planning point.
         """
         if row not in self.heights:
-            self.heights[row] = self._measured(row)
+            self.heights[row] = self._measure_retract(row)
         return self.heights[row]
 
-    def _measured(self, row: int) -> float:
+    def _measure_retract(self, row: int) -> float:
         model = self.plan.setup.collision
         if model is None:
             return 0.0
-        touch = self.touch if row in self.touch.asked else EndContacts.of(model, self.x, [row])
+        touch = self.touch if row in self.touch.asked else EndContacts.build(model, self.x, [row])
         if row not in touch.rapid or row in touch.cut:
             return 0.0
         x = self.x[row][None]

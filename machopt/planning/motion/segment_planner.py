@@ -6,7 +6,7 @@ sent to the robot: runs are timed in them, rapid moves are straight in them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cache import compute_cached
+from machopt.planning.motion.blocked_rapid_break import RestPose, build_blocked_break
 from machopt.planning.motion.clearance_over_cuts import BELOW, CutSurface
 from machopt.planning.motion.motion_segment import (
     MotionSegment,
@@ -23,7 +24,6 @@ from machopt.planning.motion.motion_segment import (
 )
 from machopt.planning.motion.rapid_chain import CornerSpace
 from machopt.planning.motion.rapid_moves import (
-    UNDER,
     BlockedRapid,
     FreeSpace,
     RapidTiming,
@@ -31,29 +31,13 @@ from machopt.planning.motion.rapid_moves import (
     retime_straight_segments,
 )
 from machopt.planning.motion.retract_moves import RetractMoves
-from machopt.planning.motion.search_budget import EXTENSIONS, is_used_up
 from machopt.planning.motion.straight_rapid_collisions import Way, build_rapid_key
 from machopt.planning.motion.tilted_motion import compute_tip_speed_share, limit_tilted_rounding
 from machopt.planning.pipeline.plan import Plan
-from machopt.planning.pipeline.sequence_breaks import SequenceBreak, build_undriven_break, describe_place
+from machopt.planning.pipeline.sequence_breaks import SequenceBreak, build_undriven_break
 from machopt.planning.retiming.path_curve import SPIN_TOLERANCE
 from machopt.planning.retiming.run_retiming import RunFailure, RunInput, RunTrajectory, retime_run
 from machopt.planning.retiming.slowdowns import FeedSlowdown
-
-
-@dataclass(frozen=True)
-class RestPose:
-    """Pose of the machine at rest between two stretches."""
-
-    x: Array  # (6 + E,) rad or m, true angles
-    index: float  # along the toolpath, NaN at home
-    row: int  # planning point, −1 at home
-    change: bool = False  # tools are changed there
-
-    @property
-    def name(self) -> str:
-        """Description of the place."""
-        return "the tool change" if self.change else describe_place(self.index)
 
 
 class SegmentPlanner:
@@ -64,15 +48,15 @@ class SegmentPlanner:
         self.options, self.path = plan.options, plan.path
         self.q = plan.chosen.assignment.q
         self.phi = plan.chosen.assignment.phi.copy()  # replaced by the driven rotation after each run
-        self.feed_after = self._feed_after()
+        self.feed_after = self._compute_feed_after()
         self.rests = count_rest_samples(toolpath, self.options.sample)
         self.rng = np.random.default_rng(self.options.seed)
         self.dips: list[FeedSlowdown] = []
         self.detours: list[str] = []
         self.cut_time = self.held_time = 0.0
         self.free: frozenset[Way] = frozenset()  # straight rapid moves known to be free
-        self.level = CutSurface.of(plan.setup.cell, toolpath)
-        self.graze = BELOW + self._shifted()
+        self.level = CutSurface.build(plan.setup.cell, toolpath)
+        self.graze = BELOW + self._measure_shift()
         self.cuts = CutSurface.list_near(plan.setup.cell, toolpath, plan.options.rapid_blend)
 
     def rapid(self, a: RestPose, b: RestPose, extensions: int) -> MotionSegment | SequenceBreak:
@@ -96,7 +80,7 @@ class SegmentPlanner:
                 collision=self.plan.setup.collision,
                 step=self.options.collision_step,
                 per_rad=self.plan.setup.per_rad,
-                barred=self._under if self._held(a, b) else None,
+                barred=self._passes_below_cut if self._stays_above_cuts(a, b) else None,
             ),
             rng=self.rng,
             detours=lambda: self.lifts.detours(a.row, b.row),
@@ -104,10 +88,10 @@ class SegmentPlanner:
             known_free=build_rapid_key(a.x, b.x) in self.free,
         )
         if isinstance(move, BlockedRapid):
-            return _blocked(move, a, b)
+            return build_blocked_break(move, a, b)
         x, waypoints = move.q, move.waypoints
         if self.plan.setup.correction is not None:
-            waypoints = self._told(waypoints)
+            waypoints = self._convert_to_encoder_angles(waypoints)
             x = retime_straight_segments(
                 waypoints, self.plan.setup.cell.limits, self.options.rapid_scale, self.options.sample
             )
@@ -132,14 +116,14 @@ class SegmentPlanner:
             waypoint_external=waypoints[1:, 6:],
         )
 
-    def _held(self, a: RestPose, b: RestPose) -> bool:
+    def _stays_above_cuts(self, a: RestPose, b: RestPose) -> bool:
         """Return whether a rapid move has to stay above the cuts: any except one from or to a home below one of
         them.
         """
         resting = [place.x for place in (a, b) if not np.isfinite(place.index) and not place.change]
-        return self.level is not None and not (resting and self._under(np.array(resting)))
+        return self.level is not None and not (resting and self._passes_below_cut(np.array(resting)))
 
-    def _under(self, x: Array) -> bool:
+    def _passes_below_cut(self, x: Array) -> bool:
         """Return whether a rapid move (S, 6 + E) passes below a cut."""
         assert self.level is not None  # called only then
         arm = self.plan.setup.arm
@@ -159,7 +143,7 @@ class SegmentPlanner:
             compute_true=lambda x: (
                 x if correction is None else np.hstack([correction.compute_true_angles(x[:, :6]), x[:, 6:]])
             ),
-            barred=None if self.level is None else self._under,
+            barred=None if self.level is None else self._passes_below_cut,
             is_above_cuts=self._is_above_cuts,
         )
 
@@ -180,7 +164,7 @@ class SegmentPlanner:
         arm = self.plan.setup.arm
         return self.cuts is None or self.cuts.is_below(arm.machine.compute_fk(x, arm.T_flange_tcp))
 
-    def _shifted(self) -> float:
+    def _measure_shift(self) -> float:
         """Return the distance in m of the commanded cuts from those of the file: a free move begins where a shifted
         cut ends.
         """
@@ -217,9 +201,9 @@ class SegmentPlanner:
             q=done.q,
             index=np.full(n, self.path.index[row]),
             move=np.full(n, move, np.int8),
-            operation=np.full(n, self._operation(rows[:1])[0], np.int32),
+            operation=np.full(n, self._get_operations(rows[:1])[0], np.int32),
             gamma=np.full(n, np.nan),
-            waypoints=self._told(b[None, :6]),
+            waypoints=self._convert_to_encoder_angles(b[None, :6]),
             waypoint_index=self.path.index[rows[:1]],
             waypoint_feed=np.array([feed]),
             external=done.external,
@@ -237,12 +221,12 @@ class SegmentPlanner:
         n = len(rows)
         leg = MotionSegment(
             name="run",
-            q=np.repeat(self._told(self.q[first][None]), n, axis=0),
+            q=np.repeat(self._convert_to_encoder_angles(self.q[first][None]), n, axis=0),
             index=self.path.index[rows],
             move=self.path.move[rows],
-            operation=self._operation(rows.astype(np.int32)),
+            operation=self._get_operations(rows.astype(np.int32)),
             gamma=np.full(n, np.nan),
-            waypoints=self._told(self.q[[last]]),
+            waypoints=self._convert_to_encoder_angles(self.q[[last]]),
             waypoint_index=self.path.index[[last]],
             waypoint_feed=self.path.feed[[last]]
             if self.path.feed[last] > 0
@@ -296,9 +280,9 @@ class SegmentPlanner:
             q=done.q,
             index=np.interp(local, np.arange(len(rows)), index),
             move=move,
-            operation=self._operation(rows[segment]),
+            operation=self._get_operations(rows[segment]),
             gamma=gamma,
-            waypoints=self._told(self.q[rows][is_target]),
+            waypoints=self._convert_to_encoder_angles(self.q[rows][is_target]),
             waypoint_index=index[is_target],
             waypoint_feed=feed[is_target],
             external=done.external,
@@ -345,7 +329,7 @@ class SegmentPlanner:
         """
         return self.rests.get(round(float(self.path.index[row])), 0) if self.path.is_point[row] else 0
 
-    def _feed_after(self) -> Array:
+    def _compute_feed_after(self) -> Array:
         """(P,) m/s of the move to each point, of the next one with a feed where that is a rapid move."""
         feed = np.where(self.path.feed > 0, self.path.feed, np.nan)
         known = np.flatnonzero(np.isfinite(feed))
@@ -353,59 +337,10 @@ class SegmentPlanner:
             return np.full(len(feed), self.options.approach_feed)
         return feed[known[np.minimum(np.searchsorted(known, np.arange(len(feed))), len(known) - 1)]]
 
-    def _told(self, q: Array) -> Array:
+    def _convert_to_encoder_angles(self, q: Array) -> Array:
         """Return (W, 6 or more) encoder angles of true angles; columns after the arm's joints are unchanged."""
         correction = self.plan.setup.correction
         return q if correction is None else np.hstack([correction.compute_encoder_angles(q[:, :6]), q[:, 6:]])
 
-    def _operation(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+    def _get_operations(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.asarray(self.toolpath.operation[np.ceil(self.path.index[rows] - 1e-12).astype(int)])
-
-
-def _blocked(move: BlockedRapid, a: RestPose, b: RestPose) -> SequenceBreak:
-    at = a if move.reason == "start" else b
-    name, key = ("tool change", "robot.tool_change_deg") if at.change else ("home", "robot.home_deg")
-    if move.reason != "way" and at.row < 0:
-        return SequenceBreak(
-            before=a.index,
-            after=b.index,
-            code="home_collides",
-            text=f"{move.pair} touch or come nearer than the clearance at the {name} pose",
-            help=f"another {name} pose ({key}), or moving what is there, would help",
-            pair=move.pair,
-        )
-    if move.reason != "way":
-        return SequenceBreak(
-            before=a.index,
-            after=b.index,
-            code="rapid_collides",
-            text=f"{move.pair} touch or come nearer than the clearance at the "
-            f"{move.reason} of the rapid move, at {describe_place(at.index)}",
-            help="an approach or retract to a place clear of the part, or a smaller clearance_mm, would help",
-            pair=move.pair,
-        )
-    under = move.pair == UNDER
-    if is_used_up() and not under:
-        return SequenceBreak(
-            before=a.index,
-            after=b.index,
-            code="rapid_search_cut_short",
-            text=f"the search for a free path past {move.pair} was stopped: its budget of "
-            f"{EXTENSIONS} tree extensions in vain is used up",
-            help="locking an external joint (external.NAME.mode=locked), a retract to a place clear of everything, or "
-            "another seed would help",
-            pair=move.pair,
-        )
-    return SequenceBreak(
-        before=a.index,
-        after=b.index,
-        code="rapid_blocked",
-        text="the tool would pass under places that are cut, and the cell does not state where the part's material is"
-        if under
-        else f"no collision-free path was found past {move.pair}",
-        help="workpiece.geometry, or a retract in the CAM file that is clear of the part, would help"
-        if under
-        else "a retract to a place "
-        "clear of everything, another home pose, another seed, or moving what is in the way would help",
-        pair=move.pair,
-    )

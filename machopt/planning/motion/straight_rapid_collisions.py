@@ -27,7 +27,7 @@ class EndContacts:
     cut: frozenset[int]  # those of them with a contact that is forbidden in a cut as well
 
     @classmethod
-    def of(cls, model: CollisionModel, q: Array, rows: Iterable[int]) -> EndContacts:
+    def build(cls, model: CollisionModel, q: Array, rows: Iterable[int]) -> EndContacts:
         """Return the contacts at some rows.
 
         Args:
@@ -62,7 +62,7 @@ def find_free_rapids(model: CollisionModel, ends: Sequence[tuple[Array, Array]],
     known = get_known_rapids(model, step)
     every = {build_rapid_key(a, b): (a, b) for a, b in ends}
     if new := [pair for way, pair in every.items() if way not in known]:
-        known |= _asked(model, new, step)
+        known |= _check_ways(model, new, step)
     return frozenset(way for way in every if known[way])
 
 
@@ -77,7 +77,7 @@ def get_known_rapids(model: CollisionModel, step: float) -> dict[Way, bool]:
     return compute_cached("ways", lambda: (model, step), dict)
 
 
-def _asked(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> dict[Way, bool]:
+def _check_ways(model: CollisionModel, ends: Sequence[tuple[Array, Array]], step: float) -> dict[Way, bool]:
     rows = np.array([row for pair in ends for row in pair], float)
     starts = np.arange(len(rows)) % 2 == 0
     starts_in_contact = model.check_configurations(rows[starts], np.zeros(len(ends), bool)).hit

@@ -26,10 +26,11 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.numerics.array_types import Array
+from machopt.planning.motion.blocked_rapid_break import RestPose
 from machopt.planning.motion.motion_segment import BEFORE_ALL, MotionSegment
 from machopt.planning.motion.rapid_corners import list_rounded_corners, round_rapid_corners
 from machopt.planning.motion.retract_moves import RetractMoves, compute_rest_poses
-from machopt.planning.motion.segment_planner import RestPose, SegmentPlanner
+from machopt.planning.motion.segment_planner import SegmentPlanner
 from machopt.planning.motion.tilted_motion import SampleTilts, limit_cut_tilts, measure_sample_tilts
 from machopt.planning.pipeline.gaps import Stretch, find_driven_stretches, find_uncut_points, is_worth_driving
 from machopt.planning.pipeline.plan import Plan
@@ -133,7 +134,7 @@ class _Builder:
                 break
             self.progress((n + 1) / max(len(pieces), 1))
         decided = self.first_only and self.obstructions
-        back = self.obstructions[0] if decided else self._rapid(here, home)
+        back = self.obstructions[0] if decided else self._plan_rapid(here, home)
         if isinstance(back, SequenceBreak):
             self.obstructions.append(back)
         else:
@@ -152,7 +153,7 @@ class _Builder:
             self.obstructions += [b for b in self.in_the_way if b not in self.obstructions]  # no cut remains
         if not self.obstructions and self.options.rapid_blend > 0.0:
             self.legs = round_rapid_corners(self.legs, self.toolpath, self.made.build_corner_space())
-        trajectory = None if self.obstructions else self._joined()
+        trajectory = None if self.obstructions else self._join_legs()
         held_share = self.made.held_time / self.made.cut_time if self.made.cut_time > 0 else 1.0
         return MotionTimeline(
             trajectory=trajectory,
@@ -174,7 +175,7 @@ class _Builder:
         """
         requested = (first, last)
         while True:
-            found = self._legs(here, first, last)
+            found = self._build_legs(here, first, last)
             if not isinstance(found, SequenceBreak):
                 break
             if not self.options.allow_gaps:
@@ -185,7 +186,7 @@ class _Builder:
                 end = self.lifts.lifted(last, height) if height else self.x[last]
                 return None if end is None else RestPose(end, float(self.path.index[last]), last)
             self.in_the_way.append(found)
-            shorter = self._shorter(found, first, last)
+            shorter = self._shorten_stretch(found, first, last)
             if shorter is None:
                 self.given_up[requested] = f"left out with the stretch it is in: {found.text} ({found.where})"
                 return None
@@ -196,7 +197,7 @@ class _Builder:
         self.driven.append((first, last))
         return end
 
-    def _shorter(self, why: SequenceBreak, first: int, last: int) -> Stretch | None:
+    def _shorten_stretch(self, why: SequenceBreak, first: int, last: int) -> Stretch | None:
         """Return the stretch without its first or last toolpath point, if that one blocks it; None where nothing
         remains.
         """
@@ -209,23 +210,27 @@ class _Builder:
         cut = (int(inner[0]), last) if why.after == self.path.index[first] else (first, int(inner[-1]))
         return cut if is_worth_driving(self.path, *cut) else None
 
-    def _legs(self, here: RestPose, first: int, last: int) -> tuple[list[MotionSegment], RestPose] | SequenceBreak:
+    def _build_legs(
+        self, here: RestPose, first: int, last: int
+    ) -> tuple[list[MotionSegment], RestPose] | SequenceBreak:
         """The rapid move to a stretch, the stretch itself, and lifts where it starts or ends in the workpiece."""
         index = self.path.index
         lifted = self.path.is_reentry
         gap_in = bool(lifted[first]) or first not in self.run_starts
         gap_out = bool(lifted[last + 1 : last + 2].any()) or last not in self.run_ends
-        lift_in = self.lifts.gap(first) if gap_in else self._withdrawal(first)
-        lift_out = self.lifts.gap(last) if gap_out else lift_in if first == last else self._withdrawal(last)
+        lift_in = self.lifts.gap(first) if gap_in else self._compute_withdrawal(first)
+        lift_out = self.lifts.gap(last) if gap_out else lift_in if first == last else self._compute_withdrawal(last)
         if np.isnan(lift_in):
-            return self._no_room(here.index, float(index[first]))
+            return self._build_no_room_break(here.index, float(index[first]))
         if np.isnan(lift_out):
-            return self._no_room(float(index[last]), float("nan") if last + 1 == len(index) else float(index[last + 1]))
+            return self._build_no_room_break(
+                float(index[last]), float("nan") if last + 1 == len(index) else float(index[last + 1])
+            )
         start = self.lifts.lifted(first, lift_in) if lift_in else self.x[first]
         end = self.lifts.lifted(last, lift_out) if lift_out else self.x[last]
         if start is None or end is None:
             raise AssertionError("a lift that was found is there")
-        to = self._rapid(here, RestPose(start, float(index[first]), first))
+        to = self._plan_rapid(here, RestPose(start, float(index[first]), first))
         if isinstance(to, SequenceBreak):
             return to
         down = self.made.straight(start, self.x[first], first, MoveKind.APPROACH, lift_in) if lift_in else None
@@ -235,7 +240,7 @@ class _Builder:
         if isinstance(down, SequenceBreak) or isinstance(up, SequenceBreak):
             return down if isinstance(down, SequenceBreak) else up  # type: ignore[return-value]  # one of them is a break
         if last > first and np.ptp(self.path.s[first : last + 1]) > 0:
-            begin = self._stood_until(first, last)
+            begin = self._find_last_coincident(first, last)
             rapid_leg = self.made.touch(first, begin) if begin > first else None
             run = self.made.run(begin, last)
         elif last > first or self.path.move[first] != MoveKind.RAPID:
@@ -251,7 +256,7 @@ class _Builder:
         legs[-1] = legs[-1].standing(-1, self.made.samples_at(last))
         return legs + ([] if up is None else [up]), RestPose(end, float(index[last]), last)
 
-    def _stood_until(self, first: int, last: int) -> int:
+    def _find_last_coincident(self, first: int, last: int) -> int:
         """Return the last planning point coincident with the start of a stretch, if the file rests there after its
         first one.
 
@@ -261,7 +266,7 @@ class _Builder:
         index = self.path.index[first + 1 : there + 1]
         return there if any(round(float(i)) in self.made.rests for i in index) else first
 
-    def _no_room(self, before: float, after: float) -> SequenceBreak:
+    def _build_no_room_break(self, before: float, after: float) -> SequenceBreak:
         return SequenceBreak(
             before=before,
             after=after,
@@ -270,19 +275,19 @@ class _Builder:
             help="more free space above the part, or another pose of the part, would help",
         )
 
-    def _rapid(self, a: RestPose, b: RestPose) -> MotionSegment | SequenceBreak:
+    def _plan_rapid(self, a: RestPose, b: RestPose) -> MotionSegment | SequenceBreak:
         return self.made.rapid(
             a, b, SEARCH if len(self.obstructions) < SEARCHED and not self.given_up else SEARCH_IN_VAIN
         )
 
-    def _withdrawal(self, row: int) -> float:
+    def _compute_withdrawal(self, row: int) -> float:
         """Return the retract in m along the tool axis until a rapid move may begin; 0 if it may at once, or never."""
         height = self.lifts.withdrawal(row)
         if height:
             self.withdrawn.append((float(self.path.index[row]), height))
         return height
 
-    def _in_part(self, q: Array, external: Array) -> tuple[Array, Array]:
+    def _compute_feed_positions(self, q: Array, external: Array) -> tuple[Array, Array]:
         """Return (S, 3) m, the TCP where the feed is measured: in the workpiece frame where an external joint moves
         it; and (S, 3, 3) its rotation there, (0, 3, 3) where no tool axis is tilted.
         """
@@ -300,7 +305,7 @@ class _Builder:
                 rotation[some] = T[:, :3, :3]
         return out, rotation
 
-    def _joined(self) -> Trajectory:
+    def _join_legs(self) -> Trajectory:
         """Join the legs; they share their ends, so the first row of the later one is dropped."""
         first, later = self.legs[0], self.legs[1:]
 
@@ -311,7 +316,7 @@ class _Builder:
         correction = self.plan.setup.correction
         true_angles = q if correction is None else correction.compute_true_angles(q)
         external = join("external")
-        place, rotation = self._in_part(true_angles, external)
+        place, rotation = self._compute_feed_positions(true_angles, external)
         step = np.diff(place, axis=0)
         move, index, gamma = join("move").astype(np.int8), join("index"), join("gamma")
         operation = join("operation").astype(np.int32)

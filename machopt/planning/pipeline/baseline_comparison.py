@@ -73,7 +73,9 @@ def _mark_collisions(
     """
     if setup.collision is not None and (assignment.reason[path.may_touch] == InfeasibilityReason.OK).all():
         q = np.where((assignment.reason == InfeasibilityReason.OK)[:, None], assignment.q, np.nan)
-        found = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, options).whole(assignment.phi, q)
+        found = PathCollisionChecker.build(path, setup.arm, setup.robot, setup.collision, options).whole(
+            assignment.phi, q
+        )
         return assignment.marked(found.lost, InfeasibilityReason.NO_PATH).marked(
             found.hit, InfeasibilityReason.COLLIDING
         )
@@ -90,7 +92,7 @@ def select_baseline(
     if unstable.any():
         a = a.marked(unstable, InfeasibilityReason.UNSTABLE)
         chosen = replace(chosen, assignment=a)
-    checker = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, options)
+    checker = PathCollisionChecker.build(path, setup.arm, setup.robot, setup.collision, options)
     q = np.where((a.reason == InfeasibilityReason.OK)[:, None], a.q, np.nan)
     return SelectedAssignment(chosen, source, checker.whole(a.phi, q))
 

@@ -123,40 +123,40 @@ class CollisionFreeSearch:
         budget, smoothings, grid_is_free = STATIONS, 0, False
         choice, self.first = self.first or self._choose(), None
         if self.strikes.chosen(choice, EVERY):  # a curve through contacts is not computed
-            choice = self._again(choice)
+            choice = self._choose_again(choice)
         while True:
             self.rounds += 1
-            plain = self._realised(follow_grid_rotation(self.path, self.candidates, choice))
+            plain = self._compute_assignment(follow_grid_rotation(self.path, self.candidates, choice))
             partial = bool(choice.dropped.any() or choice.broken)
             if partial and (not grid_is_free or not self.options.allow_gaps):
-                source, found, check = "grid", plain, self._checked(plain, choice)
+                source, found, check = "grid", plain, self._check_assignment(plain, choice)
                 if check.free and self.options.allow_gaps and not choice.dropped.all():
                     grid_is_free = True  # the remaining grid is smoothed
                     continue
                 if check.free:
                     break
             elif self.hopeless(choice):
-                source, found, check = "grid", plain, self._checked(plain, choice)
+                source, found, check = "grid", plain, self._check_assignment(plain, choice)
                 if check.free:
                     break
             else:
-                source, found = "smooth", self._realised(self._smooth(choice))
-                check = self._checked(found, choice)
+                source, found = "smooth", self._compute_assignment(self._smooth(choice))
+                check = self._check_assignment(found, choice)
                 if check.free:
                     if prefer_grid(choice, found, plain):
-                        grid = self._checked(plain, choice)
+                        grid = self._check_assignment(plain, choice)
                         if grid.free:
                             source, found, check = "grid", plain, grid
                     break
                 excluded = self.strikes.along(choice, found, check)  # narrower corridor for the next curve
                 if not self.strikes.chosen(choice) and not self.strikes.gone(choice):
-                    grid = self._checked(plain, choice)
+                    grid = self._check_assignment(plain, choice)
                     if grid.free:
                         grid_is_free = True
                         if excluded and smoothings < SMOOTHINGS:
                             smoothings += 1
                             continue
-                        found, check, source = self._mixed(found, check, plain, grid)
+                        found, check, source = self._mix_curve_and_grid(found, check, plain, grid)
                         break
                     source, found, check = "grid", plain, grid
             if self.rounds >= ROUNDS:
@@ -164,8 +164,8 @@ class CollisionFreeSearch:
             if source == "grid" and not self.strikes.chosen(choice):
                 self.strikes.grid(choice, found, check, budget)
             budget, grid_is_free = 2 * budget, False
-            choice = self._again(choice)
-        return self._build_result(self._without_breaks(found, choice), source, choice, check)
+            choice = self._choose_again(choice)
+        return self._build_result(self._remove_breaks(found, choice), source, choice, check)
 
     def _build_result(
         self, assignment: JointAssignment, source: str, choice: SequenceChoice, check: PathCollisions
@@ -192,7 +192,7 @@ class CollisionFreeSearch:
         """
         return choice.total * (1.0 - MOST_SAVED) > self.below
 
-    def _again(self, choice: SequenceChoice) -> SequenceChoice:
+    def _choose_again(self, choice: SequenceChoice) -> SequenceChoice:
         """Return a new choice in place of one that has lost vertices or edges, with vertices that are free by
         themselves.
         """
@@ -226,10 +226,10 @@ class CollisionFreeSearch:
 
         return curve() if self.meanwhile is None else run_two_in_threads(curve, self.meanwhile)[0]
 
-    def _realised(self, smoothed: SmoothedRotation) -> JointAssignment:
+    def _compute_assignment(self, smoothed: SmoothedRotation) -> JointAssignment:
         return solve_joint_path(self.path, self.checker.arm, self.checker.robot, smoothed.phi, smoothed.seed)
 
-    def _checked(self, a: JointAssignment, choice: SequenceChoice) -> PathCollisions:
+    def _check_assignment(self, a: JointAssignment, choice: SequenceChoice) -> PathCollisions:
         """Return the contacts, and ``lost``: points covered by the choice but not by the assignment."""
         self.progress("check")
         cuts = tuple(self.path.stations[list(choice.broken)].tolist())
@@ -239,7 +239,7 @@ class CollisionFreeSearch:
             found, lost=found.lost | find_covered_points(self.path, choice) & (a.reason != InfeasibilityReason.OK)
         )
 
-    def _without_breaks(self, a: JointAssignment, choice: SequenceChoice) -> JointAssignment:
+    def _remove_breaks(self, a: JointAssignment, choice: SequenceChoice) -> JointAssignment:
         """Remove the points between the stations on either side of a break, which belong to neither."""
         lost = np.zeros(len(a.reason), bool)
         for s in choice.broken:
@@ -250,7 +250,7 @@ class CollisionFreeSearch:
             else a
         )
 
-    def _mixed(
+    def _mix_curve_and_grid(
         self, curve: JointAssignment, check: PathCollisions, plain: JointAssignment, grid: PathCollisions
     ) -> tuple[JointAssignment, PathCollisions, str]:
         """The smooth curve, and the grid's sequence in the runs where that collides."""

@@ -95,7 +95,7 @@ def mark_gaps(plan: Plan, driven: list[Stretch], given_up: Mapping[Stretch, str]
     reason, notes = a.reason.copy(), dict(plan.notes)
     for p in uncut.tolist():
         why = next((text for (first, last), text in given_up.items() if first <= p <= last), "")
-        notes[p] = why or _behind(plan, p)
+        notes[p] = why or _describe_gap_behind(plan, p)
     reason[uncut] = InfeasibilityReason.GAP
     cost = plan.chosen.cost.copy()
     cost[uncut] = np.nan
@@ -103,7 +103,7 @@ def mark_gaps(plan: Plan, driven: list[Stretch], given_up: Mapping[Stretch, str]
     return replace(plan, chosen=marked, notes=notes)
 
 
-def _behind(plan: Plan, p: int) -> str:
+def _describe_gap_behind(plan: Plan, p: int) -> str:
     """Return a description of the gap for which a cut is left out."""
     path, reason = plan.path, plan.chosen.assignment.reason
     before = p - 1

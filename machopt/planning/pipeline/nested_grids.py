@@ -75,12 +75,12 @@ class NestedGridSearch:
 
     def choose(self) -> None:
         """Compute all sequences, on the grid that remains now."""
-        if self.left != self._left():
-            self.made, self.left = {}, self._left()
+        if self.left != self._count_left():
+            self.made, self.left = {}, self._count_left()
         for k in self.strides():
-            self.of(k)
+            self.find_sequence(k)
 
-    def of(self, k: int) -> tuple[CandidateGrid, CandidateScores, SequenceChoice]:
+    def find_sequence(self, k: int) -> tuple[CandidateGrid, CandidateScores, SequenceChoice]:
         """Return each k-th rotation and the best sequence over them.
 
         Args:
@@ -88,8 +88,8 @@ class NestedGridSearch:
         """
         search, wide = self.search, self.search.chooser.wide
         candidates, scores = thin_grid(search.candidates, search.scores, k)
-        if self.left != self._left():  # the grid only loses vertices and gains wide steps
-            self.made, self.left = {}, self._left()
+        if self.left != self._count_left():  # the grid only loses vertices and gains wide steps
+            self.made, self.left = {}, self._count_left()
         if k not in self.made:
             self.made[k] = choose_sequence(
                 search.path, candidates, scores, search.velocity, search.options, None, wide if wide.any() else None
@@ -101,7 +101,7 @@ class NestedGridSearch:
         options = self.search.options
         return [] if options.fixed or options.steer else list_nested_strides(len(self.search.candidates.phi))
 
-    def _left(self) -> tuple[int, int]:
+    def _count_left(self) -> tuple[int, int]:
         return int(np.count_nonzero(self.search.candidates.feasible)), int(np.count_nonzero(self.search.chooser.wide))
 
 
@@ -128,29 +128,29 @@ def choose_best_nested_grid(
         return found
     best = total(found.assignment)
     for k in coarser.strides():
-        candidates, scores, choice = coarser.of(k)
+        candidates, scores, choice = coarser.find_sequence(k)
         if choice.broken or choice.dropped.any():
             continue
-        curve = _realised(
+        curve = _compute_assignment(
             search, smooth_rotation(search.path, candidates, scores, choice, search.velocity, search.options)
         )
         for source, assignment in (
             ("smooth", curve),
-            ("grid", _realised(search, follow_grid_rotation(search.path, candidates, choice))),
+            ("grid", _compute_assignment(search, follow_grid_rotation(search.path, candidates, choice))),
         ):
             value = total(assignment)
             if value < best * (1 - EQUAL):
-                check = _checked(search, assignment)
+                check = _check_assignment(search, assignment)
                 if check.free:
                     best, found = value, replace(found, assignment=assignment, check=check, source=source)
     return found
 
 
-def _realised(search: CollisionFreeSearch, curve: SmoothedRotation) -> JointAssignment:
+def _compute_assignment(search: CollisionFreeSearch, curve: SmoothedRotation) -> JointAssignment:
     return solve_joint_path(search.path, search.checker.arm, search.checker.robot, curve.phi, curve.seed)
 
 
-def _checked(search: CollisionFreeSearch, a: JointAssignment) -> PathCollisions:
+def _check_assignment(search: CollisionFreeSearch, a: JointAssignment) -> PathCollisions:
     """Contacts, and ``lost``: points without a configuration."""
     missing = a.reason != InfeasibilityReason.OK
     check = search.checker.whole(a.phi, np.where(missing[:, None], np.nan, a.q))

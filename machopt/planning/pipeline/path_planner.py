@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +16,9 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
-from machopt.data_types.steering_rules import (
-    list_constrained_points,
-    resolve_steering,
-)
+from machopt.data_types.steering_rules import list_constrained_points, resolve_steering
 from machopt.data_types.toolpath import Toolpath
-from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.array_types import Array
 from machopt.numerics.parallel_map import run_two_in_threads
 from machopt.planning.collision_handling.gouge_check import GougeResult, find_gouges
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
@@ -129,7 +125,7 @@ def plan_path(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _PathProblem:
+class PathProblem:
     """One path with its candidates and their scores, on which the steps of a plan work."""
 
     path: PlanningPath
@@ -141,7 +137,11 @@ class _PathProblem:
     pricing: PlacePricing | None
 
     def score(self, assignment: JointAssignment) -> ScoredAssignment:
-        """Return cost and objective of an assignment."""
+        """Compute cost and objective of an assignment.
+
+        Args:
+            assignment: Joint angles at the planning points.
+        """
         path, setup, scores, options = self.path, self.setup, self.scores, self.options
         cost = np.full(len(path.index), np.nan)
         ok = np.flatnonzero(assignment.reason == InfeasibilityReason.OK)
@@ -160,7 +160,11 @@ class _PathProblem:
         return ScoredAssignment(assignment, cost, value)
 
     def rate_grid_choice(self, choice: SequenceChoice) -> PlanObjective:
-        """Return the objective of the grid optimum; decimated points take the cost of their neighbouring stations."""
+        """Compute the objective of the grid optimum; decimated points take the cost of their neighbouring stations.
+
+        Args:
+            choice: Sequence over the grid.
+        """
         path, setup, candidates, scores, options = self.path, self.setup, self.candidates, self.scores, self.options
         st, rows = path.stations, np.arange(len(path.stations))
         plain = follow_grid_rotation(path, candidates, choice)
@@ -192,7 +196,11 @@ class _PathProblem:
         return replace(objective, worst=worst, total=objective.total + options.weights.worst * more)
 
     def build_search(self, clock: StageTimings) -> CollisionFreeSearch:
-        """Return a search over the candidates, with nothing excluded yet."""
+        """Build a search over the candidates, with nothing excluded yet.
+
+        Args:
+            clock: Timer of the stages.
+        """
         setup = self.setup
         return CollisionFreeSearch(
             path=self.path,
@@ -200,12 +208,17 @@ class _PathProblem:
             scores=self.scores,
             velocity=setup.cell.limits.velocity[:6],
             options=self.options,
-            checker=PathCollisionChecker.of(self.path, setup.arm, setup.robot, setup.collision, self.options),
+            checker=PathCollisionChecker.build(self.path, setup.arm, setup.robot, setup.collision, self.options),
             progress=clock.switch,
         )
 
     def find_sequence(self, search: CollisionFreeSearch, clock: StageTimings) -> CollisionFreeSequence:
-        """Return the global choice, smoothed and as free of contacts as possible."""
+        """Find the global choice, smoothed and as free of contacts as possible.
+
+        Args:
+            search: Search over the candidates.
+            clock: Timer of the stages.
+        """
 
         def prefer_grid(choice: SequenceChoice, curve: JointAssignment, plain: JointAssignment) -> bool:
             return self.score(curve).objective.total > self.score(plain).objective.total * (1 + 1e-9)
@@ -241,7 +254,7 @@ def _build_problem(
     options: PlanOptions,
     scale: float | None,
     clock: StageTimings,
-) -> _PathProblem:
+) -> PathProblem:
     """Return the candidates of a path with their cost and prices."""
     path, d = paths.path, paths.directions
     with clock.stage("candidates"):
@@ -253,7 +266,7 @@ def _build_problem(
         pricing = PlacePricing.build(toolpath, path, setup, d, options)
         if pricing is not None:
             scores = replace(scores, place_price=pricing.price_grid(candidates))
-    return _PathProblem(
+    return PathProblem(
         path=path,
         directions=d,
         setup=setup,
@@ -265,7 +278,7 @@ def _build_problem(
 
 
 def _score_baselines(
-    problem: _PathProblem, paths: PlannedPaths, before: Plan | None, search: CollisionFreeSearch | None
+    problem: PathProblem, paths: PlannedPaths, before: Plan | None, search: CollisionFreeSearch | None
 ) -> tuple[ScoredAssignment, ScoredAssignment]:
     """Return the CAM baseline and the paper's; in parallel, the search makes its first choice."""
     begin = search.begin if search is not None else lambda: None
@@ -296,7 +309,7 @@ class _MarkedAssignments:
         paper: ScoredAssignment,
         gouges: GougeResult | None,
     ) -> _MarkedAssignments:
-        chosen = selected.chosen if selected.check is None else _looked_at(selected.chosen, selected.check)
+        chosen = selected.chosen if selected.check is None else mark_contacts(selected.chosen, selected.check)
         if gouges is not None:
             marked = chosen.assignment.marked(gouges.deep, InfeasibilityReason.GOUGING)
             chosen = replace(chosen, assignment=marked)
@@ -304,7 +317,7 @@ class _MarkedAssignments:
         return cls(selected=replace(selected, chosen=chosen), default=default, paper=paper, gouges=gouges)
 
 
-def _build_plan(problem: _PathProblem, choice: SequenceChoice, marked: _MarkedAssignments) -> Plan:
+def _build_plan(problem: PathProblem, choice: SequenceChoice, marked: _MarkedAssignments) -> Plan:
     """Return the plan of a selected assignment."""
     chosen = marked.selected.chosen
     return Plan(
@@ -329,7 +342,7 @@ def _build_plan(problem: _PathProblem, choice: SequenceChoice, marked: _MarkedAs
     )
 
 
-def _build_searched_plan(problem: _PathProblem, found: CollisionFreeSequence, marked: _MarkedAssignments) -> Plan:
+def _build_searched_plan(problem: PathProblem, found: CollisionFreeSequence, marked: _MarkedAssignments) -> Plan:
     """Return the plan after a search, which has selected its result or a baseline."""
     plan = replace(_build_plan(problem, found.choice, marked), rounds=found.rounds, found=found)
     if not marked.selected.searched:
@@ -342,93 +355,16 @@ def _build_searched_plan(problem: _PathProblem, found: CollisionFreeSequence, ma
     )
 
 
-def search_with_worst_price(
-    before: Plan, found: CollisionFreeSequence, worst: float, elsewhere: float, clock: StageTimings
-) -> Plan:
-    """Return the plan searched again with another price of the worst index; exclusions remain.
+def mark_contacts(scored: ScoredAssignment, check: PathCollisions) -> ScoredAssignment:
+    """Mark the points of an assignment at which a check found contacts.
 
     Args:
-        before: plan without gaps or breaks; its candidates are not changed.
-        found: result of its search.
-        worst: price of the worst index.
-        elsewhere: worst index of the other tools, in units of c₀: below it a lower one gains nothing.
-        clock: stage timings.
+        scored: Scored assignment.
+        check: Contacts along its path.
+
+    Returns:
+        The assignment with the reasons of these points.
     """
-    options = replace(before.options, weights=replace(before.options.weights, worst=worst))
-    scores = replace(before.scores, elsewhere=elsewhere)
-    return _with_another_search(before, found, _own(before.candidates), scores, options, clock)
-
-
-def search_without_branch_changes(
-    before: Plan, found: CollisionFreeSequence, shut: Bools, ends: Sequence[tuple[int, int]], clock: StageTimings
-) -> Plan:
-    """Return the plan searched again without some changes of branch; exclusions remain.
-
-    Args:
-        before: plan without gaps or breaks; its candidates are not changed.
-        found: result of its search.
-        shut: (A, A) branch changes that rapid moves must not make, by the arm's branch numbers.
-        ends: stations at the ends of the path, and numbers of branches that cannot be reached there.
-        clock: stage timings.
-    """
-    c = before.candidates
-    candidates = replace(_own(c), shut=shut if c.shut is None else shut | c.shut)
-    for station, number in ends:
-        branch = candidates.branch == number
-        candidates.feasible[station, :, branch] = False
-        candidates.reason[station, :, branch] = np.where(
-            c.reason[station, :, branch] == InfeasibilityReason.OK,
-            InfeasibilityReason.NO_PATH,
-            c.reason[station, :, branch],
-        )
-    after = _with_another_search(before, found, candidates, before.scores, before.options, clock)
-    bound = min(after.choice.bound, before.choice.bound)  # an unsuccessful search is no proof that no path exists
-    return replace(after, choice=replace(after.choice, bound=bound), over_external=None)
-
-
-def _own(c: CandidateGrid) -> CandidateGrid:
-    """Return a copy of candidates that may lose vertices."""
-    return replace(c, feasible=c.feasible.copy(), reason=c.reason.copy())
-
-
-def _with_another_search(
-    before: Plan,
-    found: CollisionFreeSequence,
-    candidates: CandidateGrid,
-    scores: CandidateScores,
-    options: PlanOptions,
-    clock: StageTimings,
-) -> Plan:
-    problem = _PathProblem(
-        path=before.path,
-        directions=before.directions,
-        setup=before.setup,
-        options=options,
-        candidates=candidates,
-        scores=scores,
-        pricing=before.pricing,
-    )
-    search = problem.build_search(clock)
-    search.resume(found)
-    found = problem.find_sequence(search, clock)
-    return replace(
-        before,
-        options=options,
-        candidates=candidates,
-        scores=scores,
-        choice=found.choice,
-        chosen=_looked_at(problem.score(found.assignment), found.check),
-        chosen_from=found.source,
-        grid=problem.rate_grid_choice(found.choice),
-        check=found.check,
-        rounds=before.rounds + found.rounds,
-        breaks=find_sequence_breaks(problem.path, problem.setup, candidates, found),
-        found=found,
-    )
-
-
-def _looked_at(scored: ScoredAssignment, check: PathCollisions) -> ScoredAssignment:
-    """Return the assignment with the contacts of a check."""
     a = scored.assignment
     a = a.marked(check.lost & (a.reason == InfeasibilityReason.OK), InfeasibilityReason.NO_PATH).marked(
         check.hit, InfeasibilityReason.COLLIDING

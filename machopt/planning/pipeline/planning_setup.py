@@ -18,7 +18,8 @@ from machopt.errors import CellError
 from machopt.kinematics.encoder_corrections import EncoderCorrection, build_encoder_correction
 from machopt.kinematics.inverse.solver import build_solver
 from machopt.kinematics.machine import Machine, load_machine
-from machopt.kinematics.robot import Robot, load_chain, load_masses
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_chain, load_masses
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.lost_feed_time import ArmDrives
 from machopt.planning.cost.objective import PlanObjective
@@ -156,7 +157,7 @@ def prepare_planning(cell: Cell, options: PlanOptions, toolpath: Toolpath | None
     driven = convert_to_true_angles(cell, correction)
     machine = load_machine(cell, robot)
     _refuse_tilting(cell, machine)
-    arm = PlanningArm.of(driven, build_solver(robot), machine, options)
+    arm = PlanningArm.build(driven, build_solver(robot), machine, options)
     elasticity = ArmElasticity(
         robot,
         cell.tool.T_flange_tcp,

@@ -74,7 +74,7 @@ class SequenceBreak:
         return f"at {begin}" if begin == end else f"from {begin} to {end}"
 
 
-def _help(code: Code) -> str:
+def _get_help(code: Code) -> str:
     return f"{_HELP[code]} would help; --allow-gaps leaves the cut out"
 
 
@@ -131,7 +131,7 @@ def find_sequence_breaks(
         candidates: candidate grid with its exclusions.
         found: result of the search.
     """
-    return tuple(_break(path, setup, candidates, found, s) for s in found.choice.broken)
+    return tuple(_build_break(path, setup, candidates, found, s) for s in found.choice.broken)
 
 
 def find_configuration_jumps(path: PlanningPath, scored: ScoredAssignment) -> tuple[SequenceBreak, ...]:
@@ -146,11 +146,11 @@ def find_configuration_jumps(path: PlanningPath, scored: ScoredAssignment) -> tu
     for p in np.flatnonzero(ok[1:] & ok[:-1] & (path.run[1:] == path.run[:-1])) + 1:
         step = np.abs(a.q[p] - a.q[p - 1])
         if step.max() > FLIP:
-            out.append(_jump(path.index[p - 1], path.index[p], int(step.argmax()), float(step.max()), FLIP))
+            out.append(_build_jump(path.index[p - 1], path.index[p], int(step.argmax()), float(step.max()), FLIP))
     return tuple(out)
 
 
-def _jump(before: float, after: float, joint: int, value: float, limit: float) -> SequenceBreak:
+def _build_jump(before: float, after: float, joint: int, value: float, limit: float) -> SequenceBreak:
     value, limit = float(np.degrees(value)), float(np.degrees(limit))
     text = f"joint {joint + 1} would have to jump by {value:.1f}° (at most {limit:g}° is continuous)"
     return SequenceBreak(
@@ -158,7 +158,7 @@ def _jump(before: float, after: float, joint: int, value: float, limit: float) -
         after=float(after),
         code="joint_jump",
         text=text,
-        help=_help("joint_jump"),
+        help=_get_help("joint_jump"),
         joint=joint + 1,
         value=value,
         limit=limit,
@@ -175,12 +175,12 @@ class _Tally:
     jump: tuple[float, int] = (np.inf, 0)  # rad, joint
 
 
-def _break(
+def _build_break(
     path: PlanningPath, setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeSequence, s: int
 ) -> SequenceBreak:
     st, choice = path.stations, found.choice
     before, after = float(path.index[st[s - 1]]), float(path.index[st[s]])
-    tally, largest = _continuations(setup, c, found, s), compute_joint_jump_limit(c.stable)
+    tally, largest = _count_continuations(setup, c, found, s), compute_joint_jump_limit(c.stable)
 
     def made(
         code: Code, text: str, joint: int = 0, value: float = np.nan, limit: float = np.nan, pair: str = ""
@@ -190,7 +190,7 @@ def _break(
             after=after,
             code=code,
             text=text,
-            help=_help(code),
+            help=_get_help(code),
             joint=joint,
             value=value,
             limit=limit,
@@ -215,8 +215,8 @@ def _break(
             return made("collision", f"{pair} touch or come nearer than the clearance on the way ({of})", pair=pair)
         return made("no_pose", f"between the two no pose of the same configuration is within limits and margins ({of})")
     if np.isfinite(tally.jump[0]):
-        return _jump(before, after, tally.jump[1], tally.jump[0], largest)
-    reached, there = _rotations(choice.reached, c, s)
+        return _build_jump(before, after, tally.jump[1], tally.jump[0], largest)
+    reached, there = _list_rotations(choice.reached, c, s)
     gap = np.abs(wrap_angle(reached[:, None] - there[None, :]))
     if gap.size and path.plunge[st[s]] and gap.min() > 1e-6:
         v = float(np.degrees(gap.min()))
@@ -243,7 +243,7 @@ _SENTENCE = {
 }
 
 
-def _continuations(setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeSequence, s: int) -> _Tally:
+def _count_continuations(setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeSequence, s: int) -> _Tally:
     """Count every continuation from the configurations reached at station s − 1 into station s."""
     arm = setup.arm
     _, R, B, T = c.feasible.shape
@@ -267,7 +267,7 @@ def _continuations(setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeS
                         if why == InfeasibilityReason.OK and size[r] < tally.jump[0]:
                             tally.jump = (float(size[r]), int(np.abs(step[r]).argmax()))
                         continue
-                    _judge(
+                    _count_continuation(
                         tally,
                         arm.lower,
                         arm.upper,
@@ -278,7 +278,9 @@ def _continuations(setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeS
     return tally
 
 
-def _judge(tally: _Tally, lower: Array, upper: Array, q: Array, why: InfeasibilityReason, pair: int) -> None:
+def _count_continuation(
+    tally: _Tally, lower: Array, upper: Array, q: Array, why: InfeasibilityReason, pair: int
+) -> None:
     over = np.maximum(lower - q, q - upper)
     if why in (
         InfeasibilityReason.SINGULAR_WRIST,
@@ -301,7 +303,7 @@ def _judge(tally: _Tally, lower: Array, upper: Array, q: Array, why: Infeasibili
         tally.why["way"] += 1
 
 
-def _rotations(reached: NDArray[np.bool_] | None, c: CandidateGrid, s: int) -> tuple[Array, Array]:
+def _list_rotations(reached: NDArray[np.bool_] | None, c: CandidateGrid, s: int) -> tuple[Array, Array]:
     R = len(c.phi)
     grid = c.phi_at()
     here = np.zeros(R, bool) if reached is None else reached[s - 1].reshape(R, -1).any(axis=1)

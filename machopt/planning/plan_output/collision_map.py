@@ -53,7 +53,7 @@ def compute_collision_map(plan: Plan, full: bool = False, seconds: float = SECON
         seconds: s, time after which no further block is started.
     """
     if plan.parts:
-        return _of_all(plan, [compute_collision_map(p.plan, full, seconds * p.share) for p in plan.parts])
+        return _join_maps(plan, [compute_collision_map(p.plan, full, seconds * p.share) for p in plan.parts])
     found = _check_configurations(plan, full, seconds)
     if not found.candidates.q.shape[-1]:
         return found
@@ -87,12 +87,12 @@ def _check_configurations(plan: Plan, full: bool, seconds: float) -> CollisionMa
         for k in range(0, len(rows), BLOCK):
             if time.perf_counter() - start > seconds:
                 return CollisionMap(c, known, full, time.perf_counter() - start)
-            _look(ahead, known, rows[k : k + BLOCK])
+            _check_ahead(ahead, known, rows[k : k + BLOCK])
         pass_ //= 2
     return CollisionMap(c, known, full, time.perf_counter() - start)
 
 
-def _of_all(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
+def _join_maps(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
     """Return the map of a whole job from its stretches."""
     numbers = plan.candidates.branch
     some = [p.candidates.expand_branches(numbers) for p in parts]
@@ -151,7 +151,7 @@ def _select_postures(plan: Plan, shown: CollisionMap) -> NDArray[np.float32]:
     return np.asarray(q - 2 * np.pi * np.round((q - middle) / (2 * np.pi)), np.float32)
 
 
-def _look(ahead: ContactLookahead, known: Bools, rows: NDArray[np.intp]) -> None:
+def _check_ahead(ahead: ContactLookahead, known: Bools, rows: NDArray[np.intp]) -> None:
     """Check configurations (n,), flat over (S, R, B), that are not excluded yet, and the neighbours of those that
     collide.
     """

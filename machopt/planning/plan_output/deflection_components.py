@@ -47,7 +47,7 @@ def split_deflection(plan: Plan, row: int) -> DeflectionSplit | None:
     spread = build_compliance_covariance(plan)
     whole = (
         spread.known
-        and DiscrepancyModel.of(plan.setup.elasticity) is None
+        and DiscrepancyModel.build(plan.setup.elasticity) is None
         and (d.unsure is None or not d.unsure.shape[1])
     )
 

@@ -102,11 +102,11 @@ def build_search_section(the_plan: Plan) -> optimize_document.SearchBoundSection
         gap_percent=100.0 * found.gap,
         beyond_grid_percent=100.0 * found.beyond,
         plan_above_bound_percent=100.0 * found.above,
-        external=_external_told(the_plan),
+        external=_build_external_bound(the_plan),
     )
 
 
-def _external_told(the_plan: Plan) -> optimize_document.ExternalSearchBoundSection | None:
+def _build_external_bound(the_plan: Plan) -> optimize_document.ExternalSearchBoundSection | None:
     """Return the bound over the values of the external joints, or the reason why there is none."""
     found = find_external_axis_bound(the_plan)
     if found is None:
@@ -248,7 +248,7 @@ def build_removal_entry(r: DeflectionRemoval) -> optimize_document.RemovedDeflec
     )
 
 
-def _in_mm(interval: tuple[float, float] | None) -> tuple[float, float] | None:
+def _convert_to_mm(interval: tuple[float, float] | None) -> tuple[float, float] | None:
     return None if interval is None else (1e3 * interval[0], 1e3 * interval[1])
 
 
@@ -279,9 +279,9 @@ def build_worst_point_entry(the_plan: Plan, points: PointResults) -> optimize_do
         deflection_mm=value,
         deflection_ci90_mm=(value - NINETY * std, value + NINETY * std) if np.isfinite(std) else None,
         deflection_along_mm=None if split is None else 1e3 * split.along,
-        deflection_along_ci90_mm=_in_mm(split.along90) if split else None,
+        deflection_along_ci90_mm=_convert_to_mm(split.along90) if split else None,
         deflection_across_mm=None if split is None else 1e3 * split.across,
-        deflection_across_ci90_mm=_in_mm(split.across90) if split else None,
+        deflection_across_ci90_mm=_convert_to_mm(split.across90) if split else None,
         gamma_deg=float(np.degrees(t.gamma[i])),
         k_jiao_x_N_mm=t.k_jiao_x[i] / 1e3,
         q_deg=np.degrees(t.q[i]).round(4),

@@ -48,15 +48,15 @@ def explain_external_axes(plan: Plan, point: int, *, out_of_reach: bool) -> Exte
     positions = "with " + " and ".join(_stands(plan, k, axis, float(at[k])) for k, axis in enumerate(axes))
     if not out_of_reach:
         return ExternalAxisReason(positions, "", "")
-    others = np.array(list(_others(plan, at)))
-    within = np.flatnonzero(_reached(plan, point, others))
+    others = np.array(list(_iterate_other_values(plan, at)))
+    within = np.flatnonzero(_find_reached(plan, point, others))
     if not len(within):
-        names = " and ".join(_range(plan, k) for k in range(len(at)))
+        names = " and ".join(_format_range(plan, k) for k in range(len(at)))
         return ExternalAxisReason(positions, f"out of reach at every value tried of {names}", "")
     found = others[within[0]]
     moved = [k for k in range(len(at)) if abs(found[k] - at[k]) > 1e-9]
-    there = " and ".join(f"{cell.external_joints[k]} at {_value(plan, k, float(found[k]))}" for k in moved)
-    limiting_options = [_option(plan, k, axes[k], float(found[k])) for k in moved]
+    there = " and ".join(f"{cell.external_joints[k]} at {_format_value(plan, k, float(found[k]))}" for k in moved)
+    limiting_options = [_find_option(plan, k, axes[k], float(found[k])) for k in moved]
     return ExternalAxisReason(
         positions, f"with {there} it would be in reach", " and ".join(dict.fromkeys(h for h in limiting_options if h))
     )
@@ -76,8 +76,10 @@ def list_overruled_pins(plan: Plan) -> list[str]:
             continue
         low, high = compute_axis_range(cell, k, axes[k], locked=not axes[k].moves)
         if not low - MET <= wish.at <= high + MET:
-            range_text = f"the range {_value(plan, k, low)} to {_value(plan, k, high)}" if high > low else ""
-            range_text = range_text or f"its lock at {_value(plan, k, low)}"
+            range_text = (
+                f"the range {_format_value(plan, k, low)} to {_format_value(plan, k, high)}" if high > low else ""
+            )
+            range_text = range_text or f"its lock at {_format_value(plan, k, low)}"
             out.append(
                 f"The pin of {format_steering_rule(wish)} (steer) goes before {range_text} "
                 f"(external.{cell.external_joints[k]})."
@@ -87,16 +89,16 @@ def list_overruled_pins(plan: Plan) -> list[str]:
 
 def _stands(plan: Plan, k: int, axis: ExternalJointOptions, at: float) -> str:
     cell = plan.setup.cell
-    name, value = cell.external_joints[k], _value(plan, k, at)
+    name, value = cell.external_joints[k], _format_value(plan, k, at)
     if not axis.moves:
         return f"{name} locked at {value}"
     low, high = compute_axis_range(cell, k, axis, locked=False)
     if min(at - low, high - at) <= AT_END * (high - low):
-        return f"{name} at {value}, an end of its range {_value(plan, k, low)} to {_value(plan, k, high)}"
+        return f"{name} at {value}, an end of its range {_format_value(plan, k, low)} to {_format_value(plan, k, high)}"
     return f"{name} at {value}"
 
 
-def _option(plan: Plan, k: int, axis: ExternalJointOptions, value: float) -> str:
+def _find_option(plan: Plan, k: int, axis: ExternalJointOptions, value: float) -> str:
     """Return the option that keeps a joint from a value."""
     if not axis.moves:
         return f"external.{plan.setup.cell.external_joints[k]}.mode other than locked"
@@ -105,7 +107,7 @@ def _option(plan: Plan, k: int, axis: ExternalJointOptions, value: float) -> str
     return "" if low <= value <= high else f"a wider external.{plan.setup.cell.external_joints[k]}.range_{unit}"
 
 
-def _others(plan: Plan, at: Array) -> Iterator[Array]:
+def _iterate_other_values(plan: Plan, at: Array) -> Iterator[Array]:
     """Values (E,) over the joints' own limits, nearest first: of one joint alone, then of all together."""
     limits, n = plan.setup.cell.limits, len(at)
     span = np.maximum(limits.upper[6:] - limits.lower[6:], 1e-12)
@@ -119,7 +121,7 @@ def _others(plan: Plan, at: Array) -> Iterator[Array]:
         yield from sorted(grid, key=lambda e: float(np.abs((e - at) / span).sum()))
 
 
-def _reached(plan: Plan, point: int, external: Array) -> Bools:
+def _find_reached(plan: Plan, point: int, external: Array) -> Bools:
     """Return (M,) whether the wrist is in reach at some rotation with the external joints at (M, E)."""
     arm, n = plan.setup.arm, len(ROTATIONS)
     poses = compute_tcp_poses(plan.path, np.array([point], np.int32), ROTATIONS[None, :])[0]
@@ -128,13 +130,13 @@ def _reached(plan: Plan, point: int, external: Array) -> Bools:
     return np.asarray((short.reshape(-1, n) <= 0.0).any(axis=1))
 
 
-def _range(plan: Plan, k: int) -> str:
+def _format_range(plan: Plan, k: int) -> str:
     limits = plan.setup.cell.limits
-    low, high = (_value(plan, k, float(v[6 + k])) for v in (limits.lower, limits.upper))
+    low, high = (_format_value(plan, k, float(v[6 + k])) for v in (limits.lower, limits.upper))
     return f"{plan.setup.cell.external_joints[k]} ({low} to {high})"
 
 
-def _value(plan: Plan, k: int, value: float) -> str:
+def _format_value(plan: Plan, k: int, value: float) -> str:
     if plan.setup.cell.external_prismatic[k]:
         return f"{1e3 * value:,.0f} mm"
     return f"{np.degrees(value) + 0.0:.1f}°"

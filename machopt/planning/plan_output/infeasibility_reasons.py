@@ -27,7 +27,7 @@ def explain_points(plan: Plan) -> dict[int, str]:
     out = {}
     for p in plan.missing:
         s = min(int(station_of[p]), len(plan.path.stations) - 1)
-        out[int(p)] = _sentence(plan, s, InfeasibilityReason(int(plan.chosen.assignment.reason[p])), int(p))
+        out[int(p)] = _describe_reason(plan, s, InfeasibilityReason(int(plan.chosen.assignment.reason[p])), int(p))
     return out
 
 
@@ -73,17 +73,17 @@ def compute_reach_shortfall(plan: Plan, point: int) -> float:
     return float(plan.candidates.shortfall[s])
 
 
-def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> str:
+def _describe_reason(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> str:
     if point in plan.notes:
         return plan.notes[point]
     if plan.compensation is not None and plan.compensation.lost[point]:
-        return _lost_by_shift(plan, reason, point)
+        return _describe_lost_by_shift(plan, reason, point)
     rotations = plan.candidates.reason_of_rotation()[s]
     feasible = int((rotations == InfeasibilityReason.OK).sum())
     if reason == InfeasibilityReason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
         k = int(plan.check.pair[point])
         if k >= 0:
-            return _too_near(plan.setup.collision.pairs[k])
+            return _describe_too_near(plan.setup.collision.pairs[k])
     if feasible and not plan.options.is_searched:
         known = (
             InfeasibilityReason.LIMIT,
@@ -120,18 +120,18 @@ def _sentence(plan: Plan, s: int, reason: InfeasibilityReason, point: int) -> st
             f"{elsewhere}moving the workpiece or the robot by that much would help"
         )
     parts = [f"{int((rotations == r).sum())} {_WORDS[r]}" for r in _WORDS if (rotations == r).any()]
-    joint = _limiting_joint(plan, s) if (rotations == InfeasibilityReason.LIMIT).any() else ""
+    joint = _describe_limiting_joint(plan, s) if (rotations == InfeasibilityReason.LIMIT).any() else ""
     best = describe_best_ratio(plan, s) if (rotations == InfeasibilityReason.UNSTABLE).any() else ""
     return (
         f"no rotation works{positions}: of {len(rotations)} tried, "
         + ", ".join(parts)
         + joint
-        + _touching(plan, s)
+        + _describe_touching(plan, s)
         + best
     )
 
 
-def _touching(plan: Plan, s: int) -> str:
+def _describe_touching(plan: Plan, s: int) -> str:
     """Return the pair of bodies that causes most of a station's collisions."""
     if plan.found is None or plan.setup.collision is None:
         return ""
@@ -143,13 +143,13 @@ def _touching(plan: Plan, s: int) -> str:
     return f" ({', '.join(plan.setup.collision.pairs[int(k)].name for k in order)})"
 
 
-def _lost_by_shift(plan: Plan, reason: InfeasibilityReason, point: int) -> str:
+def _describe_lost_by_shift(plan: Plan, reason: InfeasibilityReason, point: int) -> str:
     size = float(np.linalg.norm(plan.compensation.offset[point])) if plan.compensation is not None else 0.0
     what = f"possible as programmed, but not with the compensation of {1e3 * size:.3f} mm: "
     if reason == InfeasibilityReason.COLLIDING and plan.check is not None and plan.setup.collision is not None:
         k = int(plan.check.pair[point])
         if k >= 0:
-            return f"{what}{_too_near(plan.setup.collision.pairs[k])}"
+            return f"{what}{_describe_too_near(plan.setup.collision.pairs[k])}"
     return what + _SHIFTED.get(reason, "no configuration of the same branch is there")
 
 
@@ -176,14 +176,14 @@ _WORDS = {
 }
 
 
-def _too_near(pair: CollisionPair) -> str:
+def _describe_too_near(pair: CollisionPair) -> str:
     own = (
         suggest_remedy(pair) if set(pair.kinds) == {"link"} else ""
     )  # contacts of a spindle at a link are not caused by the arm design
     return f"{pair.name} touch or come nearer than the clearance{own}"
 
 
-def _limiting_joint(plan: Plan, s: int) -> str:
+def _describe_limiting_joint(plan: Plan, s: int) -> str:
     """Return the joint whose limit is violated least, and the amount."""
     joint, missed = find_missed_limit(plan, s)
     return f" (nearest: joint {joint + 1} by {np.degrees(missed):.1f}°)"

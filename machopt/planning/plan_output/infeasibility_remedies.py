@@ -37,14 +37,14 @@ def describe_remedy(plan: Plan, point: int) -> str:
         return "a larger compensation_max_mm where the shift is meant, a stiffer pose, or no compensation would help"
     if plan.compensation is not None and plan.compensation.lost[point]:
         instead = _HELP_SHIFTED.get(reason, "another rotation there (steer)")
-        return f"{instead}, or no compensation would help{_left_out(plan)}"
+        return f"{instead}, or no compensation would help{_describe_left_out(plan)}"
     s = min(int(np.searchsorted(plan.path.stations, point)), len(plan.path.stations) - 1)
     rotations = plan.candidates.reason_of_rotation()[s]
     if not plan.options.is_searched and (rotations == InfeasibilityReason.OK).any():
         word = "would" if plan.setup.collision is None else "may"  # collisions were not checked
-        return f"--method global, which chooses among them, {word} help{_left_out(plan)}"
+        return f"--method global, which chooses among them, {word} help{_describe_left_out(plan)}"
     if (plan.candidates.reasons_at(s) == InfeasibilityReason.UNREACHABLE).all():
-        return _towards(plan, point)
+        return _describe_direction(plan, point)
     words = [_HELP[r] for r in _HELP if (rotations == r).any()]
     missed = find_missed_limit(plan, s)[1] if (rotations == InfeasibilityReason.LIMIT).any() else 0.0
     if missed > plan.options.limit_margin:  # the joint's own range is too small
@@ -54,14 +54,14 @@ def describe_remedy(plan: Plan, point: int) -> str:
     )
     if not np.isin(rotations, list(hopeless)).all():
         words.append(f"a finer rotation_step_deg than {np.degrees(plan.options.rotation_step):g}")
-    return f"{', '.join(dict.fromkeys(words))} would help{_left_out(plan)}"
+    return f"{', '.join(dict.fromkeys(words))} would help{_describe_left_out(plan)}"
 
 
-def _left_out(plan: Plan) -> str:
+def _describe_left_out(plan: Plan) -> str:
     return "" if plan.options.allow_gaps else "; --allow-gaps leaves the cut out"
 
 
-def _towards(plan: Plan, point: int) -> str:
+def _describe_direction(plan: Plan, point: int) -> str:
     """Return the direction in which the workpiece would have to move: from the point to axis 1, by the missing
     reach.
     """

@@ -40,26 +40,26 @@ def mark_undriven_points(plan: Plan, obstructions: Sequence[SequenceBreak] = ())
     begin, end = (HOME if at is None else CHANGE for at in (plan.begin, plan.end))
     found: dict[int, SequenceBreak] = {}
     for b in list_breaks(plan, tuple(obstructions)):
-        row = _ends_at(path, b)
+        row = _find_end_row(path, b)
         if a.reason[row] == InfeasibilityReason.OK:
             found.setdefault(row, replace(b, begin=begin, end=end))
     if not found:
         return plan
     reason, cost, notes = a.reason.copy(), plan.chosen.cost.copy(), dict(plan.notes)
     for row, b in found.items():
-        reason[row], cost[row], notes[row] = _reason(plan, b), np.nan, f"{b.where}: {b.text}"
+        reason[row], cost[row], notes[row] = _find_place_reason(plan, b), np.nan, f"{b.where}: {b.text}"
     marked = replace(plan.chosen, assignment=replace(a, reason=reason), cost=cost)
     return replace(plan, chosen=marked, notes=notes, ways=found)
 
 
-def _ends_at(path: PlanningPath, b: SequenceBreak) -> int:
+def _find_end_row(path: PlanningPath, b: SequenceBreak) -> int:
     """Return the planning row of the toolpath point at the end of the move; of its start point where it leads home."""
     points = np.flatnonzero(path.is_point)
     at = b.after if np.isfinite(b.after) else np.floor(b.before + ON_POINT) if np.isfinite(b.before) else 0.0
     return int(points[min(int(np.searchsorted(path.index[points], at - ON_POINT)), len(points) - 1)])
 
 
-def _reason(plan: Plan, b: SequenceBreak) -> InfeasibilityReason:
+def _find_place_reason(plan: Plan, b: SequenceBreak) -> InfeasibilityReason:
     """Return the own reason of a place between two points, else the reason of the break's code."""
     if b.code != "no_pose":
         return _OF_CODE.get(b.code, InfeasibilityReason.NO_PATH)

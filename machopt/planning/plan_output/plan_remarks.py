@@ -29,10 +29,10 @@ def describe_model_misfit(plan: Plan) -> str:
         plan: plan of one tool.
     """
     position = predict_position_error(plan)
-    return " ".join(w for w in (_springs_words(plan), "" if position is None else position.words()) if w)
+    return " ".join(w for w in (_describe_spring_readings(plan), "" if position is None else position.words()) if w)
 
 
-def _springs_words(plan: Plan) -> str:
+def _describe_spring_readings(plan: Plan) -> str:
     """Return the sentence about readings under load."""
     stiffness = plan.setup.elasticity.stiffness
     d = stiffness.discrepancy
@@ -60,8 +60,8 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     if plan.elsewhere:
         several = len(plan.elsewhere) > 1
         out.append(
-            f"Around {'points' if several else 'point'} {_some(plan.elsewhere)} the rotation is another than stiffness "
-            "alone would choose: with that one the path shifted against the deflection could not be driven."
+            f"Around {'points' if several else 'point'} {_format_some(plan.elsewhere)} the rotation is another than "
+            "stiffness alone would choose: with that one the path shifted against the deflection could not be driven."
         )
     out += plan.setup.collision.suspicious if plan.setup.collision else []
     robot, arm = plan.setup.robot, plan.setup.arm
@@ -95,10 +95,10 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     out += plan.setup.elasticity.warnings
     if plan.setup.correction is not None:
         out += plan.setup.correction.list_range_violations(plan.chosen.assignment.q)
-    out += _where_external(plan) + list_overruled_pins(plan)
+    out += _describe_external_positions(plan) + list_overruled_pins(plan)
     out += _describe_reentries(plan)
     out += describe_settlement(plan)
-    changes = _changes(plan)
+    changes = _describe_changes(plan)
     if changes:
         more = f"; and {len(changes) - 6} more" if len(changes) > 6 else ""
         changes_text = "; ".join(changes[:6]) + more
@@ -106,12 +106,12 @@ def list_hints(plan: Plan) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _some(points: tuple[int, ...], most: int = 6) -> str:
+def _format_some(points: tuple[int, ...], most: int = 6) -> str:
     more = f" and {len(points) - most} more" if len(points) > most else ""
     return ", ".join(map(str, points[:most])) + more
 
 
-def _where_external(plan: Plan) -> list[str]:
+def _describe_external_positions(plan: Plan) -> list[str]:
     """Return the position of each external joint while the tool cuts."""
     cell, cut, out = plan.setup.cell, plan.path.counted, []
     for k, (name, slides) in enumerate(zip(cell.external_joints, cell.external_prismatic, strict=True)):
@@ -131,12 +131,12 @@ def _describe_reentries(plan: Plan) -> list[str]:
         return []
     several = len(points) > 1
     return [
-        f"The tool is lifted inside of the cut at {'points' if several else 'point'} {_some(points)} and enters again "
-        "there: it leaves a mark."
+        f"The tool is lifted inside of the cut at {'points' if several else 'point'} {_format_some(points)} and enters "
+        "again there: it leaves a mark."
     ]
 
 
-def _changes(plan: Plan) -> list[str]:
+def _describe_changes(plan: Plan) -> list[str]:
     """Branch changes and unwindings of more than half a turn from run to run."""
     out, a, path = [], plan.chosen.assignment, plan.path
     previous = -1

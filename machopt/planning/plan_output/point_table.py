@@ -67,7 +67,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
     encoder_angles = q if known is None else known.compute_encoder_angles(q)
     ok = np.flatnonzero(a.reason[rows] == InfeasibilityReason.OK)
     soft = _compute_stiffness_columns(plan, rows, ok, q)
-    bend_std, axial_std = _uncertainty(plan, rows, ok, q, soft.axial)
+    bend_std, axial_std = _compute_uncertainty(plan, rows, ok, q, soft.axial)
     clearance, pairs = _find_clearances(plan, rows, ok, q)
     lower, upper = plan.setup.cell.limits.lower[:6], plan.setup.cell.limits.upper[:6]
     margin = np.minimum(encoder_angles - lower, upper - encoder_angles).min(axis=1)
@@ -91,7 +91,7 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         clearance=clearance,
         limit_margin=margin,
         singularity=singular,
-        status=_status(plan, rows),
+        status=_list_status(plan, rows),
         reason=tuple(why.get(p, "") for p in rows.tolist()),
         feed=toolpath.feed,
         k_jiao_x=soft.jiao_x,
@@ -101,8 +101,8 @@ def build_point_table(plan: Plan, toolpath: Toolpath) -> PointResults:
         k_axial_std=axial_std,
         dwell=list_dwells(toolpath),
         compensation=None if plan.compensation is None else plan.compensation.offset[rows],
-        lead=_of_reached(plan, plan.path.lead, rows),
-        side=_of_reached(plan, plan.path.side, rows),
+        lead=_mask_unreached(plan, plan.path.lead, rows),
+        side=_mask_unreached(plan, plan.path.side, rows),
         feed_advised=_get_advised_feeds(plan),
     )
     return PointResults(table, rows, pairs)
@@ -122,7 +122,7 @@ def _compute_stiffness_columns(plan: Plan, rows: NDArray[np.intp], ok: NDArray[n
     """Return stiffness and deflection at the feasible toolpath points ``ok``, at true angles q (n, 6)."""
     axial, normal, paper, bend = (np.full(len(rows), np.nan) for _ in range(4))
     elasticity, d = plan.setup.elasticity, plan.directions
-    for some in _blocks(ok):
+    for some in _iterate_blocks(ok):
         at = rows[some]
         elastic = d.elastic(elasticity, q[some], at)
         axial[some], normal[some] = (
@@ -149,7 +149,7 @@ def _find_clearances(
     return clearance, tuple(pairs)
 
 
-def _of_reached(plan: Plan, tilt: Array | None, rows: NDArray[np.intp]) -> Array | None:
+def _mask_unreached(plan: Plan, tilt: Array | None, rows: NDArray[np.intp]) -> Array | None:
     """Return a tilt (N,) at the points, NaN without a configuration; None where the axis is that of the CAM file."""
     if tilt is None:
         return None
@@ -166,12 +166,12 @@ def list_dwells(toolpath: Toolpath) -> Array | None:
     return out if out.any() else None
 
 
-def _blocks(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+def _iterate_blocks(rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
     """Yield the rows in blocks that fit the memory."""
     return (rows[first : first + ROWS] for first in range(0, len(rows), ROWS))
 
 
-def _status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
+def _list_status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
     """Return (N,) the word of :func:`find_reason`, which is called only where the point alone does not determine it."""
     reason = plan.chosen.assignment.reason[rows]
     words = {int(known): known.word for known in InfeasibilityReason}
@@ -181,26 +181,26 @@ def _status(plan: Plan, rows: NDArray[np.intp]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _uncertainty(
+def _compute_uncertainty(
     plan: Plan, rows: NDArray[np.intp], ok: NDArray[np.intp], q: Array, axial: Array
 ) -> tuple[Array | None, Array | None]:
     """Return the standard uncertainty of the deflection in m and of the axial stiffness in N/m, (N,) each; None if
     unknown.
     """
-    spread, doubt = build_compliance_covariance(plan), DiscrepancyModel.of(plan.setup.elasticity)
+    spread, doubt = build_compliance_covariance(plan), DiscrepancyModel.build(plan.setup.elasticity)
     if not spread.known:
         return None, None
     bend_std, axial_std = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
     P, at, elasticity = len(plan.path.index), rows[ok], plan.setup.elasticity
     by_point = np.zeros((P, 6))
     moved: Array | None = None if doubt is None else np.zeros((P, len(doubt.ways)))
-    for some in _blocks(ok):
+    for some in _iterate_blocks(ok):
         along = plan.directions.axial[rows[some]]
         elastic = plan.directions.elastic(elasticity, q[some], rows[some])
         by_point[rows[some]] = elastic.compute_sensitivity(along, along, small=True)
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.axial(elastic, q[some], along)
-    own_std = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=True))
+    own_std = np.hypot(spread.point_std(by_point), _compute_carrier_uncertainty(plan, at, q[ok], along_axis=True))
     own = np.zeros(P)  # contribution of single poses
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "stiffness")
@@ -208,11 +208,11 @@ def _uncertainty(
     axial_std[ok] = own_std[at] * axial[ok] ** 2  # of 1/c
     if not plan.options.force.given:
         return None, axial_std
-    for some in _blocks(ok):
+    for some in _iterate_blocks(ok):
         by_point[rows[some]] = compute_cost_gradient(elasticity, plan.directions, rows[some], q[some], "deflection")
         if doubt is not None and moved is not None:
             moved[rows[some]] = doubt.cost(elasticity, plan.directions, rows[some], q[some], "deflection")
-    own_std = np.hypot(spread.point_std(by_point), _carriers(plan, at, q[ok], along_axis=False))
+    own_std = np.hypot(spread.point_std(by_point), _compute_carrier_uncertainty(plan, at, q[ok], along_axis=False))
     if doubt is not None and moved is not None:
         own[at] = doubt.own(plan.directions, at, "deflection")
         own_std = compute_reported_std(moved, own_std**2 + own**2)
@@ -220,7 +220,7 @@ def _uncertainty(
     return bend_std, axial_std
 
 
-def _carriers(plan: Plan, at: NDArray[np.intp], q: Array, *, along_axis: bool) -> Array:
+def _compute_carrier_uncertainty(plan: Plan, at: NDArray[np.intp], q: Array, *, along_axis: bool) -> Array:
     """Return (P,) standard uncertainty from external joints at some planning points: of 1/k axially, or of the
     deflection.
     """

@@ -50,14 +50,14 @@ def compute_reach_shift(plan: Plan, point: int) -> ReachShift:
         return ReachShift(own, max(count, 1), True)
     least = float(radius[out].min())
     others = np.flatnonzero(path.is_point & ~unreached & (distance <= least))
-    some = np.concatenate([_few(np.flatnonzero(out), distance - radius), _few(others, distance)])
+    some = np.concatenate([_select_few(np.flatnonzero(out), distance - radius), _select_few(others, distance)])
     limit = np.where(unreached, radius, least)
     by = _shift(at[some], limit[some])
     good = bool((np.linalg.norm(at[some] + by, axis=1) <= limit[some] + NEAR).all())
     return ReachShift(by if good else own, count, good)
 
 
-def _few(rows: NDArray[np.intp], worst: Array) -> NDArray[np.intp]:
+def _select_few(rows: NDArray[np.intp], worst: Array) -> NDArray[np.intp]:
     """Return at most MOST of the rows, evenly, and the worst one."""
     if len(rows) <= MOST:
         return rows

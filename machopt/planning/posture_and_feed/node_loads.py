@@ -25,7 +25,7 @@ from machopt.planning.posture_and_feed.window_data import NodeLoads
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.job_binding import compute_loads
 from machopt.process.binding.point_loads import PointLoads
-from machopt.stiffness.arm_stiffness import compute_joint_stiffness
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 
 LEAST_ERROR = 1e-6  # m, smallest limit of the nominal error
 AT_LIMIT = 1e-3  # share: an advice nearer than this to the largest permitted feed is that feed

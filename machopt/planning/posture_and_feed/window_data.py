@@ -21,14 +21,6 @@ class NodeLoads:
     highest: Array  # (N,) m/s, feed up to which the cutting coefficients hold; inf: no limit
     limit: Array  # (N,) m, permitted nominal error by the joints' springs; inf: none
 
-    def compute_wrench(self, feed: Array) -> Array:
-        """Return (N, 6) N and N·m.
-
-        Args:
-            feed: (N,) m/s.
-        """
-        return np.asarray(self.edge + self.slope * feed[:, None])
-
 
 @dataclass(frozen=True, kw_only=True)
 class LocalLimits:

@@ -80,7 +80,7 @@ def try_solution(
         return TrialRefusal(refused)
     if not is_assignment_allowed(a, path, plan.options):
         return TrialRefusal("a rotation, zone or branch that the options fix is not kept")
-    check = PathCollisionChecker.of(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
+    check = PathCollisionChecker.build(path, setup.arm, setup.robot, setup.collision, plan.options).whole(a.phi, a.q)
     if not check.free:
         return TrialRefusal(_describe_contact(plan, check))
     directions = compute_load_directions(path, setup.arm, setup.elasticity, plan.options.force)

@@ -124,8 +124,8 @@ def enumerate_candidates(
     grid = _GridSolver(
         arm=arm,
         phi=phi,
-        nudge=_nudges(path, phi, options),
-        turning=_turning_poses(path, arm),
+        nudge=_compute_nudges(path, phi, options),
+        turning=_compute_turning_poses(path, arm),
         reason=np.empty((S, R, A), np.uint8),
         shortfall=np.empty(S),
         size=max((CHUNK if arm.solver.branch_stable else TRACKED) // R, 1),
@@ -218,7 +218,7 @@ def solve_stations(
     return branches.q.reshape(*shape, *branches.q.shape[1:]), reason.reshape(*shape, reason.shape[1])
 
 
-def _turning_poses(path: PlanningPath, arm: PlanningArm) -> tuple[Array, Array, Array]:
+def _compute_turning_poses(path: PlanningPath, arm: PlanningArm) -> tuple[Array, Array, Array]:
     """(S, 1, 4, 4) each: the flange poses of a station are the first + cos φ · the second + sin φ · the third."""
     phi = np.broadcast_to([0.0, np.pi, 0.5 * np.pi], (len(path.stations), 3))
     there = arm.in_base(path.external[path.stations], compute_tcp_poses(path, path.stations, phi))
@@ -228,7 +228,7 @@ def _turning_poses(path: PlanningPath, arm: PlanningArm) -> tuple[Array, Array, 
     return still, 0.5 * (ahead - back), across - still
 
 
-def _nudges(path: PlanningPath, phi: Array, options: PlanOptions) -> Array:
+def _compute_nudges(path: PlanningPath, phi: Array, options: PlanOptions) -> Array:
     """Return (S,) rad: shift of the grid where the user fixed a rotation, and along the plunges joined to it.
 
     The rotation is kept along a plunge, so all of its stations use one grid.

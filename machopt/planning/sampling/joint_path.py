@@ -68,14 +68,14 @@ def solve_joint_path(path: PlanningPath, arm: PlanningArm, robot: Robot, phi: Ar
     known = np.flatnonzero(np.isfinite(seed).all(axis=1) & np.isfinite(phi))
     for first in range(0, len(known), ROWS):
         rows = known[first : first + ROWS]
-        good, solved, bad = _solved(path, arm, robot, rows, phi, seed)
+        good, solved, bad = _solve_rows(path, arm, robot, rows, phi, seed)
         out["reason"][bad] = InfeasibilityReason.UNREACHABLE
         for name, values in solved.items():
             out[name][good] = values
     return JointAssignment(phi=phi, **out)
 
 
-def _solved(
+def _solve_rows(
     path: PlanningPath, arm: PlanningArm, robot: Robot, known: NDArray[np.intp], phi: Array, seed: Array
 ) -> tuple[NDArray[np.intp], dict[str, NDArray[Any]], NDArray[np.intp]]:
     """Return, of some rows (n,), those with a pose with the data of their assignment, and those without."""

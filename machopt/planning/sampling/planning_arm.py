@@ -63,7 +63,7 @@ class PlanningArm:
     stability: ConfigurationLimit | None = None  # min_stability_ratio; None: no limit
 
     @classmethod
-    def of(cls, cell: Cell, solver: InverseKinematicsSolver, machine: Machine, options: PlanOptions) -> PlanningArm:
+    def build(cls, cell: Cell, solver: InverseKinematicsSolver, machine: Machine, options: PlanOptions) -> PlanningArm:
         """Return the arm model of a cell with the margins of the options.
 
         Args:

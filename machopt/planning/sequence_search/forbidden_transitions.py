@@ -39,7 +39,7 @@ class ForbiddenTransitions:
             source: (n,) vertex at the previous station.
             target: (n,) vertex at the station.
         """
-        rows = _each_once(
+        rows = _sort_unique(
             np.column_stack([np.r_[self.station, station], np.r_[self.source, source], np.r_[self.target, target]])
         )
         return replace(self, station=rows[0], source=rows[1], target=rows[2])
@@ -50,7 +50,7 @@ class ForbiddenTransitions:
         Args:
             ways: (n, 3) station, source and target without turns.
         """
-        return replace(self, closed=np.ascontiguousarray(_each_once(np.vstack([self.closed, ways])).T))
+        return replace(self, closed=np.ascontiguousarray(_sort_unique(np.vstack([self.closed, ways])).T))
 
     def __len__(self) -> int:
         return len(self.station) + len(self.closed)
@@ -127,7 +127,11 @@ class TransitionCollector:
             target: (n,) vertex at the station, without turns.
         """
         known = self.edges.closed[self._begins[s] : self._begins[s + 1]]
-        return np.isin(_way(source, target), np.concatenate([_way(*known.T[1:]), *self._found.get(s, [])]), invert=True)
+        return np.isin(
+            _encode_way(source, target),
+            np.concatenate([_encode_way(*known.T[1:]), *self._found.get(s, [])]),
+            invert=True,
+        )
 
     def add(self, s: int, source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> None:
         """Add blocked edges into station s.
@@ -137,7 +141,7 @@ class TransitionCollector:
             source: (n,) vertex at the previous station, without turns.
             target: (n,) vertex at the station, without turns.
         """
-        self._found.setdefault(s, []).append(_way(source, target))
+        self._found.setdefault(s, []).append(_encode_way(source, target))
 
     def merged(self) -> ForbiddenTransitions:
         """Return the original set with all added edges."""
@@ -148,14 +152,14 @@ class TransitionCollector:
         return self.edges.plus_closed(np.column_stack([station, way >> 32, way & 0xFFFFFFFF]))
 
 
-def _way(source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
+def _encode_way(source: NDArray[np.integer[Any]], target: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
     """Return source and target in one number, ordered as the two are."""
     return np.asarray(source, np.int64) << 32 | np.asarray(target, np.int64)
 
 
-def _each_once(rows: NDArray[np.integer[Any]]) -> Ints:
+def _sort_unique(rows: NDArray[np.integer[Any]]) -> Ints:
     """(3, n) of rows (n, 3), sorted."""
-    station, way = rows[:, 0], _way(rows[:, 1], rows[:, 2])
+    station, way = rows[:, 0], _encode_way(rows[:, 1], rows[:, 2])
     order = np.lexsort((way, station))
     station, way = station[order], way[order]
     first = np.ones(len(order), bool)

@@ -50,16 +50,16 @@ class IncrementalSequenceSearch:
         """
         if choice.dropped.any() or choice.broken:
             return None
-        lost = self._lost(choice, edges)
+        lost = self._find_lost_stations(choice, edges)
         gap = ROUGH if len(lost) > MANY * len(self.wide) else GAP
-        for first, last in self._stretches(lost):
-            again = self._grid_as_it_is().again(choice, first, last, edges, gap)
+        for first, last in self._list_stretches(lost):
+            again = self._get_grid().again(choice, first, last, edges, gap)
             if again is None:
                 return None
             choice = again
         return choice
 
-    def _lost(self, choice: SequenceChoice, e: ForbiddenTransitions) -> Rows:
+    def _find_lost_stations(self, choice: SequenceChoice, e: ForbiddenTransitions) -> Rows:
         """Return the stations whose vertex, or the edge into it, has been excluded."""
         _, _, B, T = self.candidates.feasible.shape
         vertex = (choice.rotation.astype(int) * B + choice.branch) * T + choice.turn
@@ -67,12 +67,12 @@ class IncrementalSequenceSearch:
         is_lost = ~self.candidates.feasible[s, choice.rotation, choice.branch, choice.turn]
         return np.flatnonzero(is_lost | e.into(vertex, T))
 
-    def _stretches(self, lost: Rows) -> list[tuple[int, int]]:
+    def _list_stretches(self, lost: Rows) -> list[tuple[int, int]]:
         """Return (first, last) stations that keep their vertices around changed ones, with room for a detour
         between.
         """
         S, R = self.candidates.feasible.shape[:2]
-        window = self._grid_as_it_is().window
+        window = self._get_grid().window
         steps = np.where(window == FREE, R // 4, np.maximum(window, 0))
         turned = np.cumsum(steps)
         room = int(DETOUR / (2 * np.pi / R)) + 1
@@ -92,20 +92,20 @@ class IncrementalSequenceSearch:
         Args:
             edges: forbidden edges.
         """
-        choice = self._grid_as_it_is().choose(edges)
+        choice = self._get_grid().choose(edges)
         runs = self.path.run[self.path.stations]
         stuck = np.isin(runs, runs[list(choice.broken)]) & ~self.wide
         if stuck.any():  # a reduced feed is better than no plan
             self.wide |= stuck
             self._grid = None
-            choice = self._grid_as_it_is().choose(edges)
+            choice = self._get_grid().choose(edges)
         return choice
 
-    def _grid_as_it_is(self) -> SequenceGrid:
+    def _get_grid(self) -> SequenceGrid:
         dropped = int((~self.candidates.feasible.reshape(len(self.wide), -1).any(axis=1)).sum())
         if self._grid is None or self._dropped != dropped:
             self._dropped = dropped
-            self._grid = SequenceGrid.of(
+            self._grid = SequenceGrid.build(
                 self.path,
                 self.candidates,
                 self.scores,

@@ -21,7 +21,7 @@ class FlightPrices:
     prices: Array  # (3,) of a second, of a branch change, of a whole turn
 
     @classmethod
-    def of(cls, rapid: RapidPricing | None, stations: int) -> FlightPrices:
+    def build(cls, rapid: RapidPricing | None, stations: int) -> FlightPrices:
         """Return the prices; zeros where there are none.
 
         Args:

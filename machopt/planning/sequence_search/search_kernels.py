@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.planning.cost.objective import edge_price_compiled, late_compiled
-from machopt.planning.sequence_search.rapid_move_prices import price_flight
+from machopt.planning.sequence_search.rapid_source_kernels import find_flight_source, group_vertices
 
 Ints = NDArray[np.int32]
 JUMP = np.radians(80.0)  # largest joint step between neighbouring stations that still counts as continuous
 GUESSED = np.radians(40.0)  # the same where it alone distinguishes branches
-GROUP = 6  # number of rotations whose vertices are bounded together for a rapid move
 
 
 def compute_joint_jump_limit(stable: bool) -> float:
@@ -33,76 +32,6 @@ def compute_joint_jump_limit(stable: bool) -> float:
         stable: the branch index is an assembly mode.
     """
     return float(JUMP if stable else GUESSED)
-
-
-@jit_compile
-def _sort(value: Array, order: NDArray[np.int64]) -> None:
-    """Sort the indices ``order`` by value, equal ones by index, in place (heap sort)."""
-    n = len(order)
-    root, end = n // 2, n
-    while end > 1:
-        if root > 0:  # build the heap
-            root -= 1
-        else:  # remove the largest
-            end -= 1
-            order[0], order[end] = order[end], order[0]
-        k = root
-        item = order[k]
-        while 2 * k + 1 < end:
-            c = 2 * k + 1
-            if c + 1 < end and (value[order[c]], order[c]) < (value[order[c + 1]], order[c + 1]):
-                c += 1
-            if not (value[item], item) < (value[order[c]], order[c]):
-                break
-            order[k] = order[c]
-            k = c
-        order[k] = item
-
-
-@jit_compile
-def _groups(before: Array, q: Array, every: int, turns: Array) -> Any:  # numba infers
-    """Return the reachable vertices in groups of neighbours, which bound a rapid move.
-
-    Returns (K,) the vertices, (G, 2) where each group begins and ends in them, (G, 2, 6) rad its corners in joint space
-    and (G,) its least cost to come; the groups with the least cost first.
-    """
-    R, B, _ = q.shape
-    R, T = R // every, len(turns)
-    members = np.empty(len(before), np.int64)
-    most = ((R + GROUP - 1) // GROUP) * B * T
-    group, corner = np.zeros((most, 2), np.int64), np.empty((most, 2, 6))
-    cheapest = np.empty(most)
-    G, n = 0, 0
-    for first in range(0, R, GROUP):
-        for b in range(B):
-            for t in range(T):
-                start = n
-                for r in range(first, min(first + GROUP, R)):
-                    u = (r * B + b) * T + t
-                    if before[u] < np.inf:
-                        for i in range(6):
-                            x = q[r * every, b, i] + turns[t, i]
-                            corner[G, 0, i] = min(corner[G, 0, i], x) if n > start else x
-                            corner[G, 1, i] = max(corner[G, 1, i], x) if n > start else x
-                        cheapest[G] = min(cheapest[G], before[u]) if n > start else before[u]
-                        members[n] = u
-                        n += 1
-                if n > start:
-                    group[G, 0], group[G, 1] = start, n
-                    G += 1
-    order = np.empty(G, np.int64)  # numba's argsort takes ten times as long to compile
-    for g in range(G):
-        order[g] = g
-    _sort(cheapest, order)
-    group_out, corner_out, cheapest_out = np.empty((G, 2), np.int64), np.empty((G, 2, 6)), np.empty(G)
-    for g in range(G):
-        k = order[g]
-        cheapest_out[g] = cheapest[k]
-        for e in range(2):
-            group_out[g, e] = group[k, e]
-            for i in range(6):
-                corner_out[g, e, i] = corner[k, e, i]
-    return members[:n], group_out, corner_out, cheapest_out
 
 
 @jit_compile
@@ -128,7 +57,7 @@ def _step(here: Array, before: Array, slowness: Array, largest: float) -> tuple[
 
 
 @jit_compile
-def _listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  # numba infers
+def _is_listed(ways: Any, low: int, high: int, source: int, target: int) -> Any:  # numba infers
     """Return whether one of the sorted edges (n, 3) from ``low`` to ``high`` leads from the source to the target."""
     end = high
     while low < high:
@@ -190,67 +119,6 @@ def _list_source_turns(turns: Array) -> Ints:
             if other >= 0:
                 source_turn[code, t] = lookup[other]
     return source_turn
-
-
-@jit_compile
-def _find_flight_source(
-    q: Any,
-    every: int,
-    turns: Any,
-    here: tuple[int, int, int, int],
-    last: int,
-    rotation: int,
-    before: Any,
-    members: Any,
-    group: Any,
-    corner: Any,
-    cheapest: Any,
-    shut: Any,
-    loose: bool,
-    travel: float,
-    need: Any,
-    external_need: Any,
-    flight: Any,
-    most: float,
-) -> Any:  # numba infers
-    """Return the least price below ``most`` up to a vertex behind a rapid move, without its own, and its source or −1.
-
-    The other arguments are as in :func:`find_cheapest_sequence` and :func:`_groups`; ``here`` is the station, row of
-    ``q``, branch and turn of the vertex, ``rotation`` that of the same posture at the station ``last``.
-    """
-    s, r, b, t = here
-    B, T = q.shape[2], len(turns)
-    value, source = most, -1
-    for tu in range(T):  # the same posture first: near, so that few others are examined
-        u = (rotation * B + b) * T + tu
-        if before[u] < value:
-            start = (last, rotation * every, b, tu)
-            room = value - before[u]
-            way = price_flight(q, turns, here, start, loose, travel, room, need, external_need, flight)
-            if before[u] + way < value:
-                value, source = before[u] + way, u
-    for g in range(len(cheapest)):
-        if cheapest[g] >= value:
-            break
-        away = 0.0
-        for i in range(6):
-            x = q[s, r, b, i] + turns[t, i]
-            away += max(corner[g, 0, i] - x, 0.0) + max(x - corner[g, 1, i], 0.0)
-        other = members[group[g, 0]] // T % B != b
-        away = (0.0 if loose else travel * away) + (flight[1] if other else 0.0)
-        if cheapest[g] + away >= value:
-            continue
-        for j in range(group[g, 0], group[g, 1]):
-            u = members[j]
-            bj = u // T % B
-            if before[u] >= value or shut[bj, b]:
-                continue
-            start = (last, u // (B * T) * every, bj, u % T)
-            room = value - before[u]
-            way = price_flight(q, turns, here, start, loose, travel, room, need, external_need, flight)
-            if before[u] + way < value:
-                value, source = before[u] + way, u
-    return value, source
 
 
 @jit_compile
@@ -367,7 +235,7 @@ def find_cheapest_sequence(
     usable, to_go = _bound_vertices(node, feasible)
     source_turn = _list_source_turns(turns)
     values, sources = np.empty(T), np.empty(T, np.int64)
-    members, group, corner, cheapest = _groups(before, q[0], every, turns)
+    members, group, corner, cheapest = group_vertices(before, q[0], every, turns)
     s = -1
     lift = False  # the station is repeated as after a rapid move
     while s < S - 1 or lift:
@@ -378,7 +246,7 @@ def find_cheapest_sequence(
         free = window[s] < 0 or lift
         lift = False
         if free and not fresh:
-            members, group, corner, cheapest = _groups(before, q[last], every, turns)
+            members, group, corner, cheapest = group_vertices(before, q[last], every, turns)
         for r in range(R):
             for b in range(B):
                 if not usable[s, r, b]:
@@ -393,7 +261,7 @@ def find_cheapest_sequence(
                     ru = (r + shift[s]) % R
                     for t in range(T):
                         if feasible[s, r, b, t]:
-                            values[t], sources[t] = _find_flight_source(
+                            values[t], sources[t] = find_flight_source(
                                 q, every, turns, (s, r * every, b, t), last, ru, before, members, group, corner,
                                 cheapest, shut, loose, price_q[s], need, external_need, flight, most,
                             )  # fmt: skip
@@ -428,7 +296,7 @@ def find_cheapest_sequence(
                                 code, edge = turned[at] - 1, price[at]
                             if code < 0 or not (least[ru, bu] + edge < highest):
                                 continue
-                            if _listed(ways, closed[s], closed[s + 1], ru * B + bu, r * B + b):
+                            if _is_listed(ways, closed[s], closed[s + 1], ru * B + bu, r * B + b):
                                 continue
                             better = False
                             for t in range(T):

@@ -71,7 +71,7 @@ class SmoothingStretch:
     merit: Merit = lambda *_: float("inf")
 
     @classmethod
-    def of(
+    def build(
         cls,
         path: PlanningPath,
         candidates: CandidateGrid,
@@ -102,7 +102,7 @@ class SmoothingStretch:
             x=turning[points - points[0]],
             terms=terms.take(rows),
             weight=float(path.motion_share[points[0]]),
-            pins=_pins(path, rows, band.phi, terms.options),
+            pins=_find_pins(path, rows, band.phi, terms.options),
             offset=np.zeros(len(rows)),
         )
 
@@ -118,9 +118,9 @@ class SmoothingStretch:
         at = np.flatnonzero(self.terms.counted)
         if not len(at):
             return 0.0
-        return float(self._between(self.band.cost, self.offset)[at].max())
+        return float(self._interpolate_table(self.band.cost, self.offset)[at].max())
 
-    def _between(self, table: Array, offset: Array) -> Array:
+    def _interpolate_table(self, table: Array, offset: Array) -> Array:
         """Interpolate a table (n, 2·REACH+1) of the corridor linearly at offsets (…, n) rad."""
         x = np.clip(offset / self.band.step + REACH, 0, 2 * REACH - 1e-9)
         k, row = x.astype(int), np.arange(table.shape[0])
@@ -149,7 +149,7 @@ class SmoothingStretch:
         """
         phi = self.band.phi + offset
         inside = self.terms.steps(self.joints_at(offset), phi).sum(axis=-1)
-        crowded = 0.0 if self.band.crowded is None else self._between(self.band.crowded, offset)
+        crowded = 0.0 if self.band.crowded is None else self._interpolate_table(self.band.crowded, offset)
         return np.asarray(self.terms.nodes(cost, phi, crowded).sum(axis=-1) + inside)
 
     def price_of_flights(self, first: Array, last: Array, ends: StretchEnds) -> float:
@@ -182,7 +182,7 @@ def compute_corridors(
         yield from (compute_corridor(candidates, scores, choice, rows) for rows in parts)
         return
     tables = [scores.cost] if scores.crowded is None else [scores.cost, scores.crowded]
-    whole = _walked(candidates, tables, choice, np.concatenate(parts))
+    whole = _build_grid_corridor(candidates, tables, choice, np.concatenate(parts))
     whole = replace(whole, cost=whole.cost / scores.scale)
     first = 0
     for rows in parts:
@@ -190,7 +190,7 @@ def compute_corridors(
         first = some.stop
         yield replace(
             whole,
-            phi=_chosen_rotations(candidates, choice, rows),
+            phi=_get_chosen_rotations(candidates, choice, rows),
             low=whole.low[some].copy(),
             high=whole.high[some].copy(),
             cost=whole.cost[some],
@@ -200,7 +200,7 @@ def compute_corridors(
         )
 
 
-def _chosen_rotations(candidates: CandidateGrid, choice: SequenceChoice, rows: NDArray[np.intp]) -> Array:
+def _get_chosen_rotations(candidates: CandidateGrid, choice: SequenceChoice, rows: NDArray[np.intp]) -> Array:
     """(n,) rad, unwrapped along the stretch."""
     return np.unwrap(candidates.phi_of(rows, np.maximum(choice.rotation[rows], 0)))
 
@@ -231,12 +231,12 @@ def compute_corridor(
         )
 
     walked = compute_cached(
-        "corridor", lambda: (*inputs(), choice.q[rows]), lambda: _walked(candidates, tables, choice, rows)
+        "corridor", lambda: (*inputs(), choice.q[rows]), lambda: _build_grid_corridor(candidates, tables, choice, rows)
     )
     return replace(walked, cost=walked.cost / scores.scale)
 
 
-def _walked(
+def _build_grid_corridor(
     candidates: CandidateGrid, tables: list[Array], choice: SequenceChoice, rows: NDArray[np.intp]
 ) -> RotationCorridor:
     """The corridor with its cost in the unit of the table."""
@@ -244,7 +244,7 @@ def _walked(
     grid = 2 * np.pi / R
     stride = max(1, round(STEP / grid))  # a finer grid uses every n-th step, so that its corridor is as wide
     r, b = choice.rotation[rows], choice.branch[rows]
-    phi = _chosen_rotations(candidates, choice, rows)
+    phi = _get_chosen_rotations(candidates, choice, rows)
     n = len(rows)
     found = np.empty((len(tables), n, 2 * REACH + 1))
     found[:, :, REACH] = [table[rows, r, b] for table in tables]
@@ -295,7 +295,7 @@ def compute_turning_length(path: PlanningPath, first: int, last: int) -> Array:
     return np.asarray(np.r_[0.0, np.cumsum(step)])
 
 
-def _pins(path: PlanningPath, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:
+def _find_pins(path: PlanningPath, rows: NDArray[np.intp], phi: Array, options: PlanOptions) -> dict[int, float]:
     """Return the user's fixed rotations in this run: row to exact offset from the grid's phi."""
     points = path.stations[rows]
     row_of = {int(point): i for i, point in enumerate(points)}

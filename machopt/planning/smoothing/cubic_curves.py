@@ -95,7 +95,7 @@ def fit_cubic_splines(x: Array, values: Array) -> Array:
     A[1, 0], A[0, 1], A[1, -1], A[2, -2] = dx[1], first, dx[-2], final
     b[0] = ((d[0] + 2.0 * first) * d[1] * slope[0] + d[0] ** 2 * slope[1]) / first
     b[-1] = (d[-1] ** 2 * slope[-2] + (2.0 * final + d[-1]) * d[-2] * slope[-1]) / final
-    return _pieces(d, values, slope, solve_banded((1, 1), A, b, check_finite=False))
+    return _build_pieces(d, values, slope, solve_banded((1, 1), A, b, check_finite=False))
 
 
 def interpolate_monotone(x: Array, y: Array, places: Array) -> Array:
@@ -116,7 +116,7 @@ def interpolate_monotone(x: Array, y: Array, places: Array) -> Array:
         mean = (a / slope[:-1][goes_on] + b / slope[1:][goes_on]) / (a + b)
         s[1:-1][goes_on] = 1.0 / mean
         s[0], s[-1] = _end(h[0], h[1], slope[0], slope[1]), _end(h[-1], h[-2], slope[-1], slope[-2])
-    c = _pieces(h[:, None], y[:, None], slope[:, None], s[:, None])[..., 0]
+    c = _build_pieces(h[:, None], y[:, None], slope[:, None], s[:, None])[..., 0]
     k = np.clip(np.searchsorted(x, places, side="right") - 1, 0, len(x) - 2)
     t = places - x[k]
     return np.asarray(c[3, k] + c[2, k] * t + c[1, k] * (t * t) + c[0, k] * (t * t * t))
@@ -132,7 +132,7 @@ def _end(h: float, neighbour_h: float, slope: float, inner: float) -> float:
     return s
 
 
-def _pieces(d: Array, y: Array, slope: Array, s: Array) -> Array:
+def _build_pieces(d: Array, y: Array, slope: Array, s: Array) -> Array:
     """(4, m − 1, n) cubic pieces, highest power first, with values y and derivatives s (m, n) at their ends."""
     t = (s[:-1] + s[1:] - 2.0 * slope) / d
     return np.stack([t / d, (slope - s[:-1]) / d - t, s[:-1], y[:-1]])

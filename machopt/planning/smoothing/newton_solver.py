@@ -258,12 +258,12 @@ class SplineObjective:
             for _ in range(STEPS):
                 curve = (1.0 - duals * here.slope) / here.size
                 step, promised = self._step(c, here, here.price * curve)
-                total, share, there = here.value + self._bent(c), 1.0, here
+                total, share, there = here.value + self._compute_bending(c), 1.0, here
                 if not promised > ENOUGH * (1.0 + abs(total)):
                     break
                 for _ in range(HALVINGS):
                     there = self.model(c + share * step, width, stiff)
-                    if there.value + self._bent(c + share * step) <= total - LEAST * share * promised:
+                    if there.value + self._compute_bending(c + share * step) <= total - LEAST * share * promised:
                         break
                     share *= 0.5
                 else:
@@ -274,7 +274,7 @@ class SplineObjective:
                 here = there
         return c
 
-    def _bent(self, c: Array) -> float:
+    def _compute_bending(self, c: Array) -> float:
         second = np.diff(c, 2)
         return self.bending * float(second @ second)
 

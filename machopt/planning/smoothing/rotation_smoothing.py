@@ -60,31 +60,33 @@ def smooth_rotation(
         velocity: (6,) rad/s, joint velocity limits.
         options: plan options with the weights.
     """
-    worst = max(_grid_worst(path, scores, choice), scores.elsewhere)
+    worst = max(_compute_grid_worst(path, scores, choice), scores.elsewhere)
     rows = _list_stretch_rows(path, choice)
     terms = ObjectiveTerms.at_stations(path, velocity, options)
     parts = [
-        SmoothingStretch.of(path, candidates, scores, choice, some, terms, band)
+        SmoothingStretch.build(path, candidates, scores, choice, some, terms, band)
         for some, band in zip(rows, compute_corridors(candidates, scores, choice, rows), strict=True)
     ]
-    for part, ends in zip(parts, [_ends(parts, n) for n in range(len(parts))], strict=True):
+    for part, ends in zip(parts, [_get_stretch_ends(parts, n) for n in range(len(parts))], strict=True):
         if part.x[-1] > 0 and len(part.rows) >= 3:
             part.turns = True
-            part.answers, part.merit = build_spline_solutions(path, part, _worst_elsewhere(parts, part, scores), ends)
+            part.answers, part.merit = build_spline_solutions(
+                path, part, _compute_worst_elsewhere(parts, part, scores), ends
+            )
             if part.pins:  # where no curve stays in the corridor, the grid's own sequence is shifted to meet the pins
                 part.offset = np.interp(part.x, part.x[list(part.pins)], list(part.pins.values()))
     # runs are coupled by the rapid moves between them, so each is chosen with the others fixed
     for _ in range(SWEEPS):
         for n, part in enumerate(parts):
             if part.turns:
-                ends = _ends(parts, n)
-                elsewhere = _worst_elsewhere(parts, part, scores)
+                ends = _get_stretch_ends(parts, n)
+                elsewhere = _compute_worst_elsewhere(parts, part, scores)
                 value, spline = min(
                     ((part.merit(a, ends, elsewhere), a) for a in part.answers), key=lambda pair: pair[0]
                 )
                 if np.isfinite(value):
                     part.spline, part.offset = spline, spline(part.x) - part.band.phi
-        _constant_rotations(parts, worst)
+        _choose_constant_rotations(parts, worst)
     return _evaluate_stretches(path, parts)
 
 
@@ -95,7 +97,7 @@ def _list_stretch_rows(path: PlanningPath, choice: SequenceChoice) -> list[Ints]
     return [
         np.arange(a, b + 1)
         for first, last in path.runs
-        for a, b in _whole_stretches(dropped, broken, position[first], position[last])
+        for a, b in _list_unbroken_stretches(dropped, broken, position[first], position[last])
     ]
 
 
@@ -115,7 +117,7 @@ def _evaluate_stretches(path: PlanningPath, parts: list[SmoothingStretch]) -> Sm
     return SmoothedRotation(phi=phi, seed=seed)
 
 
-def _ends(parts: list[SmoothingStretch], n: int) -> StretchEnds:
+def _get_stretch_ends(parts: list[SmoothingStretch], n: int) -> StretchEnds:
     """Return the joints before and after the rapid moves of stretch n, with the other stretches as they are."""
     before = parts[n - 1].joints()[-1] if n else None
     if n + 1 == len(parts):
@@ -124,12 +126,12 @@ def _ends(parts: list[SmoothingStretch], n: int) -> StretchEnds:
     return StretchEnds(before, after.joints()[0], after.terms.weights.travel * float(after.terms.travel[0]))
 
 
-def _worst_elsewhere(parts: list[SmoothingStretch], one: SmoothingStretch, scores: CandidateScores) -> float:
+def _compute_worst_elsewhere(parts: list[SmoothingStretch], one: SmoothingStretch, scores: CandidateScores) -> float:
     """Return the worst cost of the other stretches, or of the other tools: a lower one here gains nothing."""
     return max(scores.elsewhere, *(p.worst() for p in parts if p is not one), 0.0)
 
 
-def _constant_rotations(parts: list[SmoothingStretch], worst: float) -> None:
+def _choose_constant_rotations(parts: list[SmoothingStretch], worst: float) -> None:
     """Choose one rotation per drilling run, between the grid steps: the cheapest sequence over a fine grid (exact
     there).
 
@@ -194,12 +196,12 @@ def follow_grid_rotation(path: PlanningPath, candidates: CandidateGrid, choice: 
     )
 
 
-def _grid_worst(path: PlanningPath, scores: CandidateScores, choice: SequenceChoice) -> float:
+def _compute_grid_worst(path: PlanningPath, scores: CandidateScores, choice: SequenceChoice) -> float:
     at = np.flatnonzero(~choice.dropped & path.counted[path.stations])
     return float((scores.cost[at, choice.rotation[at], choice.branch[at]] / scores.scale).max(initial=0.0))
 
 
-def _whole_stretches(dropped: Bools, broken: frozenset[int], a: int, b: int) -> list[tuple[int, int]]:
+def _list_unbroken_stretches(dropped: Bools, broken: frozenset[int], a: int, b: int) -> list[tuple[int, int]]:
     """The parts of stations a…b without dropped stations or breaks."""
     out, start = [], None
     for s in range(a, b + 1):

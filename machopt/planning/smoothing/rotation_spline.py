@@ -39,8 +39,8 @@ def build_spline_solutions(
     intervals = int(np.clip(duration / KNOT_SPACING, 1, min(KNOTS, max(len(part.rows) // 2, 1))))
     knots = np.r_[[0.0] * 3, np.linspace(0, length, intervals + 1), [length] * 3]
     B = build_design_matrix(knots, np.clip(part.x, 0, length))
-    start = _least_squares(B, band.phi)
-    treads = _least_squares(B, _through_plateaus(part.x, band.phi))
+    start = _fit_least_squares(B, band.phi)
+    treads = _fit_least_squares(B, _fit_plateaus(part.x, band.phi))
     low, high = part.bounds()
     table, m = CostInterpolation(band.cost, band.step), len(start)
     bending = CURVATURE * part.weight * (intervals / duration) ** 4 / intervals  # the mean square of d²phi/dt²
@@ -65,11 +65,11 @@ def build_spline_solutions(
     tries = [start, treads, still]
     if np.isfinite(found).all():  # between the simple solutions and the optimised one
         tries = [found, *(base + f * (found - base) for base in (treads, still) for f in (0.75, 0.5, 0.25)), *tries]
-    tries = [_through_pins(B, t, part) for t in tries] if part.pins else tries
+    tries = [_fit_pins(B, t, part) for t in tries] if part.pins else tries
     return tuple(CubicSpline(knots, t) for t in tries), merit
 
 
-def _through_pins(B: Any, coefficients: Array, part: SmoothingStretch) -> Array:
+def _fit_pins(B: Any, coefficients: Array, part: SmoothingStretch) -> Array:
     """Move the spline by the smallest change of its coefficients that meets the user's fixed rotations.
 
     A finite penalty leaves a residual at a pin. Where the pins are more than the spline can meet, a residual remains
@@ -82,7 +82,7 @@ def _through_pins(B: Any, coefficients: Array, part: SmoothingStretch) -> Array:
     return np.asarray(coefficients + np.linalg.lstsq(at, pinned - at @ coefficients, rcond=None)[0])
 
 
-def _through_plateaus(x: Array, phi: Array) -> Array:
+def _fit_plateaus(x: Array, phi: Array) -> Array:
     """Return the grid's step function as a monotone curve through the middle of every step: the same rotation,
     smooth.
     """
@@ -98,7 +98,7 @@ def _through_plateaus(x: Array, phi: Array) -> Array:
     return interpolate_monotone(middle[keep], value[keep], x)
 
 
-def _least_squares(B: Any, values: Array) -> Array:
+def _fit_least_squares(B: Any, values: Array) -> Array:
     """Return spline coefficients that follow the grid choice, slightly smoothed where stations are fewer than knots."""
     from scipy.sparse import diags, identity
     from scipy.sparse.linalg import spsolve

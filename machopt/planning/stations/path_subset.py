@@ -50,7 +50,7 @@ def select_path_runs(path: PlanningPath, runs: Sequence[int], stations: int, bus
     keep = np.unique(
         np.concatenate(
             [
-                _spread(own, stations) if busy is None else _by_share(own, stations, busy[rows[own]]),
+                _spread(own, stations) if busy is None else _select_by_share(own, stations, busy[rows[own]]),
                 cuts if len(cuts) <= stations else _spread(cuts, stations // 2),
                 ends - 1,
                 ends - np.array(size),
@@ -75,7 +75,7 @@ def _spread(rows: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), count)).round().astype(int))])
 
 
-def _by_share(rows: NDArray[np.intp], count: int, busy: Array) -> NDArray[np.intp]:
+def _select_by_share(rows: NDArray[np.intp], count: int, busy: Array) -> NDArray[np.intp]:
     """Return at most the given number of rows, half of them evenly and half by shares (n,)."""
     n = len(rows)
     if n <= count:

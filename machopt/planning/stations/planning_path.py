@@ -24,6 +24,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import interpolate_axis, normalise_vectors, wrap_angle
 from machopt.planning.stations.reference_transport import transport_reference
+from machopt.planning.stations.station_selection import select_stations
 
 ARM = 0.15  # m per rad: equivalent path length of an axis change, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this
@@ -31,12 +32,6 @@ UNKNOWN_FEED = 0.05  # m/s, for the time of approach moves without a feed
 FASTEST_FEED = (
     0.3  # m/s; a higher feed in a file (air cut, laser path) is not reachable and lost time would dominate the index
 )
-ALL_STATIONS = 1500  # number of points up to which every point is a station
-MAX_STATIONS = 6000  # limit for a longer path because of memory (0.1 MB each); above it all distances increase equally
-SPACING = 0.005  # m, between the stations of a longer path on straight parts
-BEND = np.radians(6.0)  # change of the direction of travel, and of the force, between two stations
-TILT = np.radians(1.0)  # change of the tool axis between two stations
-CHORD = 0.001  # m to either side: averaging length of the direction of travel, so that rounded coordinates are no bends
 SAME_INDEX = 1e-9  # tolerance of fractional indices; absolute, because the index of a long path is large
 SEGMENT = 0.02  # m, longest stretch without a planning point
 AROUND = np.array([-1.0, -0.5, 0.5, 1.0])  # of the given length: positions of points added around a corner
@@ -179,9 +174,9 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
     n = len(toolpath)
     starts = (toolpath.move == MoveKind.RAPID) | (np.arange(n) == 0)
     run_of_point = np.cumsum(starts) - 1
-    index = _densified(toolpath, starts)
+    index = _densify(toolpath, starts)
     if corners > 0:
-        index = _with_corners(toolpath, index, run_of_point, corners)
+        index = _add_corner_points(toolpath, index, run_of_point, corners)
     index, entered = _repeat_reentry_points(index, toolpath.reentries)
     low = np.clip(np.ceil(index).astype(int) - 1, 0, n - 1)  # previous toolpath point (or the point itself)
     high = np.ceil(index).astype(int)  # toolpath point at the end of its segment
@@ -190,20 +185,20 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
     axis = interpolate_axis(toolpath.axis[low], toolpath.axis[high], f[:, 0])
     run = (run_of_point[high] + np.cumsum(entered)).astype(np.int32)
     joined = np.r_[False, run[1:] == run[:-1]]
-    step = np.r_[0.0, np.hypot(*_steps(position, axis))]
+    step = np.r_[0.0, np.hypot(*_compute_steps(position, axis))]
     s = np.cumsum(np.where(joined, step, 0.0))
-    seconds = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] / _known_feed(toolpath.feed[high])
+    seconds = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)] / _fill_unknown_feed(toolpath.feed[high])
     bounds = np.flatnonzero(~joined)
     runs = tuple((int(a), int(b) - 1) for a, b in zip(bounds, np.r_[bounds[1:], len(index)], strict=True))
     move = np.where(entered, MoveKind.RAPID, toolpath.move[high]).astype(np.int8)
     drilling = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[high]]
-    travel = _travel(position, axis, joined)
+    travel = _compute_travel_direction(position, axis, joined)
     again = np.flatnonzero(entered)
     travel[again - 1] = travel[again]  # at a re-entry the file's direction holds on both sides
     # values of the file at a point apply to the move that leaves it, like the direction of travel
     left = np.floor(index).astype(int)
     of_left = np.array([o.kind == "point" for o in toolpath.operations])[toolpath.operation[left]]
-    natural = _natural_reference(toolpath.reference[left], travel, axis, of_left)
+    natural = _choose_reference(toolpath.reference[left], travel, axis, of_left)
     reference = transport_reference(natural, axis, runs)
     return PlanningPath(
         index=index,
@@ -220,7 +215,7 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
         plunge=_find_plunges(position, axis, joined),
         reference=reference,
         offset=compute_signed_angle(natural, reference, -axis),
-        stations=_stations(position, axis, move, runs, np.searchsorted(index, keep)),
+        stations=select_stations(position, axis, move, runs, np.searchsorted(index, keep)),
         runs=runs,
         external=np.empty((len(index), 0)),
         force=None if toolpath.force is None else toolpath.force[high],
@@ -243,18 +238,18 @@ def _find_plunges(position: Array, axis: Array, joined: NDArray[np.bool_]) -> ND
     return np.asarray(joined & (length > 0) & (along >= PARALLEL * length))
 
 
-def _known_feed(feed: Array) -> Array:
+def _fill_unknown_feed(feed: Array) -> Array:
     return np.where(feed > 0, np.minimum(feed, FASTEST_FEED), UNKNOWN_FEED)
 
 
-def _steps(position: Array, axis: Array) -> tuple[Array, Array]:
+def _compute_steps(position: Array, axis: Array) -> tuple[Array, Array]:
     turn = np.linalg.norm(np.diff(axis, axis=0), axis=1)
     return np.linalg.norm(np.diff(position, axis=0), axis=1), ARM * turn
 
 
-def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
+def _densify(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
     """Fractional indices of all planning points."""
-    length, turn = _steps(toolpath.position, toolpath.axis)
+    length, turn = _compute_steps(toolpath.position, toolpath.axis)
     pieces = np.maximum(np.ceil(length / SEGMENT - 1e-9), np.ceil(turn / ARM / SEGMENT_AXIS - 1e-9)).astype(int)
     pieces = np.where(starts[1:], 1, np.maximum(pieces, 1))
     segment = np.repeat(np.arange(len(pieces)), pieces)
@@ -262,7 +257,7 @@ def _densified(toolpath: Toolpath, starts: NDArray[np.bool_]) -> Array:
     return np.asarray(np.r_[0.0, segment + nth / pieces[segment]], float)
 
 
-def _with_corners(toolpath: Toolpath, index: Array, run: NDArray[np.int_], length: float) -> Array:
+def _add_corner_points(toolpath: Toolpath, index: Array, run: NDArray[np.int_], length: float) -> Array:
     """Return the indices with additional ones within ``length`` of sharp corners, starts and ends of cuts."""
     step = np.diff(toolpath.position, axis=0)
     size = np.linalg.norm(step, axis=1)
@@ -284,7 +279,7 @@ def _with_corners(toolpath: Toolpath, index: Array, run: NDArray[np.int_], lengt
     return found[np.r_[True, np.diff(found) > SAME_INDEX]]
 
 
-def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
+def _compute_travel_direction(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     """Outgoing direction (incoming at a run's end); the last valid one where the tool only moves along its axis."""
     d = np.zeros_like(position)
     d[:-1] = np.where(joined[1:, None], np.diff(position, axis=0), 0.0)
@@ -293,7 +288,7 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     across = d - np.sum(d * axis, axis=1, keepdims=True) * axis
     size, whole = np.linalg.norm(across, axis=1), np.linalg.norm(d, axis=1)
     good = (size > np.sin(np.radians(1.0)) * whole) & (whole > NO_MOVE)
-    fill = _nearest_valid(good, joined)
+    fill = _find_nearest_valid(good, joined)
     from_there = np.maximum(fill, 0)
     move = d[from_there]  # the full move: its projection must not depend on its subdivision
     flat = move - np.sum(move * axis, axis=1, keepdims=True) * axis
@@ -306,7 +301,7 @@ def _travel(position: Array, axis: Array, joined: NDArray[np.bool_]) -> Array:
     return normalise_vectors(out)
 
 
-def _nearest_valid(good: NDArray[np.bool_], joined: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _find_nearest_valid(good: NDArray[np.bool_], joined: NDArray[np.bool_]) -> NDArray[np.int64]:
     """For each point the next valid one of its run, else the previous one, else −1."""
     rows, run = np.arange(len(good)), np.cumsum(~joined)
     none = len(good)  # means no such point
@@ -328,7 +323,7 @@ def compute_any_normal(axis: Array) -> Array:
     return np.asarray(pick - np.sum(pick * axis, axis=1, keepdims=True) * axis)
 
 
-def _natural_reference(file_reference: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
+def _choose_reference(file_reference: Array, travel: Array, axis: Array, drilling: NDArray[np.bool_]) -> Array:
     """Return the direction of gamma = 0: the file's own, else travel (trajectories) or workpiece x (points)."""
     ref = np.where(drilling[:, None], compute_any_normal(axis), travel)
     own = file_reference - np.sum(file_reference * axis, axis=1, keepdims=True) * axis
@@ -349,60 +344,6 @@ def compute_signed_angle(a: Array, b: Array, about: Array) -> Array:
         about: (n, 3) unit.
     """
     return wrap_angle(np.arctan2(np.sum(np.cross(a, b) * about, axis=1), np.sum(a * b, axis=1)))
-
-
-def _stations(
-    position: Array, axis: Array, move: NDArray[np.int8], runs: tuple[tuple[int, int], ...], fixed: NDArray[np.intp]
-) -> NDArray[np.int32]:
-    """Return every planning point of a short path; of a longer one as many as its detail requires.
-
-    Stations are a unit of detail apart (:func:`_detail`). Both ends of every run, the first and the last point of a
-    stretch with one kind of move, and the fixed points are stations too.
-    """
-    n = len(position)
-    if n <= ALL_STATIONS:
-        return np.arange(n, dtype=np.int32)
-    keep = np.zeros(n, bool)
-    keep[fixed[fixed < n]] = True
-    change = np.flatnonzero(move[1:] != move[:-1])
-    keep[change] = keep[change + 1] = True
-    for first, last in runs:
-        keep[[first, last]] = True
-    detail = _detail(position, axis, runs)
-    room = max(MAX_STATIONS - int(keep.sum()), MAX_STATIONS // 4)
-    unit = max(1.0, float(detail[-1]) / room)
-    start = np.zeros(n)  # detail at the start of the point's run
-    for first, last in runs:
-        start[first : last + 1] = detail[first]
-    cell = np.floor((detail - start) / unit)
-    keep[1:] |= cell[1:] > cell[:-1]
-    return np.flatnonzero(keep).astype(np.int32)
-
-
-def _detail(position: Array, axis: Array, runs: tuple[tuple[int, int], ...]) -> Array:
-    """Return (P,) cumulative detail: lengths by SPACING, bends by BEND, tilts by TILT, the largest of them.
-
-    One more station improves the choice by the change of index and joints between two stations. These
-    depend on place, tool axis and, through the force, on the direction of travel.
-    """
-    out = np.zeros(len(position))
-    total = 0.0
-    for first, last in runs:
-        rows = slice(first, last + 1)
-        p, n = position[rows], axis[rows]
-        step = np.linalg.norm(np.diff(p, axis=0), axis=1)
-        along = np.r_[0.0, np.cumsum(step)]
-        ahead, behind = ([np.interp(along + side * CHORD, along, p[:, c]) for c in range(3)] for side in (1.0, -1.0))
-        chord = np.column_stack(ahead) - np.column_stack(behind)
-        size = np.linalg.norm(chord, axis=1, keepdims=True)
-        chord = np.divide(chord, size, out=np.zeros_like(chord), where=size > 0)
-        bend, tilt = (
-            2.0 * np.arcsin(np.minimum(0.5 * np.linalg.norm(np.diff(d, axis=0), axis=1), 1.0)) for d in (chord, n)
-        )
-        share = np.maximum(np.maximum(step / SPACING, bend / BEND), tilt / TILT)
-        out[rows] = total + np.r_[0.0, np.cumsum(share)]
-        total = float(out[last])
-    return out
 
 
 def compute_tcp_poses(path: PlanningPath, points: NDArray[np.int32], phi: Array) -> Array:

@@ -107,7 +107,7 @@ def price_tangents(path: PlanningPath, costs: LocalCosts, options: PlanOptions, 
 def _build_problem(path: PlanningPath, costs: LocalCosts, options: PlanOptions) -> _TiltProblem:
     return _TiltProblem(
         costs=costs,
-        share=_share_length(path, costs),
+        share=_compute_length_shares(path, costs),
         smooth=_build_smoothness(path, costs),
         mean=options.weights.mean,
         worst=options.weights.worst,
@@ -148,7 +148,7 @@ def _compute_step(x: Array, slope: Array, hessian: csc_matrix, low: Array, high:
     return step
 
 
-def _share_length(path: PlanningPath, costs: LocalCosts) -> Array:
+def _compute_length_shares(path: PlanningPath, costs: LocalCosts) -> Array:
     """(M,) share of the length cut of the stations; a coarse station has that of the stations around it."""
     weight = np.zeros(len(path.index))
     weight[path.stations] = path.station_weight * path.counted[path.stations]

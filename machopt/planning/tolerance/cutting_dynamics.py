@@ -23,10 +23,7 @@ from machopt.planning.tolerance.wall_force import FEEDS, SIDES, compute_wall_for
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
 from machopt.process.milling.engagement_angles import compute_contact_arc
-from machopt.process.milling.instantaneous_force import (
-    compute_waveform,
-    find_peak_force,
-)
+from machopt.process.milling.instantaneous_force import compute_waveform, find_peak_force
 from machopt.process.milling.milling_cut import MillingCut
 from machopt.process.stability.depth_limit import compute_depth_limit, compute_tooth_period
 from machopt.process.stability.directional_matrix import compute_directional_matrix
@@ -119,7 +116,7 @@ class _DynamicsTable:
         q = np.nan_to_num(poses.q)
         place = setup.arm.places(poses.external, poses.position)
         elastic = setup.elasticity.evaluate(q)
-        from machopt.stiffness.arm_stiffness import compute_joint_stiffness
+        from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 
         k = compute_joint_stiffness(setup.elasticity.stiffness, place).k
         axes = np.stack([poses.travel, poses.normal, poses.axis], axis=1)  # (M, 3, 3)

@@ -8,8 +8,8 @@ from machopt.data_types.effect_locations import format_joint_location
 from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.tolerance.error_columns import TargetPoses
-from machopt.stiffness.arm_stiffness import compute_joint_stiffness
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 
 
 def compute_contributions(plan: Plan, poses: TargetPoses, wrench: Array, direction: Array) -> tuple[list[str], Array]:

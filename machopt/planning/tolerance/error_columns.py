@@ -22,8 +22,8 @@ from machopt.planning.cost.process_force_direction import compute_sideways_direc
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
-from machopt.stiffness.arm_stiffness import compute_joint_stiffness
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
+from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 
 ROWS = 4096  # poses at a time
 

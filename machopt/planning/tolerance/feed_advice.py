@@ -103,11 +103,11 @@ class HoleFeedSearch:
         changes = _compute_load_changes(stroke, depth, bite, per_turn)
         for n in np.flatnonzero((np.abs(changes - scales[:, None]) > CONFIRMED * scales[:, None]).any(axis=1)).tolist():
             terms = self.draw_terms(int(holes[n]))
-            if not self._passes(terms, changes[n : n + 1])[0]:
+            if not self._check_passes(terms, changes[n : n + 1])[0]:
                 per_turn[n] = self._find_lower(terms, stroke, float(bite[n]), float(per_turn[n]))
         return np.asarray(per_turn * self.loads.spindle_speed[row])
 
-    def _passes(self, terms: HoleTerms, changes: Array) -> list[bool]:
+    def _check_passes(self, terms: HoleTerms, changes: Array) -> list[bool]:
         """Return whether a hole passes with all draws at each factor of thrust and torque, (n, 2)."""
         return [terms.compute_probability(f, m) >= self.model.process.quantile for f, m in changes.tolist()]
 
@@ -115,7 +115,9 @@ class HoleFeedSearch:
         """Return the largest feed per revolution below one that passes with all draws; 0 where none does."""
         depth = self.depth[int(self.model.targets.row[terms.hole])]
         steps = feed * np.arange(STEPS - 1, 0, -1) / STEPS
-        passed = np.flatnonzero(self._passes(terms, _compute_load_changes(stroke, depth, np.array([bite]), steps)))
+        passed = np.flatnonzero(
+            self._check_passes(terms, _compute_load_changes(stroke, depth, np.array([bite]), steps))
+        )
         if not len(passed):
             return 0.0
         low = float(steps[passed[0]])
@@ -123,7 +125,7 @@ class HoleFeedSearch:
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             change = _compute_load_changes(stroke, depth, np.array([bite]), np.array([middle]))
-            low, high = (middle, high) if self._passes(terms, change)[0] else (low, middle)
+            low, high = (middle, high) if self._check_passes(terms, change)[0] else (low, middle)
         return low
 
 

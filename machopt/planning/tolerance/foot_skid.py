@@ -64,7 +64,7 @@ def compute_lateral_force(plan: Plan, poses: TargetPoses, clamp: float) -> Array
         clamp: N, clamp force.
     """
     limits = plan.setup.cell.limits
-    spread = StiffnessSpread.of(plan.setup.elasticity, (limits.lower[:6], limits.upper[:6]))
+    spread = StiffnessSpread.build(plan.setup.elasticity, (limits.lower[:6], limits.upper[:6]))
     sideways = build_sideways(poses.axis)  # (M, 2, 3)
     zero = np.zeros_like(poses.axis)
     moved = [

@@ -172,7 +172,7 @@ class LoadFactors:
     torque: Array
 
     @classmethod
-    def of(cls, process: CuttingProcess, operation: int, draws: UncertaintyDraws) -> LoadFactors:
+    def build(cls, process: CuttingProcess, operation: int, draws: UncertaintyDraws) -> LoadFactors:
         """Return the factors, which all holes of an operation share.
 
         Args:
@@ -200,7 +200,7 @@ def draw_hole_terms(
     operation = int(model.targets.operation[h])
     wear = compute_mean_wear(model.process.operations[operation])
     if factors is None:
-        factors = LoadFactors.of(model.process, operation, draws)
+        factors = LoadFactors.build(model.process, operation, draws)
     rows = model.rows[ENTRY][h], model.rows[EXIT][h]
     columns = np.concatenate([model.axial[h], model.turning[h], model.lateral[h]])
     parts = multiply_tall(draws.stiffness, columns.T)  # (D, 21)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.process import CuttingProcess
-from machopt.data_types.process_columns import ERROR_NAMES, OUTCOMES
+from machopt.data_types.process_columns import ERROR_NAMES, count_outcomes
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.missing_inputs import find_missing_input
@@ -79,8 +79,7 @@ class PointErrors:
 
     def count_outcomes(self) -> dict[str, int]:
         """Return how many points have each outcome."""
-        words = np.array(self.outcome, dtype=object)
-        return {word: int(np.sum(words == word)) for word in OUTCOMES}
+        return count_outcomes(self.outcome)
 
 
 def compute_point_errors(
@@ -130,7 +129,7 @@ class _ErrorTable:
         self.plan, self.toolpath, self.loads, self.chosen = plan, toolpath, loads, chosen
         self.process: CuttingProcess = cell.process
         limits = (cell.limits.lower[:6], cell.limits.upper[:6])
-        self.spread = StiffnessSpread.of(plan.setup.elasticity, limits)
+        self.spread = StiffnessSpread.build(plan.setup.elasticity, limits)
         self.errors, self.lower, self.upper = ({name: np.full(n, np.nan) for name in ERROR_NAMES} for _ in range(3))
         self.tolerance, self.p_in, self.p_deflection = (np.full(n, np.nan) for _ in range(3))
         self.outcome, self.cause = [""] * n, [""] * n
@@ -170,7 +169,7 @@ class _ErrorTable:
         model = build_hole_model(self.plan, self.chosen, self.process, holes, self.spread)
         draws = build_draws(self.spread, self.hole_draws)
         isolated = _isolate(draws.take_first(SHARE_DRAWS), self.spread) if self.is_full else {}
-        factors = {k: LoadFactors.of(self.process, k, draws) for k in np.unique(holes.operation).tolist()}
+        factors = {k: LoadFactors.build(self.process, k, draws) for k in np.unique(holes.operation).tolist()}
 
         def draw_terms(h: int, *, position: bool = True) -> HoleTerms:
             return draw_hole_terms(model, h, draws, position=position, factors=factors[int(holes.operation[h])])

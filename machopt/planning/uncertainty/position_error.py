@@ -59,7 +59,7 @@ def predict_position_error(plan: Plan) -> PositionErrorPrediction | None:
     if e is None:
         return None
     covered = (
-        np.concatenate([e.is_in_covered_range(q) for q in _driven(plan)])
+        np.concatenate([e.is_in_covered_range(q) for q in _iterate_cut_angles(plan)])
         if plan.path.index.size
         else np.zeros((0, 6), bool)
     )
@@ -74,7 +74,7 @@ def predict_position_error(plan: Plan) -> PositionErrorPrediction | None:
     )
 
 
-def _driven(plan: Plan) -> Iterator[Array]:
+def _iterate_cut_angles(plan: Plan) -> Iterator[Array]:
     """(M, 6) rad at the points that are cut, stretch by stretch."""
     for part in [p.plan for p in plan.parts] or [plan]:
         rows: NDArray[np.bool_] = part.path.counted & (part.chosen.assignment.reason == InfeasibilityReason.OK)

@@ -35,7 +35,8 @@ from machopt.planning.error_probability.model_discrepancy import (
 )
 from machopt.planning.pipeline.plan import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment, fix_external_axes
-from machopt.stiffness.arm_stiffness import ArmElasticity, find_grid_cells
+from machopt.stiffness.arm_stiffness import ArmElasticity
+from machopt.stiffness.joint_stiffness import find_grid_cells
 
 ROWS = 4096  # planning points per block: the discrepancy has dozens of columns
 NONE = 1e-4  # share of the mean: a smaller difference is numerical, not a gain
@@ -55,7 +56,7 @@ class ComplianceCovariance:
     share: Array  # (E, 6)
 
     @classmethod
-    def of(cls, stiffness: ArmStiffness, position: Array) -> ComplianceCovariance:
+    def build(cls, stiffness: ArmStiffness, position: Array) -> ComplianceCovariance:
         """Return the covariance at some TCP positions.
 
         Args:
@@ -204,7 +205,7 @@ def build_compliance_covariance(plan: Plan) -> ComplianceCovariance:
     programmed = plan.path.position
     if plan.compensation is not None:
         programmed = programmed - plan.compensation.offset
-    return ComplianceCovariance.of(
+    return ComplianceCovariance.build(
         plan.setup.elasticity.stiffness, plan.setup.arm.places(plan.path.external, programmed)
     )
 
@@ -255,32 +256,34 @@ def compute_gains(plan: Plan) -> tuple[IndexGain, ...]:
         plan: plan of a job or of one tool.
     """
     spread = build_compliance_covariance(plan.parts[0].plan if plan.parts else plan)  # the same compliances everywhere
-    own = _whole_mean(plan, lambda p: p.chosen)
+    own = _compute_job_mean(plan, lambda p: p.chosen)
     out = []
     yardsticks: tuple[tuple[str, Callable[[Plan], ScoredAssignment]], ...] = (
         ("cam default", lambda p: p.cam_default),
         ("jiao2022", lambda p: p.jiao2022),
     )
     for name, yardstick in yardsticks:
-        other = _whole_mean(plan, yardstick, at_home=True)  # with the same lengths, like their objectives
+        other = _compute_job_mean(plan, yardstick, at_home=True)  # with the same lengths, like their objectives
         if own is None or other is None:
             out.append(IndexGain(name, float("nan"), float("nan")))
             continue
         parted = compute_unshared_variance(plan.chosen.assignment.q, yardstick(plan).assignment.q, plan.path.weight)
-        out.append(IndexGain(name, 1.0 - own.value / other.value, _gain_std(own, other, spread, parted)))
+        out.append(IndexGain(name, 1.0 - own.value / other.value, _compute_gain_std(own, other, spread, parted)))
     return tuple(out)
 
 
-def _whole_mean(plan: Plan, of: Callable[[Plan], ScoredAssignment], *, at_home: bool = False) -> UncertainCost | None:
-    """Return :func:`_mean` of a whole job: of its stretches by their shares of the length cut.
+def _compute_job_mean(
+    plan: Plan, of: Callable[[Plan], ScoredAssignment], *, at_home: bool = False
+) -> UncertainCost | None:
+    """Return :func:`_compute_mean` of a whole job: of its stretches by their shares of the length cut.
 
     Args:
         at_home: the external joints are at home, as for the baselines.
     """
 
     def mean(part: Plan) -> UncertainCost | None:
-        there = _at_home(part) if at_home else part
-        return _mean(there, of(part), part.path.weight, build_compliance_covariance(there))
+        there = _place_at_home(part) if at_home else part
+        return _compute_mean(there, of(part), part.path.weight, build_compliance_covariance(there))
 
     if not plan.parts:
         return mean(plan)
@@ -295,7 +298,7 @@ def _whole_mean(plan: Plan, of: Callable[[Plan], ScoredAssignment], *, at_home: 
     return total
 
 
-def _at_home(plan: Plan) -> Plan:
+def _place_at_home(plan: Plan) -> Plan:
     """Return the plan's path and directions with the external joints at home."""
     if (plan.path.external == plan.setup.cell.external_home).all():
         return plan
@@ -305,7 +308,7 @@ def _at_home(plan: Plan) -> Plan:
     )
 
 
-def _gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovariance, parted: float) -> float:
+def _compute_gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovariance, parted: float) -> float:
     """``parted``: share of the variance of ``own`` that the two do not have in common."""
     if not spread.known:
         return float("nan")
@@ -322,12 +325,14 @@ def _gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovari
     return float(compute_reported_std(ways, by_springs**2 + alone))
 
 
-def _mean(plan: Plan, scored: ScoredAssignment, weight: Array, spread: ComplianceCovariance) -> UncertainCost | None:
+def _compute_mean(
+    plan: Plan, scored: ScoredAssignment, weight: Array, spread: ComplianceCovariance
+) -> UncertainCost | None:
     """Return the mean cost by ``weight`` (P,); None where a point in or near the part is infeasible."""
     rows = np.flatnonzero(plan.path.counted)
     if not len(rows) or (scored.assignment.reason[plan.path.may_touch] != InfeasibilityReason.OK).any():
         return None
-    points = _points(plan, scored)
+    points = _compute_point_costs(plan, scored)
     mean = float(weight[rows] @ scored.cost[rows])
     if not mean > 0:
         return None
@@ -336,11 +341,11 @@ def _mean(plan: Plan, scored: ScoredAssignment, weight: Array, spread: Complianc
     return UncertainCost(mean, springs, by_doubt, float(weight @ points.own), weight @ points.by_carriers)
 
 
-def _points(plan: Plan, scored: ScoredAssignment) -> UncertainCost:
+def _compute_point_costs(plan: Plan, scored: ScoredAssignment) -> UncertainCost:
     """Cost of each planning point that is cut, zero elsewhere."""
     P, index = len(plan.path.index), plan.scores.index
     rows = np.flatnonzero(plan.path.counted & (scored.assignment.reason == InfeasibilityReason.OK))
-    elasticity, doubt = plan.setup.elasticity, DiscrepancyModel.of(plan.setup.elasticity)
+    elasticity, doubt = plan.setup.elasticity, DiscrepancyModel.build(plan.setup.elasticity)
     by_springs, own = np.zeros((P, 6)), np.zeros(P)
     by_doubt = None if doubt is None else np.zeros((P, len(doubt.ways)))
     carriers = np.zeros((P, 0 if plan.directions.unsure is None else plan.directions.unsure.shape[1]))

@@ -8,16 +8,14 @@ import re
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.programs.abb.rapid_syntax import (
+from machopt.programs.abb.rapid_syntax import RapidProcedure, RapidStatement, read_rapid_module
+from machopt.programs.abb.rapid_values import (
     RapidFunctionCall,
     RapidName,
-    RapidProcedure,
-    RapidStatement,
     RapidSyntaxError,
     RapidValueReader,
     list_numbers,
     parse_robtarget,
-    read_rapid_module,
 )
 from machopt.programs.abb.record_component_assignment import replace_component
 from machopt.programs.reading.called_files import find_sibling_files, try_read_source

@@ -14,22 +14,20 @@ from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.programs.abb.harmless_words import RAPID
 from machopt.programs.abb.program_data import DEEPEST, ENDINGS, RapidData
-from machopt.programs.abb.rapid_syntax import (
-    BLOCKS,
+from machopt.programs.abb.rapid_syntax import BLOCKS, RapidProcedure, RapidStatement, read_rapid_module
+from machopt.programs.abb.rapid_values import (
     RapidFunctionCall,
-    RapidProcedure,
-    RapidStatement,
     RapidSyntaxError,
     RapidValueReader,
     parse_confdata,
     parse_jointtarget,
     parse_robtarget,
-    read_rapid_module,
 )
-from machopt.programs.abb.rapid_syntax import list_external_axes as externals
+from machopt.programs.abb.rapid_values import list_external_axes as externals
 from machopt.programs.reading.called_files import find_called_file
+from machopt.programs.reading.move_attributes import MoveAttributes, ProgramEnd
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, ProgramEnd
+from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, convert_quaternion
 
 _MOVES = frozenset(

@@ -45,12 +45,12 @@ def _compare_words(said: Words, posture: ArmPosture) -> list[bool]:
 
 def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
     parsed, program, law = case.parsed, case.program, case.law
-    said = np.array([read_whole_number(w, "cnt") for w in parsed.configuration], dtype=np.float64)
+    stated = np.array([read_whole_number(w, "cnt") for w in parsed.configuration], dtype=np.float64)
     feed = np.round(np.nan_to_num(program.feed, nan=1.0), 4)
     rows = np.flatnonzero((law.distance > 0.0) & np.isfinite(law.turn))
     bounds = []
     for a in _compute_acceleration_bounds(parsed, program):
-        n = np.zeros(len(said))
+        n = np.zeros(len(stated))
         if a is not None:
             along = 2.0 * np.minimum(a[rows], a[rows + 1]) * law.distance[rows]
             n[rows] = 100.0 * np.minimum(np.sqrt(along) / feed[rows], 1.0)
@@ -59,12 +59,12 @@ def _find_wrong_zones(case: ZoneCase) -> list[tuple[int, str]]:
     least, n, most = bounds
     exact = ~np.isfinite(law.turn) | (program.kind != LIN)
     low, high = least - np.maximum(PERCENT_TOLERANCE, 0.35 * least), most + np.maximum(PERCENT_TOLERANCE, 0.35 * most)
-    off = np.where(exact, said > 0.0, (said < low) | (said > high))
+    off = np.where(exact, stated > 0.0, (stated < low) | (stated > high))
     near = (
-        ~exact & (law.room > 0.0) & (law.distance <= LEAST * ZONE_STEP_RATIO) & (said <= 100.0)
+        ~exact & (law.room > 0.0) & (law.distance <= LEAST * ZONE_STEP_RATIO) & (stated <= 100.0)
     )  # on the edge of a stop
     return [
-        (int(k), f"CNT{said[k]:.0f} where CNT{n[k]:.0f} keeps to the tolerance") for k in np.flatnonzero(off & ~near)
+        (int(k), f"CNT{stated[k]:.0f} where CNT{n[k]:.0f} keeps to the tolerance") for k in np.flatnonzero(off & ~near)
     ]
 
 

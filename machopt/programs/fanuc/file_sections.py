@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 from machopt.file_formats.source_file import SourceFile
-from machopt.programs.reading.program_builder import parse_number
+from machopt.programs.reading.move_attributes import parse_number
 
 _LINE = re.compile(r"\s*([0-9]*)\s*:\s*(.*)")
 _P = re.compile(r"P\s*\[\s*([0-9]+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL)

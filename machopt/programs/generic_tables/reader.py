@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from machopt.file_formats.csv_text_escaping import unescape_formula_text
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.json_programs import parse_json_object
+from machopt.programs.reading.move_attributes import MoveAttributes, parse_number
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import Rows, build_pose_matrix, convert_quaternion
 
 _FRAME = re.compile(r"(tool in the flange|workpiece in the robot):(.*)mm,(.*)", re.IGNORECASE)

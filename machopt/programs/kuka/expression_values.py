@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from machopt.programs.reading.program_builder import parse_number
+from machopt.programs.reading.move_attributes import parse_number
 
 Aggregate = dict[str, object]
 Value = object  # float, str (enumeration, text), Aggregate, or None: declared, value not known

@@ -9,8 +9,9 @@ import numpy as np
 
 from machopt.programs.kuka.expression_values import KrlMemory, KrlValueError, try_evaluate
 from machopt.programs.kuka.move_targets import AXES, KrlTargets, build_pose, get_numeric_component, list_external_values
+from machopt.programs.reading.move_attributes import MoveAttributes
 from machopt.programs.reading.parsed_program import JOINT, LINEAR
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
+from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 
 _HERE = re.compile(r"\$(?:AXIS|POS)_(?:ACT|INT|RET|FOR)(?:_ME?A?S)?\s*", re.IGNORECASE)  # the present robot position
@@ -47,11 +48,11 @@ class KrlMoves:
             self.out.warn_once(f"{word} {name.strip()} without a data list that says where it is: left out", line)
             self._read_move_target(line)
         elif word.endswith("_REL"):
-            self._relative(word, rest, line)
+            self._run_relative_move(word, rest, line)
         else:
-            self._absolute(word, rest, line)
+            self._run_absolute_move(word, rest, line)
 
-    def _absolute(self, word: str, rest: str, line: int) -> None:
+    def _run_absolute_move(self, word: str, rest: str, line: int) -> None:
         targets, flags = self.targets.read(rest, 2 if "CIRC" in word else 1)
         kind = JOINT if "PTP" in word else LINEAR
         blend = 0.0
@@ -96,7 +97,7 @@ class KrlMoves:
         self.out.joint([math.nan] * 6, line)
         self.targets.mark_target_unknown()
 
-    def _relative(self, word: str, rest: str, line: int) -> None:
+    def _run_relative_move(self, word: str, rest: str, line: int) -> None:
         """LIN_REL, PTP_REL: what is added to the last target, along the base's axes or (#TOOL) the tool's."""
         if "CIRC" in word or word == "SPL_REL":
             raise KrlValueError(f"{word} is not read; LIN_REL, or absolute targets, would work")

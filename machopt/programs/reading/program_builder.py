@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-import re
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
-from machopt.data_types.toolpath import IgnoredWord, MoveKind, ToolpathEvent
-from machopt.errors import InputError
-from machopt.file_formats.plain_decimals import is_plain
-from machopt.file_formats.source_file import SourceFile
+from machopt.data_types.toolpath import IgnoredWord, MoveKind
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError
 from machopt.programs.reading.circular_moves import compute_circle_poses
+from machopt.programs.reading.move_attributes import NOTHING_GIVEN, MoveAttributes, ProgramEnd
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
+from machopt.programs.reading.program_annotations import ProgramAnnotations
 from machopt.programs.reading.rotation_conventions import Rows
 
 STANDING_TOOL = (
@@ -29,88 +26,23 @@ MOST_MOVES = 1_000_000  # beyond one for each line: what a loop may repeat
 MOST_STEPS = 2_000_000  # statements carried out, beyond one for each line: loops that end are shorter
 FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
 MOST_DEGREES = 1e5  # of an axis
-NO_TIME = math.nan
-_MOVES = {m.word: m for m in MoveKind}
-_CAM_KINDS = (
-    (re.compile(r"\s*(?:SPINDL|S[0-9]|M0?[345]\b)", re.IGNORECASE), "spindle"),
-    (re.compile(r"\s*(?:COOLNT|M0?[789]\b)", re.IGNORECASE), "coolant"),
-    (re.compile(r"\s*(?:LOADTL|TURRET|TOOLNO|T[0-9])", re.IGNORECASE), "tool"),
-    (re.compile(r"\s*(?:DELAY|DWELL|G0?4\b)", re.IGNORECASE), "dwell"),
-    (re.compile(r"\s*(?:STOP|OPSTOP|M0?[01]\b)", re.IGNORECASE), "stop"),
-)
-_LABEL = re.compile(r"\s*(operation|move|CAM|external)\s*:\s?(.*)", re.IGNORECASE)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MoveAttributes:
-    """What a program states of a move beside its target."""
-
-    feed: float = math.nan  # m/s; NaN where not given
-    blend: float = 0.0  # m, blend distance at the end of the move; 0 for an exact stop
-    time: float = NO_TIME  # s, time of the target
-    external: Sequence[float] = ()  # values of the external axes as in the file; NaN for unused ones
-    configuration: Mapping[str, object] | None = None  # names and values of the arm configuration; None: not given
-
-
-NOTHING_GIVEN = MoveAttributes()
-
-
-class ProgramEnd(Exception):  # noqa: N818  (no error: the program is over)
-    """A statement ended the program."""
 
 
 @dataclass(kw_only=True)
-class ProgramBuilder:
+class ProgramBuilder(ProgramAnnotations):
     """One program in the making. Positions in m, angles in deg, feeds in m/s."""
 
-    source: SourceFile
-    dialect: str
-    arc_tolerance: float
-    strict: bool = False
-    name: str = ""
-    files: list[Path] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
     feed: float = math.nan
     speed_override: float = 1.0  # the program's own override: what every feed is multiplied by
-    has_external_values_in_comments: bool = (
-        False  # the language has no external axes: a comment gives their required positions
-    )
-    commented_external_values: tuple[float, ...] = ()  # mm or deg, the value of that comment
     last: Array | None = None  # (4, 4) present pose in the active base, None where unknown
     _numbers: array[float] = field(default_factory=lambda: array("d"))  # 6 axes, 12 pose, feed, blend, time
-    _codes: array[int] = field(default_factory=lambda: array("i"))  # kind base tool move operation line
     _external: list[tuple[float, ...]] = field(default_factory=list)
     _configuration: list[Mapping[str, object]] = field(default_factory=list)
     _bases: list[ProgramFrame] = field(default_factory=list)
     _tools: list[ProgramFrame] = field(default_factory=list)
     _base: int = 0
     _tool: int = 0
-    _events: list[ToolpathEvent] = field(default_factory=list)
-    _is_last_event_comment: bool = (
-        False  # the last event is a comment from the CAM file that a statement may still explain
-    )
-    _operations: list[str] = field(default_factory=list)
-    _operation: int = -1
-    _word: MoveKind = MoveKind.CUT
-    _has_move_comment: bool = False  # a comment gave the kind of the next moves
-    _ignored: dict[tuple[str, bool, bool], list[int]] = field(default_factory=dict)
     _steps: int = 0
-
-    def __len__(self) -> int:
-        return len(self._codes) // 6
-
-    def error(self, message: str, line: int | None = None, source: SourceFile | None = None) -> InputError:
-        """Build an error of the program file.
-
-        Args:
-            message: Description of the error.
-            line: Line number (1-based), None where no line is meant.
-            source: File of the line; None for the main file.
-
-        Returns:
-            The error, not raised.
-        """
-        return (source or self.source).build_error(message, line)
 
     def step(self, line: int) -> None:
         """Count a statement that is carried out.
@@ -300,116 +232,6 @@ class ProgramBuilder:
         """
         self._tool = _find_or_add_frame(self._tools, frame)
 
-    # ---- what is no move
-
-    def comment(self, text: str) -> None:
-        """Read a comment: those of our own programs name operations, kinds of move and events of the CAM file.
-
-        Args:
-            text: Text in the program.
-        """
-        found = _LABEL.fullmatch(text)
-        if found is None:
-            return
-        word, rest = found.group(1).lower(), found.group(2).strip()
-        if word == "operation":
-            self.begin(rest)
-        elif word == "move":
-            self.word(rest.lower())
-            self._has_move_comment = True
-        elif word == "external":
-            values = [parse_number(v) for v in rest.split()]
-            if self.has_external_values_in_comments and all(v is not None for v in values):
-                self.commented_external_values = tuple(v for v in values if v is not None)
-        else:
-            self.event(rest, fresh=True)
-
-    def begin(self, label: str) -> None:
-        """Begin an operation for the moves that follow.
-
-        Args:
-            label: Name of the operation.
-        """
-        if not label or (self._operation >= 0 and self._operations[self._operation] == label):
-            return
-        if label not in self._operations:
-            self._operations.append(label)
-        self._operation = self._operations.index(label)
-
-    def begin_or_none(self, label: str) -> None:
-        """Begin an operation, for formats that give it with every move; without a label a move belongs to none.
-
-        Args:
-            label: Name of the operation.
-        """
-        self.begin(label)
-        if not label:
-            self._operation = -1
-
-    def word(self, word: str) -> None:
-        """Set the kind of the moves that follow.
-
-        Args:
-            word: Word of the kind.
-        """
-        self._word = _MOVES.get(word, self._word)
-
-    @property
-    def find_streamed_kind(self) -> int:
-        """Kind of a streamed joint target: linear where a comment marks the move as a path move."""
-        return LINEAR if self._has_move_comment and self._word != MoveKind.RAPID else JOINT
-
-    def event(self, text: str, kind: str | None = None, value: float = math.nan, *, fresh: bool = False) -> None:
-        """Add an event before the next move; a statement directly after a CAM comment explains that comment.
-
-        Args:
-            text: Text in the program.
-            kind: Kind of the event; None to derive it from the text.
-            value: Number of the event; NaN where it has none.
-            fresh: Whether the event stays separate from the previous comment.
-        """
-        if self._is_last_event_comment and not fresh:
-            last = self._events[-1]
-            known = kind if kind is not None and kind != "comment" else last.kind
-            kept_value = value if math.isfinite(value) else last.value
-            self._events[-1] = ToolpathEvent(last.index, known, last.text, kept_value)  # type: ignore[arg-type]
-            self._is_last_event_comment = False
-            return
-        if kind is None:
-            kind = next((k for pattern, k in _CAM_KINDS if pattern.match(text)), "comment")
-        self._events.append(ToolpathEvent(len(self), kind, text[:200], value))  # type: ignore[arg-type]
-        self._is_last_event_comment = fresh
-
-    def ignore(self, word: str, line: int, *, understood: bool, stops: bool | None = None) -> None:
-        """Count a statement without effect here.
-
-        One that is not understood may move points or frames, so it stops a plan, unless ``stops`` is False.
-
-        Args:
-            word: The statement.
-            line: Line number in the file (1-based).
-            understood: Whether the statement is known.
-            stops: Whether the statement stops a plan; None to derive it.
-
-        Raises:
-            InputError: with ``strict``, the statement is not understood.
-        """
-        key = (word[:40], understood, not understood if stops is None else stops)
-        entry = self._ignored.setdefault(key, [0, line])
-        entry[0] += 1
-        if self.strict and not understood and entry[0] == 1:
-            raise self.error(f"{word[:40]!r} is not understood and strict reading was requested", line)
-
-    def warn_once(self, message: str, line: int | None = None) -> None:
-        """Add a warning, the first time it occurs.
-
-        Args:
-            message: Description of the error.
-            line: Line number (1-based), None where no line is meant.
-        """
-        if not any(w.endswith(message) for w in self.warnings):
-            self.warnings.append(message if line is None else f"line {line}: {message}")
-
     def build(self) -> ParsedProgram:
         """The finished program.
 
@@ -467,19 +289,3 @@ def _find_or_add_frame(frames: list[ProgramFrame], frame: ProgramFrame) -> int:
             return k
     frames.append(frame)
     return len(frames) - 1
-
-
-def parse_number(text: str) -> float | None:
-    """Parse a finite number.
-
-    Args:
-        text: Text of the number.
-
-    Returns:
-        The number, None where the text is none.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) and is_plain(text.strip()) else None

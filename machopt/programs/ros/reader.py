@@ -12,8 +12,9 @@ from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.called_files import try_read_source
 from machopt.programs.reading.json_programs import parse_json_object
+from machopt.programs.reading.move_attributes import MoveAttributes
 from machopt.programs.reading.parsed_program import ParsedProgram
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder
+from machopt.programs.reading.program_builder import ProgramBuilder
 
 JOINTS, MOST = 6, 12
 _KEY = re.compile(r"\b([a-z_]+):(?=\s)")
@@ -47,10 +48,10 @@ def read_ros(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
         raise out.error("expected joint_names and a list of points, as trajectory_msgs/JointTrajectory has them")
     if not JOINTS <= len(names) <= MOST or not all(isinstance(n, str) for n in names):
         raise out.error(f"moves {len(names)} joints; expected the {JOINTS} of the arm, then external ones")
-    told = _read_events_file(out, source) if is_json else _read_yaml_comments(source)
+    comments = _read_events_file(out, source) if is_json else _read_yaml_comments(source)
     previous = -math.inf
     for n, point in enumerate(points, 1):
-        for kind, text in told.get(n, ()):
+        for kind, text in comments.get(n, ()):
             out.comment(f"{kind}: {text}")
         positions, time = _parse_point(out, _convert_compas_point(out, point, n) if compas else point, n, len(names))
         if not time > previous:
@@ -59,7 +60,7 @@ def read_ros(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
         arm, external = [math.degrees(v) for v in positions[:JOINTS]], positions[JOINTS:]
         given = MoveAttributes(blend=math.nan, time=time, external=external)
         out.joint(arm, n, given, kind=out.find_streamed_kind)
-    for kind, text in told.get(len(points) + 1, ()):
+    for kind, text in comments.get(len(points) + 1, ()):
         out.comment(f"{kind}: {text}")
     return out.build()
 
@@ -83,8 +84,8 @@ def _convert_compas_point(out: ProgramBuilder, point: object, n: int) -> object:
         wrong = [k for k in kinds[:JOINTS] if k not in (0.0, 1.0)]  # revolute, continuous
         if wrong or (isinstance(values, list) and len(kinds) != len(values)):
             raise out.error(f"{where}.joint_types: expected one for each value, 0 for the arm's joints, which turn")
-    told = {"sec": time.get("secs", 0), "nanosec": time.get("nsecs", 0)} if isinstance(time, dict) else time
-    return {**point, "positions": values, "time_from_start": told}
+    duration = {"sec": time.get("secs", 0), "nanosec": time.get("nsecs", 0)} if isinstance(time, dict) else time
+    return {**point, "positions": values, "time_from_start": duration}
 
 
 def _parse_yaml(out: ProgramBuilder, source: SourceFile) -> dict[str, object]:
@@ -194,16 +195,16 @@ def _read_events_file(out: ProgramBuilder, source: SourceFile) -> dict[int, list
     out.files.append(path)
     try:
         value = json.loads("\n".join(other.lines))
-        told: dict[int, list[tuple[str, str]]] = {}
+        events: dict[int, list[tuple[str, str]]] = {}
         for event in value["events"]:
             kind = next(k for k in ("operation", "move", "event") if k in event)
             label = "CAM" if kind == "event" else kind
             before = event["before"]
             if type(before) is not int:  # true and 1e999 are numbers too
                 raise TypeError
-            told.setdefault(before, []).append((label, str(event[kind])))
+            events.setdefault(before, []).append((label, str(event[kind])))
     except (ValueError, KeyError, TypeError, StopIteration, RecursionError):
         raise FileFormatError(
             "is no events file; expected events with before and operation, move or event", file=path
         ) from None
-    return told
+    return events

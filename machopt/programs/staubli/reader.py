@@ -14,8 +14,9 @@ from machopt.errors import FileFormatError
 from machopt.file_formats.source_file import SourceFile
 from machopt.numerics.array_types import Array
 from machopt.programs.reading.called_files import find_sibling_files, try_read_source
+from machopt.programs.reading.move_attributes import MoveAttributes, parse_number
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, parse_number
+from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix, compute_moving_xyz_rotation
 from machopt.programs.staubli.harmless_words import VAL3, VAL3_TYPES
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from machopt.file_formats.expression_parser import RecursiveDescentParser
 from machopt.numerics.array_types import Array
-from machopt.programs.reading.program_builder import parse_number
+from machopt.programs.reading.move_attributes import parse_number
 from machopt.programs.reading.rotation_conventions import Rows, build_pose_matrix, convert_rotation_vector
 
 MOST_DEPTH = 30  # brackets inside each other

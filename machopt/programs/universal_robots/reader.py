@@ -12,8 +12,9 @@ import numpy as np
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.line_by_line_execution import DEEPEST, LineFollower
 from machopt.programs.reading.line_comments import split_comment
+from machopt.programs.reading.move_attributes import MoveAttributes, ProgramEnd
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, ProgramEnd
+from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import build_pose_matrix
 from machopt.programs.universal_robots.expression_values import (
     ScriptPose,

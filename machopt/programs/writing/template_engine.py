@@ -7,7 +7,6 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,46 +16,11 @@ from machopt.data_types.toolpath import ToolpathEvent
 from machopt.errors import PostError
 from machopt.file_formats.csv_text_escaping import escape_formula_text
 from machopt.programs.writing.post_file import PostTemplate
+from machopt.programs.writing.template_field_names import ITEM_FIELDS, MOVE_FIELDS, OF_MOVES, PART_FIELDS, TABLES
 from machopt.programs.writing.template_fields import LazyColumns, PostJob
 from machopt.programs.writing.template_language import TemplateValue, TextTemplate, check_names, compile_template
 
-PART_FIELDS = (
-    "name",
-    "part",
-    "part_number",
-    "first_move",
-    "last_move",
-    "count",
-    "parts",
-    "single",
-    "speeds_count",
-    "zones_count",
-    "corners_count",
-    "vias_count",
-    "positions",
-    "line_count",
-)
-MOVE_FIELDS = (
-    "number",
-    "first",
-    "speed",
-    "speed_number",
-    "zone_number",
-    "corner",
-    "corner_number",
-    "via",
-)  # in addition to the columns
-ITEM_FIELDS = ("number", "text", "value")  # of items that are no moves
-SPEED_FIELDS = ("speed", "number", "feed_m_s", "feed_mm_s", "feed_mm_min")
-ZONE_FIELDS = ("number", "blend_m", "blend_mm")
-TABLES: Mapping[str, Sequence[str]] = {
-    "speed": SPEED_FIELDS,
-    "zone": ZONE_FIELDS,
-    "corner": ("corner", *SPEED_FIELDS[1:], *ZONE_FIELDS[1:]),
-    "via": ("via", *ZONE_FIELDS),
-}
 FEED_DIGITS = 7  # of m/s: feeds that print alike are one speed
-OF_MOVES = ("ptp", "lin", "run", "ptp_change", "lin_change")
 
 
 @dataclass(frozen=True)
@@ -154,10 +118,10 @@ class TemplateEngine:
             for part in parts:
                 values = {**self.values, **part.fields()}
                 moves = part if file.each == "part" else whole
-                out[file.name.one(values)] = self._number_lines(self._text(file.text, values, moves))
+                out[file.name.one(values)] = self._number_lines(self._write_text(file.text, values, moves))
         return out
 
-    def _text(
+    def _write_text(
         self, pieces: Sequence[TextTemplate | str], values: Mapping[str, TemplateValue], moves: ProgramPart | None
     ) -> list[str]:
         """Lines of a text; blocks of moves are those of ``moves``, empty where the parts are elsewhere."""
@@ -167,16 +131,16 @@ class TemplateEngine:
                 line = piece.one(values)
                 lines += [line] if line or not piece.sections else []  # a line of sections may be no line at all
             elif piece == "body":
-                lines += self._block("moves", moves) if moves is not None else self._calls()
+                lines += self._write_block("moves", moves) if moves is not None else self._list_calls()
             elif piece == "parts":
                 if moves is None:
                     for part in self.parts:
-                        lines += self._text(self.post.part_text, {**values, **part.fields()}, part)
+                        lines += self._write_text(self.post.part_text, {**values, **part.fields()}, part)
             else:
-                lines += self._block(piece, moves)
+                lines += self._write_block(piece, moves)
         return lines
 
-    def _calls(self) -> list[str]:
+    def _list_calls(self) -> list[str]:
         template = self._lines["moves"].get("call")
         if template is None:
             raise PostError(
@@ -185,13 +149,13 @@ class TemplateEngine:
             )
         return [line for p in self.parts for line in template.one({**self.values, **p.fields()}).split("\n")]
 
-    def _block(self, block: str, part: ProgramPart | None) -> list[str]:
+    def _write_block(self, block: str, part: ProgramPart | None) -> list[str]:
         items = self._lines[block]
         if block in self.post.whole:
             part = ProgramPart(self.name, 0, 0, len(self.job.program))
         if "note" in items:
             width = self.post.keys.comment_length
-            texts = [self._safe(t) for note in self.notes for t in textwrap.wrap(note, width)]
+            texts = [self._escape_comment(t) for note in self.notes for t in textwrap.wrap(note, width)]
             lines = [items["note"].one({**self.values, "text": t}) for t in texts]
         elif table := next((name for name in TABLES if name in items), ""):
             rows = {
@@ -211,17 +175,17 @@ class TemplateEngine:
         elif part is None:
             return []
         else:
-            lines = self._moves(items, part)
+            lines = self._write_moves(items, part)
         separator = self.post.separators[block]
         lines = [line for line in lines if line]
         lines = [line + separator for line in lines[:-1]] + lines[-1:]
         return [one for line in lines for one in line.split("\n")]
 
-    def _moves(self, items: Mapping[str, TextTemplate], part: ProgramPart) -> list[str]:
+    def _write_moves(self, items: Mapping[str, TextTemplate], part: ProgramPart) -> list[str]:
         """Every item of a part's moves in order, one text each."""
         p = self.job.program
         start, stop = part.start, part.stop
-        columns = self._columns(part)
+        columns = self._build_columns(part)
         runs = (
             _mark_cutting_runs(self.job, self.speed_of, start, stop)
             if "run" in items
@@ -254,9 +218,9 @@ class TemplateEngine:
             if operation[k] != label:
                 label = operation[k]
                 if label >= 0 and "operation" in items:
-                    text = self._safe(p.operations[label], "operation: ")
+                    text = self._escape_comment(p.operations[label], "operation: ")
                     out.append(items["operation"].one({**here, "text": text}))
-            out += [line for event in events.get(k, ()) if (line := self._event(items, event, here))]
+            out += [line for event in events.get(k, ()) if (line := self._write_event(items, event, here))]
             if (p.kind[k] == LIN or self.post.keys.samples) and words[k] != word:
                 word = words[k]
                 if "move" in items:
@@ -272,13 +236,13 @@ class TemplateEngine:
         if runs[-1] and "run_end" in items:
             out.append(items["run_end"].one(here))
         if stop == len(p):  # what happens after the last move
-            out += [line for event in events.get(stop, ()) if (line := self._event(items, event, here))]
+            out += [line for event in events.get(stop, ()) if (line := self._write_event(items, event, here))]
         return out
 
-    def _columns(self, part: ProgramPart) -> LazyColumns:
+    def _build_columns(self, part: ProgramPart) -> LazyColumns:
         n = len(self.job.program)
         at = np.arange(n)
-        labels = [*(self._safe(label) for label in self.job.program.operations), ""]
+        labels = [*(self._escape_comment(label) for label in self.job.program.operations), ""]
         makers = {name: (lambda name=name: self.columns[name]) for name in self.columns}
         fixed = {name: (lambda v=v: [v] * n) for name, v in {**self.values, **part.fields()}.items()}
         more = {
@@ -294,14 +258,14 @@ class TemplateEngine:
         }
         return LazyColumns({**fixed, **makers, **more})
 
-    def _event(
+    def _write_event(
         self, items: Mapping[str, TextTemplate], event: ToolpathEvent, here: Mapping[str, TemplateValue]
     ) -> str | None:
         """The line for an event: its own kind's, else a comment; then the line the cell has for it."""
         kind = find_event_item(event)
         whole = math.isfinite(event.value) and event.value == round(event.value)  # a tool is 2, not 2.0
         value = round(event.value) if whole else event.value
-        fields = {**here, "text": self._safe(event.text, "CAM: "), "value": value}
+        fields = {**here, "text": self._escape_comment(event.text, "CAM: "), "value": value}
 
         def usable(template: TextTemplate | None) -> bool:  # a line that needs the number cannot do without
             return template is not None and ("value" not in template.names or math.isfinite(event.value))
@@ -322,7 +286,7 @@ class TemplateEngine:
             )
         return template.one(fields) + "\n" + own.one(fields)
 
-    def _safe(self, text: str, before: str = "") -> str:
+    def _escape_comment(self, text: str, before: str = "") -> str:
         """Free text as a comment may hold it; ``before`` counts towards its length."""
         keys = self.post.keys
         text = "".join(c if c.isprintable() else " " for c in text)
@@ -419,30 +383,3 @@ def compute_part_length(post: PostTemplate, controller: RobotController) -> int 
         Number of moves, None where the post cannot be split.
     """
     return None if post.keys.moves_per_part is None else controller.moves_per_part or post.keys.moves_per_part
-
-
-def write_program_files(folder: Path, files: Mapping[str, str], encoding: str, line_end: str) -> list[Path]:
-    """Write the files of a program.
-
-    Args:
-        folder: Output folder.
-        files: File name → text.
-        encoding: Text encoding.
-        line_end: Line end.
-
-    Returns:
-        Paths of the files.
-
-    Raises:
-        PostError: a name would leave the folder.
-    """
-    out = []
-    for name, text in files.items():
-        parts = Path(name).parts
-        if not parts or ".." in parts or Path(name).is_absolute() or "\\" in name:
-            raise PostError(f"{name!r} is no file inside the output folder", where="file.name")
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding=encoding, newline="\r\n" if line_end == "crlf" else "\n")
-        out.append(path)
-    return out

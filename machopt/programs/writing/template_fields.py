@@ -43,7 +43,7 @@ class PostJob:
     zone: BlendZones  # of the move's ends
 
     @classmethod
-    def of(cls, program: RobotProgram, controller: RobotController, moves_per_part: int | None = None) -> PostJob:
+    def build(cls, program: RobotProgram, controller: RobotController, moves_per_part: int | None = None) -> PostJob:
         """Build a job from a program and its controller.
 
         Args:

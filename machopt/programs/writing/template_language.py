@@ -130,11 +130,11 @@ class TextTemplate:
                 if isinstance(part, str):
                     piece = [part] * len(rows)
                 else:
-                    piece = self._printed(part, columns[part.name], rows, chosen)
+                    piece = self._format_column(part, columns[part.name], rows, chosen)
                 pieces.append(piece if chosen is None else [t if c else "" for t, c in zip(piece, chosen, strict=True)])
         return ["".join(texts) for texts in zip(*pieces, strict=True)] if pieces else [""] * len(rows)
 
-    def _printed(
+    def _format_column(
         self, part: TemplateField, column: TemplateColumn, rows: Sequence[int], chosen: list[bool] | None
     ) -> list[str]:
         if isinstance(column, np.ndarray) and column.dtype.kind in "fiu" and part.spec and part.spec[-1] in "fd":

@@ -10,14 +10,15 @@ from dataclasses import dataclass, field
 from machopt.file_formats.source_file import SourceFile
 from machopt.programs.reading.called_files import find_called_file
 from machopt.programs.reading.harmless_words import compile_beginning_pattern
+from machopt.programs.reading.move_attributes import MoveAttributes, ProgramEnd, parse_number
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
-from machopt.programs.reading.program_builder import MoveAttributes, ProgramBuilder, ProgramEnd, parse_number
+from machopt.programs.reading.program_builder import ProgramBuilder
 from machopt.programs.reading.rotation_conventions import compute_fixed_xyz_rotation
 from machopt.programs.yaskawa.harmless_words import JBI
 
 _POSITION = re.compile(r"((?:E|B)?(?:C|P|EX|BP)[0-9]+)\s*=\s*(.*)")
 _REFERENCE = re.compile(r"\b((?:C|P)[0-9]+)\b")
-_BASE, _STATION = re.compile(r"\b(BC[0-9]+|BP[0-9]+)\b"), re.compile(r"\b(EC[0-9]+|EX[0-9]+)\b")
+_BASE = re.compile(r"\b(BC[0-9]+|BP[0-9]+)\b")
 _LED = re.compile(r"\+MOV[JLC]\s+((?:EC|EX)[0-9]+)(?:\s+V[JRE]?\s*=\s*[0-9.]+)?")  # what the station does meanwhile
 _OPTION = re.compile(r"\b(VJ|VR|VE|V|PL|CR|ACC|DEC|NWAIT|FPT)\s*=?\s*([0-9]+\.?[0-9]*|\.[0-9]+)?")
 _QUIET = compile_beginning_pattern(JBI)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.report.charts.optimize_charts import CHOSEN, DEFAULT, FOURTH, JIAO, LIMIT
+from machopt.report.charts.chart_colours import CHOSEN, DEFAULT, FOURTH, JIAO, LIMIT
 from machopt.report.charts.point_reduction import pack_codes, round_for_json, select_plot_points
 from machopt.report.charts.scene_json import build_posture_view
 from machopt.report.charts.scene_json import pack_joint_levels as levels_of_joints

@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.kinematics.encoder_corrections import build_encoder_correction
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.report.page_data.machine_scene import build_bodies, build_machine_scene
 from machopt.report.scene.scene_types import CellScene, ScenePostures
 

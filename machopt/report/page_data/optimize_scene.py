@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.process_columns import OUTCOMES
 from machopt.data_types.toolpath import Toolpath
-from machopt.kinematics.robot import load_chain
+from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.motion.trajectory_builder import MotionTimeline

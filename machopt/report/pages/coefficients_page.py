@@ -11,6 +11,7 @@ from machopt.report.charts.point_reduction import round_for_json
 from machopt.report.page_shell import build_page_html, build_section
 from machopt.report.page_types.coefficients_page_data import CoefficientsPageData
 from machopt.report.pages.report_tables import TableColumn, build_table
+from machopt.report.pages.run_section import build_run_section
 from machopt.report.template_rendering import render_part
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def build_coefficients_html(data: CoefficientsPageData) -> str:
         ("waveform", "Waveform", _build_waveform(data)),
         ("forces", "Forces", _build_forces()),
         ("cuts", "Cuts left out", _build_excluded(data)),
-        ("run", "This run", _build_run(data)),
+        ("run", "This run", build_run_section(data.document.warnings, data.document.inputs)),
     ]
     return build_page_html(
         f"Cutting coefficients of {document.material}",
@@ -158,12 +159,6 @@ def _build_excluded(data: CoefficientsPageData) -> Body:
         return ""
     body = build_table([TableColumn("Cut"), TableColumn("Reason")], rows)
     return build_section("cuts", "Cuts left out", "They take no part in the coefficients.", body)
-
-
-def _build_run(data: CoefficientsPageData) -> Body:
-    facts = [("note", text) for text in data.document.warnings] + sorted(data.document.inputs.items())
-    body = build_table([TableColumn("What"), TableColumn("Value")], facts)
-    return build_section("run", "This run", "Notes, and the input files with their hashes.", body)
 
 
 def _build_force_chart(data: CoefficientsPageData) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from machopt.report.charts.point_reduction import round_for_json
 from machopt.report.page_shell import build_page_html, build_section
 from machopt.report.page_types.frequency_response_page_data import FrequencyResponsePageData
 from machopt.report.pages.report_tables import TableColumn, build_table
+from machopt.report.pages.run_section import build_run_section
 from machopt.report.template_rendering import render_part
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def build_frequency_response_html(data: FrequencyResponsePageData) -> str:
         ("joints", "Joints", _build_joints(data)),
         ("modes", "Modes", _build_modes(data)),
         ("responses", "Responses", _build_responses(data)),
-        ("run", "This run", _build_run(data)),
+        ("run", "This run", build_run_section(data.document.warnings, data.document.inputs)),
     ]
     return build_page_html(
         f"Stiffness and damping of {document.cell} from frequency responses",
@@ -134,12 +135,6 @@ def _build_responses(data: FrequencyResponsePageData) -> Body:
 
 def _format_direction(direction: tuple[float, ...]) -> str:
     return ", ".join(f"{v:.3g}" for v in direction)
-
-
-def _build_run(data: FrequencyResponsePageData) -> Body:
-    facts = [("note", text) for text in data.document.warnings] + sorted(data.document.inputs.items())
-    body = build_table([TableColumn("What"), TableColumn("Value")], facts)
-    return build_section("run", "This run", "Notes, and the input files with their hashes.", body)
 
 
 def _build_charts(data: FrequencyResponsePageData) -> list[dict[str, Any]]:

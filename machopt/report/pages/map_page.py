@@ -79,9 +79,9 @@ _CURVE_NOTES = {
 def _build_verdict(data: MapPageData) -> Body:
     reached = [int((layer.reason == 0).sum()) for layer in data.layers]
     tone = "good" if any(reached) else "bad"
-    badge, said = "MAPPED" if any(reached) else "OUT OF REACH", f"{data.verdict[0].upper()}{data.verdict[1:]}."
+    badge, sentence = "MAPPED" if any(reached) else "OUT OF REACH", f"{data.verdict[0].upper()}{data.verdict[1:]}."
     return render_part(
-        "verdict", "verdict", tone, badge, said, data.warnings, _list_key_figures(data) if any(reached) else []
+        "verdict", "verdict", tone, badge, sentence, data.warnings, _list_key_figures(data) if any(reached) else []
     )
 
 

@@ -90,10 +90,10 @@ def _build_verdict(data: PlacementPageData) -> Body:
             rest = f"{t.marginal} marginal, {t.fail} fail, {t.unknown} unknown"
             cards.insert(0, ("In tolerance", f"{t.in_tolerance}", "", f"of {total} holes and points; {rest}"))
         cards.append(("Places", f"{r.within_reach}", "", f"within reach of {r.looked_at}, {r.planned} planned wholly"))
-    said = f"{r.verdict[0].upper()}{r.verdict[1:]}.".replace(" -", " −")
+    sentence = f"{r.verdict[0].upper()}{r.verdict[1:]}.".replace(" -", " −")
     leaving = [w for w in r.warnings if w.startswith("place ")]
     others = [w for w in r.warnings if w not in leaving]
-    return render_part("verdict", "verdict", tone, badge, said, others, cards, leaving)
+    return render_part("verdict", "verdict", tone, badge, sentence, others, cards, leaving)
 
 
 def _build_map(data: PlacementPageData) -> Body:

@@ -76,9 +76,9 @@ def _build_scene(data: PosePlanPageData) -> dict[str, object]:
 
 def _build_verdict(data: PosePlanPageData) -> Body:
     if data.work is None:
-        said = f"{data.reason[:1].upper()}{data.reason[1:]}."
+        sentence = f"{data.reason[:1].upper()}{data.reason[1:]}."
         items = [w for w in data.warnings if w != data.reason]
-        return render_part("verdict", "verdict", "bad", "NOTHING TO MEASURE", said, items, [])
+        return render_part("verdict", "verdict", "bad", "NOTHING TO MEASURE", sentence, items, [])
     seen = bool(np.isfinite(data.sigma).all())
     tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
     if data.explanation_pairs:
@@ -199,8 +199,8 @@ def _list_key_figures(data: PosePlanPageData) -> list[tuple[str, str, str, str]]
     if math.isfinite(data.bound):
         cards.append(("D-efficiency", f"≥ {100 * data.bound:.0f}", "%", "against any choice of as many"))
     if data.explanation_pairs:
-        told = sum(a.is_distinguished for a in data.explanation_pairs)
-        cards.append(("Told apart", f"{told} of {len(data.explanation_pairs)}", "", "pairs of explanations"))
+        distinguished = sum(a.is_distinguished for a in data.explanation_pairs)
+        cards.append(("Told apart", f"{distinguished} of {len(data.explanation_pairs)}", "", "pairs of explanations"))
     if math.isfinite(data.target):
         value = str(data.needed * data.per_pose) if data.needed is not None else "–"
         more = f"readings ({data.needed} poses)" if data.needed is not None else "out of reach"

@@ -42,6 +42,31 @@ class PlaceMark:
         return sum(self.outcomes[1:])
 
 
+@dataclass(frozen=True, kw_only=True)
+class _MapFrame:
+    """Scale of the map: px per mm, the lowest corner in mm, and the size of the plotted area in px."""
+
+    low: NDArray[np.float64]  # (2,) mm
+    scale: float  # px/mm
+    wide: float  # px
+    tall: float  # px
+    square: float  # px, edge of the square of one place
+
+    def locate(self, x: float, y: float) -> tuple[float, float]:
+        """Return the pixel of a shift (mm)."""
+        return LEFT + self.scale * (x - float(self.low[0])), TOP + self.tall - self.scale * (y - float(self.low[1]))
+
+
+def _build_frame(xs: NDArray[np.float64], ys: NDArray[np.float64]) -> _MapFrame:
+    """Return the frame that holds all places, with half a step around them."""
+    step = min((float(np.diff(np.unique(v)).max()) for v in (xs, ys) if len(np.unique(v)) > 1), default=1.0)
+    low = np.array([xs.min(), ys.min()]) - 0.5 * step
+    high = np.array([xs.max(), ys.max()]) + 0.5 * step
+    scale = min((WIDTH - LEFT - RIGHT) / (high[0] - low[0]), (HEIGHT - TOP - BOTTOM) / (high[1] - low[1]))
+    wide, tall = scale * (high - low)
+    return _MapFrame(low=low, scale=scale, wide=wide, tall=tall, square=0.94 * scale * step)
+
+
 def build_placement_map(result: PlaceDocument, marks: Sequence[PlaceMark]) -> Markup:
     """Return the picture.
 
@@ -50,62 +75,71 @@ def build_placement_map(result: PlaceDocument, marks: Sequence[PlaceMark]) -> Ma
         marks: One place for each x and y.
     """
     xs, ys = np.array([m.x for m in marks]), np.array([m.y for m in marks])
-    step = min((float(np.diff(np.unique(v)).max()) for v in (xs, ys) if len(np.unique(v)) > 1), default=1.0)
-    low = np.array([xs.min(), ys.min()]) - 0.5 * step
-    high = np.array([xs.max(), ys.max()]) + 0.5 * step
-    scale = min((WIDTH - LEFT - RIGHT) / (high[0] - low[0]), (HEIGHT - TOP - BOTTOM) / (high[1] - low[1]))
-    wide, tall = scale * (high - low)
-
-    def at(x: float, y: float) -> tuple[float, float]:
-        return LEFT + scale * (x - float(low[0])), TOP + tall - scale * (y - float(low[1]))
-
+    frame = _build_frame(xs, ys)
     known = np.array([m.value for m in marks if not m.refused and math.isfinite(m.value)])
     least, most = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-    span = most - least or 1.0
-    small: Style = {"font_size": 11, "fill": "currentColor"}
-    size = 0.94 * scale * step
+    shapes = _draw_places(marks, frame, (least, most), result.unit)
+    shapes += _draw_reference_marks(result, frame)
+    shapes += _draw_axis_labels(xs, ys, frame)
+    shapes += _draw_colour_scale(LEFT + frame.wide + 18, frame.tall, least, most)
+    return render_svg(
+        build_shape(
+            "svg",
+            viewBox=f"0 0 {LEFT + frame.wide + RIGHT:.0f} {TOP + frame.tall + BOTTOM:.0f}",
+            width="100%",
+            style=f"max-width:{LEFT + frame.wide + RIGHT:.0f}px",
+            role="img",
+            aria_label="worst index over x and y",
+            inside=shapes,
+        )
+    )
+
+
+def _draw_places(
+    marks: Sequence[PlaceMark], frame: _MapFrame, limits: tuple[float, float], unit: str
+) -> list[SvgShape]:
+    """Return the squares of all places; planned ones lie above the others."""
+    least, most = limits
     shapes: list[SvgShape] = []
-    has_outcomes = any(m.outcomes for m in marks)
     for m in sorted(marks, key=lambda m: (m.planned, m.x, m.y)):
-        share = (most - m.value) / span
-        shapes += _draw_place(m, at(m.x, m.y), size, share, result.unit)
-        if has_outcomes and m.outcomes and not m.refused and size >= MIN_LABELLED_SIZE:
-            shapes.append(_write_missed(m, at(m.x, m.y)))
-    mark: Style = {
+        share = (most - m.value) / (most - least or 1.0)
+        shapes += _draw_place(m, frame.locate(m.x, m.y), frame.square, share, unit)
+        if m.outcomes and not m.refused and frame.square >= MIN_LABELLED_SIZE:
+            shapes.append(_write_missed(m, frame.locate(m.x, m.y)))
+    return shapes
+
+
+def _draw_reference_marks(result: PlaceDocument, frame: _MapFrame) -> list[SvgShape]:
+    """Return the marks of the cell's own place and of the best one."""
+    style: Style = {
         "fill": "#fff",
         "stroke": DARK_COLOR,
         "stroke_width": 3,
         "paint_order": "stroke",
         "text_anchor": "middle",
     }
-    shapes.append(build_shape("text", "◆", x=at(0, 0)[0], y=at(0, 0)[1] + 5, font_size=15, **mark))
+    x, y = frame.locate(0, 0)
+    shapes = [build_shape("text", "◆", x=x, y=y + 5, font_size=15, **style)]
     if result.best:
-        bx, by = at(result.best[0].shift_mm[0], result.best[0].shift_mm[1])
-        shapes.append(build_shape("text", "★", x=bx, y=by + 6, font_size=18, **mark))
+        x, y = frame.locate(result.best[0].shift_mm[0], result.best[0].shift_mm[1])
+        shapes.append(build_shape("text", "★", x=x, y=y + 6, font_size=18, **style))
+    return shapes
+
+
+def _draw_axis_labels(xs: NDArray[np.float64], ys: NDArray[np.float64], frame: _MapFrame) -> list[SvgShape]:
+    """Return numbers and names of both axes."""
+    small: Style = {"font_size": 11, "fill": "currentColor"}
+    below, left = TOP + frame.tall, LEFT - 8
+    shapes: list[SvgShape] = []
     for v in _select_labelled_values(xs):
-        shapes.append(
-            build_shape(
-                "text", format_number(v, ".0f"), x=at(v, 0)[0], y=TOP + tall + 16, text_anchor="middle", **small
-            )
-        )
+        x = frame.locate(v, 0)[0]
+        shapes.append(build_shape("text", format_number(v, ".0f"), x=x, y=below + 16, text_anchor="middle", **small))
     for v in _select_labelled_values(ys):
-        shapes.append(
-            build_shape("text", format_number(v, ".0f"), x=LEFT - 8, y=at(0, v)[1] + 4, text_anchor="end", **small)
-        )
-    shapes.append(build_shape("text", "x (mm)", x=LEFT + wide / 2, y=TOP + tall + 34, text_anchor="middle", **small))
-    shapes.append(build_shape("text", "y (mm)", x=2.0, y=TOP + tall / 2, **small))
-    shapes += _draw_colour_scale(LEFT + wide + 18, tall, least, most)
-    return render_svg(
-        build_shape(
-            "svg",
-            viewBox=f"0 0 {LEFT + wide + RIGHT:.0f} {TOP + tall + BOTTOM:.0f}",
-            width="100%",
-            style=f"max-width:{LEFT + wide + RIGHT:.0f}px",
-            role="img",
-            aria_label="worst index over x and y",
-            inside=shapes,
-        )
-    )
+        y = frame.locate(0, v)[1] + 4
+        shapes.append(build_shape("text", format_number(v, ".0f"), x=left, y=y, text_anchor="end", **small))
+    shapes.append(build_shape("text", "x (mm)", x=LEFT + frame.wide / 2, y=below + 34, text_anchor="middle", **small))
+    shapes.append(build_shape("text", "y (mm)", x=2.0, y=TOP + frame.tall / 2, **small))
+    return shapes
 
 
 def _format_mark_outcomes(m: PlaceMark) -> str:

@@ -43,7 +43,7 @@ def draw_stability_map(found: StabilityMap) -> Markup:
         found: Data of the map.
     """
     wide, high = WIDTH - MARGIN - 26.0, HEIGHT - 84.0
-    pixels = _colour(found.ratio, found.least)[:, ::-1].transpose(1, 0, 2)  # rotation upwards
+    pixels = _compute_colours(found.ratio, found.least)[:, ::-1].transpose(1, 0, 2)  # rotation upwards
     url = f"data:image/png;base64,{base64.b64encode(encode_png(pixels)).decode()}"
     inside: list[SvgShape] = [
         build_shape(
@@ -118,7 +118,7 @@ def _draw_legend(y: float, least: float | None) -> list[SvgShape]:
     return out
 
 
-def _colour(ratio: Array, least: float | None) -> np.ndarray:
+def _compute_colours(ratio: Array, least: float | None) -> np.ndarray:
     """Return (S, R, 3) bytes."""
     out = np.empty((*ratio.shape, 3), np.uint8)
     fade = np.clip((np.nan_to_num(ratio, posinf=LEVELS[2]) - LEVELS[1]) / (LEVELS[2] - LEVELS[1]), 0.0, 1.0)[..., None]

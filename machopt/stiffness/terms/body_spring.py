@@ -17,7 +17,8 @@ import numpy as np
 from machopt.data_types.effect_locations import parse_link_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
-from machopt.effects.compliance_matrices.body_compliance_laws import LEAST_LENGTH, find_parameter_form
+from machopt.effects.compliance_matrices.body_compliance_laws import find_parameter_form
+from machopt.effects.compliance_matrices.uniform_beam_law import LEAST_LENGTH
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import BodyLaw, CompliantBody
 from machopt.kinematics.robot import ArmState, Robot

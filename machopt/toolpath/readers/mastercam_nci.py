@@ -18,8 +18,9 @@ from machopt.file_formats.plain_decimals import parse_plain_decimal
 from machopt.file_formats.source_file import UNIT_NAMES, ReadOptions, SourceFile
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcError, compute_arc_chords
+from machopt.path_building.arc_radius_check import check_radius
 from machopt.path_building.coordinate_systems import CoordinateSystem, FrameError, SystemTransform
-from machopt.path_building.point_collector import PathBuilder, Vector, check_radius
+from machopt.path_building.point_collector import PathBuilder, Vector
 from machopt.toolpath.readers import harmless_words
 
 _COMMENTS = {1005, 1006, 1007, 1008, 1025, 1026}

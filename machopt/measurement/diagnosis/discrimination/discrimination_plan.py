@@ -16,7 +16,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.measurement.design.d_optimal_search import ReadingDesign, compute_information_matrix
+from machopt.measurement.design.d_optimal_search import compute_information_matrix
+from machopt.measurement.design.design_problem import ReadingDesign
 from machopt.measurement.design.expected_accuracy import compute_expected_accuracy
 from machopt.measurement.design.load_cases import LoadCases
 from machopt.measurement.design.maximin_discrimination import (

@@ -9,7 +9,8 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.collision.collision_model_cache import load_collision_model
 from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness
-from machopt.kinematics.robot import LinkShape, Robot, RobotMasses, load_chain, load_masses
+from machopt.kinematics.robot import LinkShape, Robot, RobotMasses
+from machopt.kinematics.urdf_loading import load_chain, load_masses
 from machopt.measurement.design.external_axis_position_option import update_base_frame
 from machopt.measurement.design.load_cases import LoadCases, build_load_cases
 from machopt.measurement.design.load_methods import LoadMethod

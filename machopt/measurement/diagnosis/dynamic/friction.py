@@ -1,7 +1,7 @@
 """Friction hypotheses beyond Coulomb and viscous friction, for each joint: competing laws of the motor torque.
 
 The base has for each joint an offset, Coulomb friction c z and viscous friction d q̇. z is the direction of motion
-after a short presliding displacement (:func:`machopt.effects.joint.friction.compute_presliding_direction`). Coulomb
+after a short presliding displacement (:mod:`machopt.effects.joint.presliding_direction`). Coulomb
 friction that differs with the direction equals an offset plus Coulomb friction. It cannot be separated from an
 unmodelled load, so it stays in the base.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from machopt.effects import parameter_conversion, registry
-from machopt.effects.joint.friction import compute_presliding_direction
+from machopt.effects.joint.presliding_direction import compute_presliding_direction
 from machopt.effects.protocol import Effect, FrictionLaw, FrictionState, JointSpeedRange
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, LawCurve, Quantity, Shape

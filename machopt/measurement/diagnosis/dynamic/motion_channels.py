@@ -202,7 +202,7 @@ def _build_channel_equations(
         return *secondary_encoder_channel.build_secondary_encoder_problem(
             replace(scene, dimensions=len(joints), lift=lift), joints
         ), []
-    from machopt.kinematics.robot import load_robot
+    from machopt.kinematics.urdf_loading import load_robot
 
     if scene.joints < 6:
         raise RecordingError(

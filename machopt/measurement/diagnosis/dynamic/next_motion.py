@@ -17,7 +17,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import MissingInertiaError, load_dynamics
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding

@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.sensor_errors import LOAD, TcpOffset
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding, RecordChange
 from machopt.measurement.diagnosis.diagnosis_pipeline import read_load_test_masses
 from machopt.measurement.diagnosis.static import loaded_equilibrium_terms

@@ -12,7 +12,7 @@ from machopt.data_types.effect_locations import parse_joint_location, parse_loca
 from machopt.data_types.stiffness import SOFTEST, STIFFEST, ArmStiffness, StiffnessTerm
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.errors import InputError
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
 from machopt.measurement.diagnosis.data_types.diagnosis_result import (

@@ -10,7 +10,8 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.stiffness import ArmStiffness, PositionError
 from machopt.effects import registry
 from machopt.effects.protocol import is_time_dependent
-from machopt.kinematics.robot import Robot, RobotMasses, load_robot
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Flags
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, compute_rms
@@ -25,12 +26,12 @@ from machopt.measurement.identification.assessment.hysteresis_half_width import 
     estimate_loop_half_widths,
 )
 from machopt.measurement.identification.assessment.model_discrepancy import (
-    UNKNOWN_COMPLIANCE_SIGMA,
     DiscrepancyEstimate,
     ResidualReadings,
     estimate_model_discrepancy,
     list_coefficient_suspects,
 )
+from machopt.measurement.identification.assessment.prior_spread_models import UNKNOWN_COMPLIANCE_SIGMA
 from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
 

@@ -18,7 +18,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.kinematic_corrections import KinematicCorrections
 from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.diagnosis_pipeline import read_load_test_masses, read_stated_masses
 from machopt.measurement.diagnosis.effect_columns import existing_terms, joint_torque
 from machopt.measurement.diagnosis.static import load_test_channel, loaded_equilibrium_terms

@@ -17,7 +17,8 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.effect_locations import LINK, parse_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
-from machopt.kinematics.robot import ArmState, find_frame, load_urdf_model
+from machopt.kinematics.robot import ArmState
+from machopt.kinematics.urdf_loading import find_frame, load_urdf_model
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, Flags
 from machopt.measurement.diagnosis.data_types.diagnosis_result import compute_rms

@@ -27,7 +27,8 @@ from machopt.effects.kinematic_corrections import extend_kinematics
 from machopt.effects.structure import as_built_joint_frames as structure_link_geometry
 from machopt.errors import RecordingError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
-from machopt.kinematics.robot import Robot, RobotMasses, load_robot
+from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types import load_resolution, reflectors_and_tracker_frames
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (

@@ -137,8 +137,8 @@ def settle_coefficients(
     draft = _draft_coefficients(fit, uncertainty, prior, standing, known)
     x = fit.x if known.all() else draft.solve(fit, H, h)
     whole = tuple(m for m in list_fitted_matrices(fit) if known[m.first_coefficient].all())
-    mended = tuple(m.term for m in whole if has_negative_compliance(m.matrix(x)))
-    if mended:
+    corrected = tuple(m.term for m in whole if has_negative_compliance(m.matrix(x)))
+    if corrected:
         x = replace(draft, matrices=whole).solve(fit, H, h, matrices=True)
     joints = np.flatnonzero(known[:n])
     covariance = np.diag(x[:n] ** 2)
@@ -150,7 +150,7 @@ def settle_coefficients(
         combinations=together,
         covariance=covariance,
         matrices=whole,
-        has_projected_matrices=mended,
+        has_projected_matrices=corrected,
     )
 
 

@@ -37,18 +37,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.data_types.discrepancy_names import (
-    JOINT,
-    LOADED,
-    format_joint_name,
-    format_term_name,
-    parse_discrepancy_name,
-)
+from machopt.data_types.discrepancy_names import JOINT, format_joint_name, format_term_name, parse_discrepancy_name
 from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.measurement.estimation.error_clusters import (
@@ -61,36 +54,30 @@ from machopt.measurement.estimation.error_clusters import (
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.variance_components import estimate_variance_components
 from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.assessment.discrepancy_prior import ScaledColumns, build_scaled_columns
 from machopt.measurement.identification.assessment.hysteresis_half_width import (
     add_arrival_side,
     estimate_loop_half_widths,
+)
+from machopt.measurement.identification.assessment.prior_spread_models import (
+    GRID,
+    LambdaLikelihood,
+    average_models,
+    compute_log_likelihood,
+    rate_spreads,
+    select_possible_columns,
 )
 from machopt.measurement.identification.assessment.sparse_discrepancy import generate_sparse_spreads, list_places
 from machopt.measurement.identification.assessment.unmodelled_pose_variance import DIRECTIONS, estimate_pose_variance
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
-from machopt.stiffness.discrepancy_columns import (
-    PLAY_COLUMN,
-    TYPICAL_PLAY_RAD,
-    DiscrepancyColumns,
-    compute_typical_sizes,
-    list_elastic_columns,
-    list_gear_columns,
-)
-from machopt.stiffness.terms.term_interface import LinearTerm
+from machopt.stiffness.discrepancy_columns import PLAY_COLUMN, DiscrepancyColumns
 
-GRID = np.concatenate([[0.0], np.logspace(-2.5, 0.5, 13)])  # λ; 1: as compliant as the adjacent joints
-UNKNOWN_COMPLIANCE_SIGMA = 1.0  # relative 1 sigma of an unobserved joint's compliance
-FITTED_COEFFICIENT_SIGMA = 3.0  # relative prior 1 sigma of a fitted coefficient: nearly uninformative
-PRIOR_LOADED = 0.25  # prior 1 sigma of ``loaded`` about 1: URDF masses are good to 15 %, and it is a first-order effect
 BACKLASH_PRIOR_ODDS = 1.0 / 3.0  # prior odds of backlash
 MAX_DROPPED_VARIANCE = 1e-6  # share of the variance over the measured poses that omitted modes may have
 BLOCKS = 4  # regions along each direction
 LEAST_WEIGHT = 1e-3  # least weight of a λ relative to the best one
-
-
-LambdaLikelihood = tuple[float, Array, float]  # log-likelihood, prior 1 sigma of every column, sum of both λ
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,35 +91,6 @@ class ResidualReadings:
     robust: Array  # (N, D) outlier weights in [0, 1]
     components: tuple[VarianceComponents, ...]  # estimated with the springs alone
     stated: tuple[bool, ...]  # whether the uncertainty is stated, by channel
-
-
-def _rate_spreads(H: Array, h: Array, group: Array) -> list[LambdaLikelihood]:
-    """Return the log likelihood over the grid of prior spreads; ``group`` (p,) of each column."""
-    rated: list[LambdaLikelihood] = []
-    for elastic, gears in product(GRID, GRID):
-        spread = np.array([UNKNOWN_COMPLIANCE_SIGMA, elastic, gears, PRIOR_LOADED])[group]
-        rated.append((_compute_log_likelihood(H, h, spread), spread, elastic + gears))
-    return rated
-
-
-def _average_models(equations: NormalEquations, near: Sequence[LambdaLikelihood]) -> tuple[Array, Array]:
-    """Return mean and covariance of the coefficients over models of similar likelihood, weighted by it."""
-    H, h = equations.total()
-    share = np.exp(np.array([b[0] for b in near]) - max(b[0] for b in near))
-    share /= share.sum()
-    mean, second = np.zeros(len(h)), np.zeros_like(H)
-    part: _ColumnEquations | None = None
-    for w, (_, spread, _) in zip(share, near, strict=True):
-        use, P = _select_possible_columns(H, spread)
-        if part is None or not np.array_equal(part.use, use):
-            part = _ColumnEquations(use, equations)
-        S = np.asarray(np.linalg.inv(P), float)
-        x = np.zeros(len(h))
-        x[use] = S @ h[use]
-        mean += w * x
-        second[np.ix_(use, use)] += w * _robustify_information(part, S, x)
-        second += w * np.outer(x, x)
-    return mean, second - np.outer(mean, mean)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,62 +116,61 @@ def estimate_model_discrepancy(
         The discrepancy. Its modes leave out what moves no TCP, such as torsion of the base against joint 1; the error
         of the springs contains that.
     """
-    own = len(suspects.names)
-    weighed = suspects.masses is not None
-    joints = state.q.shape[1]
-    gears = list_gear_columns(joints)
-    more = (*list_elastic_columns(joints), *gears, *([LOADED] if weighed else []))
-    whole = replace(suspects, names=(*suspects.names, *more))
-    N, D = readings.residual.shape
-    Z = whole.compute_columns(state, np.broadcast_to(k, (N, joints)), readings.wrench)[:, :D]
-    size = compute_typical_sizes(whole, state, k, more)
-    unit = np.concatenate([_compute_prior_sigma(suspects, k), size])
-    Z = Z * unit
-    known = np.zeros(len(unit))
-    known[own + len(more) - 1] = float(weighed)
-    readings = replace(readings, residual=readings.residual - Z @ known)  # from here on deviations from the prior mean
-    group = np.array([0] * own + [{True: 2}.get(n in gears, 3 if n == LOADED else 1) for n in more])
-    usual = np.array(
-        [TYPICAL_PLAY_RAD if parse_discrepancy_name(n).kind == PLAY_COLUMN else 0.0 for n in whole.names]
-    ) / np.maximum(unit, 1e-300)
-    equations, noise, scatter = _build_normal_equations(Z, readings)
+    columns = build_scaled_columns(suspects, state, k, readings.wrench, readings.residual.shape[1])
+    unit, names = columns.unit, columns.names
+    readings = replace(readings, residual=readings.residual - columns.Z @ columns.known)  # from the prior mean
+    equations, noise, scatter = _build_normal_equations(columns.Z, readings)
     H, h = equations.total()
-    best = _rate_spreads(H, h, group)
-    plain = next(b for b in best if b[2] == 0.0)  # springs and the effect of the load itself
-    misfit = bool(2.0 * (max(b[0] for b in best) - plain[0]) >= thresholds.IDENTIFIED.misfit)
-    named = bool(suspects.terms)  # with fitted gear laws a remainder is always possible
-    if not misfit and not named:
-        best = [plain]
-    if misfit:
-        places, score = list_places(whole.names, own), partial(_compute_log_likelihood, H, h)
-        best += [(found, spread, 1.0) for found, spread in generate_sparse_spreads(plain[1], places, GRID[1:], score)]
-    top = max(b[0] for b in best)
-    near = [b for b in best if b[0] > top + np.log(LEAST_WEIGHT)]
-    near += [one for b in near for one in _add_usual_backlash(H, h, b, whole.names, usual)]
-    mean, covariance = _average_models(equations, near)
-    modes = select_significant_modes(covariance, _compute_displacement_metric(H, whole.names))
+    has_gear_laws = bool(suspects.terms)  # with fitted gear laws a remainder is always possible
+    models, misfit = _select_models(H, h, columns, has_gear_laws=has_gear_laws)
+    mean, covariance = average_models(equations, models + _list_backlash_variants(H, h, models, columns))
+    modes = select_significant_modes(covariance, _compute_displacement_metric(H, names))
     keep = np.abs(covariance).sum(axis=0) > 0
-    likeliest = max(best, key=lambda b: b[0])[1]
     left = readings.residual[:, :3][readings.robust[:, :3] > thresholds.IDENTIFIED.out]
+    local = 0.0
+    if misfit or has_gear_laws:
+        likeliest = max(models, key=lambda model: model[0])[1]
+        in_use = select_possible_columns(H, likeliest)
+        local = _estimate_local_discrepancy(columns.Z, state.q, readings, equations, in_use, scatter)
     discrepancy = ModelDiscrepancy(
-        parts=tuple(n for n, used in zip(whole.names, keep, strict=True) if used),
+        parts=tuple(n for n, used in zip(names, keep, strict=True) if used),
         torque=suspects.torque,
-        shift=((mean + known) * unit)[keep],
+        shift=((mean + columns.known) * unit)[keep],
         modes=(modes * unit)[:, keep],
         left=float(np.sqrt(np.mean(left**2))) if left.size else 0.0,
         noise=noise,
         misfit=misfit,
-        local=_estimate_local_discrepancy(
-            Z, state.q, readings, equations, _select_possible_columns(H, likeliest), scatter
-        )
-        if misfit or named
-        else 0.0,
+        local=local,
     )
-    springs = np.s_[:joints]
+    springs = np.s_[: state.q.shape[1]]
     return DiscrepancyEstimate(
         discrepancy=discrepancy,
         spring_error=(covariance + np.outer(mean, mean))[springs, springs] * np.outer(unit[springs], unit[springs]),
     )
+
+
+def _select_models(
+    H: Array, h: Array, columns: ScaledColumns, *, has_gear_laws: bool
+) -> tuple[list[LambdaLikelihood], bool]:
+    """Return the models whose likelihood is near the best one's, and whether the springs leave a misfit."""
+    rated = rate_spreads(H, h, columns.group)
+    plain = next(model for model in rated if model[2] == 0.0)  # springs and the effect of the load itself
+    misfit = bool(2.0 * (max(model[0] for model in rated) - plain[0]) >= thresholds.IDENTIFIED.misfit)
+    if not misfit and not has_gear_laws:
+        rated = [plain]
+    if misfit:
+        places, score = list_places(columns.names, columns.own), partial(compute_log_likelihood, H, h)
+        sparse = generate_sparse_spreads(plain[1], places, GRID[1:], score)
+        rated += [(likelihood, spread, 1.0) for likelihood, spread in sparse]
+    top = max(model[0] for model in rated)
+    return [model for model in rated if model[0] > top + np.log(LEAST_WEIGHT)], misfit
+
+
+def _list_backlash_variants(
+    H: Array, h: Array, models: Sequence[LambdaLikelihood], columns: ScaledColumns
+) -> list[LambdaLikelihood]:
+    """Return each model with typical backlash in one gear, for each gear."""
+    return [one for m in models for one in _add_usual_backlash(H, h, m, columns.names, columns.usual)]
 
 
 def _compute_displacement_metric(H: Array, names: Sequence[str]) -> Array:
@@ -237,71 +194,8 @@ def _add_usual_backlash(
         if parse_discrepancy_name(name).kind == PLAY_COLUMN and usual[n] > model[1][n]:
             spread = model[1].copy()
             spread[n] = usual[n]
-            out.append((_compute_log_likelihood(H, h, spread) + float(np.log(BACKLASH_PRIOR_ODDS)), spread, model[2]))
+            out.append((compute_log_likelihood(H, h, spread) + float(np.log(BACKLASH_PRIOR_ODDS)), spread, model[2]))
     return out
-
-
-def _compute_log_likelihood(H: Array, h: Array, spread: Array) -> float:
-    """Return the log-likelihood of the readings up to a constant common to all models."""
-    use, P = _select_possible_columns(H, spread)
-    L = np.linalg.cholesky(P)
-    half = np.linalg.solve(L, h[use])
-    return -float(np.log(np.diag(L)).sum() + np.log(spread[use]).sum()) + 0.5 * float(half @ half)
-
-
-def _select_possible_columns(H: Array, spread: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return the indices of possible columns, and their precision including the prior."""
-    use = np.flatnonzero(spread > 0)
-    return use, np.asarray(H[np.ix_(use, use)] + np.diag(spread[use] ** -2.0))
-
-
-def _compute_prior_sigma(suspects: DiscrepancyColumns, k: Array) -> Array:
-    """Return the prior standard deviations (P,) of the model's own coefficients."""
-    c = 1.0 / np.asarray(k, float)
-    out = []
-    for name in suspects.names:
-        part = parse_discrepancy_name(name)
-        if part.kind == JOINT:
-            out.append(c[part.numbers[0]])
-        else:
-            n, p = part.numbers
-            out.append(_compute_coefficient_scale(suspects.terms[n], p))
-    return np.array(out)
-
-
-def _compute_coefficient_scale(term: LinearTerm, p: int) -> float:
-    """Return the prior standard deviation of a term's coefficient.
-
-    A compliance that is zero in a body with other compliances of the same unit is not known to be zero: torsion of a
-    soft base about z is inseparable from joint 1, whose spring contains it then.
-    """
-    own, values = term.coefficients[p], np.abs(term.values)
-    if values[p] > 0 or own.lower < 0:
-        return FITTED_COEFFICIENT_SIGMA * float(values[p])
-    alike = [float(v) for c, v in zip(term.coefficients, values, strict=True) if c.unit == own.unit and c.lower == 0]
-    return max(alike, default=0.0)
-
-
-class _ColumnEquations:
-    """Normal equations of some columns by pose, and their sum; most models that are averaged share their columns.
-
-    Args:
-        use: indices of the columns.
-        equations: normal equations of all columns.
-    """
-
-    def __init__(self, use: NDArray[np.intp], equations: NormalEquations) -> None:
-        self.use = use
-        self.H, self.h = equations.H[:, use][:, :, use], equations.h[:, use]
-        self.total = self.H.sum(axis=0)
-
-
-def _robustify_information(part: _ColumnEquations, S: Array, x: Array) -> Array:
-    """Return S with a cluster-robust data part where that is larger."""
-    scores = part.h - part.H @ x[part.use]
-    more = S @ (scores.T @ scores - part.total) @ S
-    values, vectors = np.linalg.eigh(0.5 * (more + more.T))
-    return np.asarray(S + (vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _split_into_regions(r: ResidualReadings, q: Array) -> list[NDArray[np.intp]]:
@@ -405,18 +299,18 @@ def estimate_identification_discrepancy(
         The discrepancy.
     """
     arm = ArmElasticity(robot, T_flange_tcp, stiffness, limits, masses)
-    said = arm.evaluate(tests.state.q).compute_twist(tests.wrench)[:, : tests.dimensions]
+    predicted = arm.evaluate(tests.state.q).compute_twist(tests.wrench)[:, : tests.dimensions]
     suspects = list_coefficient_suspects(arm, tests, masses)
     w = fit.weighting
-    told = tests.uncertainty
+    uncertainty = tests.uncertainty
     readings = ResidualReadings(
-        residual=tests.measured - said,
+        residual=tests.measured - predicted,
         wrench=tests.wrench,
         clusters=fit.clusters,
         precision=w.precision,
         robust=w.robust,
         components=w.components,
-        stated=(told.displacement is not None, told.rotation is not None)[: len(w.covariance)],
+        stated=(uncertainty.displacement is not None, uncertainty.rotation is not None)[: len(w.covariance)],
     )
     found = estimate_model_discrepancy(suspects, tests.state, stiffness.joints, readings)
     return add_arrival_side(found.discrepancy, estimate_loop_half_widths(tests, w.robust))

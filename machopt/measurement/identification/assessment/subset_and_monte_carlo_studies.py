@@ -26,7 +26,6 @@ class SubsetStudyResult:
     """Joint stiffness from random subsets of the tests; NaN if a subset does not determine a joint."""
 
     tests: Ints  # (S,) size of the subset
-    test_unit: str  # "readings" or "poses"
     k: Array  # (S, R, n) N·m/rad, R random subsets of each size
 
     @property
@@ -95,7 +94,7 @@ def run_subset_study(
                 continue
             c = settled.solve(fit, Hs, total[P * P :])[: settled.joint_count]
             k[s, r] = np.where(identified & (c > 0), 1.0 / np.where(c > 0, c, 1.0), np.nan)
-    return SubsetStudyResult(sizes, of, k)
+    return SubsetStudyResult(sizes, k)
 
 
 def run_monte_carlo(

@@ -134,7 +134,7 @@ class LoadedEquilibriumModel:
             return self.experiment.state, np.zeros((*command.shape, command.shape[1]))
         theta, eye = command.copy(), np.eye(command.shape[1])
         for _ in range(MOST_STEPS):
-            state, tau, H = self._torque(theta, wrench)
+            state, tau, H = self._compute_torque(theta, wrench)
             matrix = eye - c[:, None] * H
             step = np.linalg.solve(matrix, (command + c * tau - theta)[..., None])[..., 0]
             theta = theta + step
@@ -153,7 +153,7 @@ class LoadedEquilibriumModel:
             file=self.experiment.source,
         )
 
-    def _torque(self, theta: Array, wrench: Array) -> tuple[ArmState, Array, Array]:
+    def _compute_torque(self, theta: Array, wrench: Array) -> tuple[ArmState, Array, Array]:
         state = self.robot.compute_state(theta, self.T_flange_tcp, bodies=self.masses is not None)
         tau = np.einsum("nci,nc->ni", state.J, wrench)
         H = compute_geometric_stiffness(state.J, wrench)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,30 +17,14 @@ from numpy.typing import NDArray
 from machopt.data_types.measurements.recording import StandardUncertainty
 from machopt.errors import RecordingError
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
-from machopt.measurement.estimation.error_clusters import (
-    ClusterSums,
-    ErrorClusters,
-    NormalEquations,
-    VarianceComponents,
-    build_error_clusters,
-    build_normal_equations,
-    predict_cluster_shifts,
-    sum_channel_equations,
-)
+from machopt.measurement.estimation.error_clusters import ErrorClusters, NormalEquations, build_error_clusters
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
-from machopt.measurement.estimation.reading_covariance import compute_reading_covariance
-from machopt.measurement.estimation.robust_weights import (
-    compute_robust_weights,
-    estimate_robust_scale,
-    fit_least_absolute_deviations,
-)
-from machopt.measurement.estimation.variance_components import NoiseScatter, estimate_variance_components
+from machopt.measurement.estimation.robust_weights import estimate_robust_scale
 from machopt.measurement.identification import thresholds
+from machopt.measurement.identification.fitting.reading_weights import ReadingWeights, WeightIteration
 from machopt.numerics.array_types import Array
 from machopt.stiffness.terms import LinearTerm
 
-ROUNDS = 8
-CONVERGENCE_TOLERANCE = 1e-3  # change of a coefficient between rounds, in standard errors
 MIN_COLUMN_EFFECT = 1e-7  # relative effect of a coefficient below which it counts as rounding
 
 
@@ -76,42 +59,6 @@ def list_fit_coefficients(joints: int, terms: Sequence[LinearTerm] = ()) -> tupl
                 )
             )
     return tuple(out)
-
-
-@dataclass(frozen=True)
-class ReadingWeights:
-    """Weights of the readings in a fit."""
-
-    covariance: Array  # (C, N, 3, 3) of a single reading's error for s² = 1; C channels: translation, rotation
-    components: tuple[VarianceComponents, ...]  # one per channel
-    robust: Array  # (N, D) in [0, 1]
-
-    @cached_property
-    def precision(self) -> Array:
-        """Inverse covariance (C, N, 3, 3) for s² = 1; the variance of a suspect coordinate is divided by its weight."""
-        V = self.covariance.copy()
-        for c in range(len(V)):
-            w = np.maximum(self.robust[:, 3 * c : 3 * c + 3], 1e-9)
-            for i in range(3):
-                V[c, :, i, i] /= w[:, i]
-        return np.asarray(np.linalg.inv(V))
-
-    def scatter(self, clusters: ErrorClusters) -> tuple[NoiseScatter, ...]:
-        """Return the standard deviations of each channel's variance components.
-
-        Args:
-            clusters: Clusters with shared errors.
-
-        Returns:
-            One entry per channel.
-        """
-        out = []
-        for V, c in zip(self.covariance, self.components, strict=True):
-            s = float(np.sqrt(c.scale))
-            own = s * float(np.sqrt(np.median(V[:, [0, 1, 2], [0, 1, 2]])))
-            cycle = s * float(np.sqrt(c.cycle)) if clusters.has_cycle else None
-            out.append(NoiseScatter(own, cycle, s * float(np.sqrt(c.visit)) if clusters.has_visit else None))
-        return tuple(out)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,25 +101,6 @@ class StiffnessFit:
     def outlier(self) -> NDArray[np.bool_]:
         """Readings (N,) with a rejected coordinate."""
         return np.asarray((self.weighting.robust < thresholds.IDENTIFIED.out).any(axis=1))
-
-
-def set_term_coefficients(terms: Sequence[LinearTerm], x: Array) -> tuple[LinearTerm, ...]:
-    """Set the coefficients of terms from a vector of all coefficients.
-
-    Args:
-        terms: Linear terms.
-        x: (n + P,) coefficients; those of the terms follow the n joints.
-
-    Returns:
-        The terms.
-    """
-    out: list[LinearTerm] = []
-    at = len(x) - sum(len(term.coefficients) for term in terms)
-    for term in terms:
-        n = len(term.coefficients)
-        out.append(term.with_values(x[at : at + n]))
-        at += n
-    return tuple(out)
 
 
 def _check_determined(experiment: LoadTestExperiment, unknowns: int) -> None:
@@ -228,47 +156,62 @@ def fit_stiffness(
     Source:
         Dumas et al. 2011, eqs. 16–26.
     """
-    what = list_fit_coefficients(experiment.joint_count, terms)
+    unknowns = list_fit_coefficients(experiment.joint_count, terms)
+    _check_determined(experiment, len(unknowns))
     A = experiment.response(terms)
-    y = experiment.measured
-    for term in fixed:
-        y = y - (term.compute_response(experiment.state, experiment.wrench) @ term.values)[:, : experiment.dimensions]
-    _check_determined(experiment, len(what))
-    robust = robust and y.size >= thresholds.IDENTIFIED.enough_to_doubt * len(what)
-    groups = build_error_clusters(experiment) if groups is None else groups
-    lower = np.array([u.lower for u in what]) if bounded else np.full(len(what), -np.inf)
+    y = _subtract_fixed_terms(experiment, fixed)
     column, seen = _scale_columns(A, y)
-    scaled = A * np.where(seen, column, 0.0)  # columns with rounding only are excluded
-    problem = _FitIteration(
+    problem = WeightIteration(
         experiment=experiment,
         terms=tuple(terms),
-        A=scaled,
+        A=A * np.where(seen, column, 0.0),  # columns with rounding only are excluded
         y=y,
         column=column,
-        lower=lower,
-        clusters=groups,
+        lower=np.array([u.lower for u in unknowns]) if bounded else np.full(len(unknowns), -np.inf),
+        clusters=build_error_clusters(experiment) if groups is None else groups,
         uncertainty=uncertainty,
-        robust=robust,
+        robust=robust and y.size >= thresholds.IDENTIFIED.enough_to_doubt * len(unknowns),
     )
     if weighting is None:
         weighting = problem.update_weights() if weighted else problem.equal_weights()
-    equations = problem.equations(weighting)
-    H, h = equations.total()
-    free = minimise_bounded_quadratic(H, h, np.full(len(what), -np.inf)) * column
-    x = minimise_bounded_quadratic(H, h, lower / column) * column if bounded else free
+    return _solve_fit(problem, A, unknowns, weighting, bounded=bounded, weighted=weighted)
+
+
+def _subtract_fixed_terms(experiment: LoadTestExperiment, fixed: Sequence[LinearTerm]) -> Array:
+    """Return the measured displacements (N, D) m, rad, less the contribution of terms with known values."""
+    y = experiment.measured
+    for term in fixed:
+        y = y - (term.compute_response(experiment.state, experiment.wrench) @ term.values)[:, : experiment.dimensions]
+    return y
+
+
+def _solve_fit(
+    problem: WeightIteration,
+    A: Array,
+    unknowns: tuple[FitCoefficient, ...],
+    weighting: ReadingWeights,
+    *,
+    bounded: bool,
+    weighted: bool,
+) -> StiffnessFit:
+    """Solve the weighted equations without bounds and within them; ``A`` (N, D, P) per unit of each coefficient."""
+    normal = problem.equations(weighting)
+    H, h = normal.total()
+    free = minimise_bounded_quadratic(H, h, np.full(len(h), -np.inf)) * problem.column
+    x = minimise_bounded_quadratic(H, h, problem.lower / problem.column) * problem.column if bounded else free
     return StiffnessFit(
-        experiment=experiment,
-        terms=tuple(terms),
-        unknowns=what,
+        experiment=problem.experiment,
+        terms=problem.terms,
+        unknowns=unknowns,
         A=A,
-        y=y,
+        y=problem.y,
         x=x,
         free=free,
-        column=column,
-        lower=lower,
-        clusters=groups,
+        column=problem.column,
+        lower=problem.lower,
+        clusters=problem.clusters,
         weighting=weighting,
-        normal=equations,
+        normal=normal,
         weighted=weighted,
     )
 
@@ -280,134 +223,3 @@ def _scale_columns(A: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
     rms = np.sqrt(np.mean((A / size[:, None]) ** 2, axis=(0, 1)))
     least = max(MIN_COLUMN_EFFECT * float(rms.max()), float(np.finfo(float).tiny))
     return np.asarray(1.0 / np.maximum(rms, least)), np.asarray(rms > least)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _FitIteration:
-    """State of the iteration: scaled equations and the computation of weights."""
-
-    experiment: LoadTestExperiment
-    terms: tuple[LinearTerm, ...]
-    A: Array  # (N, D, P) scaled
-    y: Array
-    column: Array
-    lower: Array
-    clusters: ErrorClusters
-    uncertainty: StandardUncertainty | None
-    robust: bool
-
-    @property
-    def load(self) -> Array:
-        """Magnitude (N,) of each load; moments divided by a lever arm of 1 m."""
-        w = self.experiment.wrench
-        return np.asarray(np.linalg.norm(w[:, :3], axis=1) + np.linalg.norm(w[:, 3:], axis=1))
-
-    @property
-    def stated(self) -> tuple[bool, bool]:
-        """Whether the uncertainties of translations and rotations are stated."""
-        given = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
-        return given.displacement is not None, given.rotation is not None
-
-    def equal_weights(self) -> ReadingWeights:
-        """Return equal variances for all coordinates, estimated from the residuals."""
-        N, D = self.y.shape
-        V = np.broadcast_to(np.eye(3), (D // 3, N, 3, 3))
-        doubt = np.ones((N, D))
-        if self.robust:
-            residual = self.y - self.A @ fit_least_absolute_deviations(self.A, self.y, self.load)
-            for c in range(0, D, 3):
-                part = residual[:, c : c + 3]
-                doubt[:, c : c + 3] = compute_robust_weights(
-                    part, np.full(part.shape, max(estimate_robust_scale(part, self.A.shape[2]), 1e-12))
-                )
-        draft = ReadingWeights(V, (VarianceComponents(),) * (D // 3), doubt)
-        H, h = self.equations(draft).total()
-        residual = self.y - self.A @ minimise_bounded_quadratic(H, h, self.lower / self.column)
-        left = max(float(doubt.sum()) - self.A.shape[2], 1.0)
-        common = max(float(np.sum(doubt * residual**2)) / left, float(np.finfo(float).tiny))
-        return ReadingWeights(V, (VarianceComponents(common),) * (D // 3), doubt)
-
-    def update_weights(self) -> ReadingWeights:
-        """Update covariance, outlier weights, components and coefficients until convergence."""
-        stated = self.experiment.uncertainty if self.uncertainty is None else self.uncertainty
-        N, D = self.y.shape
-        x = fit_least_absolute_deviations(self.A, self.y, self.load)
-        residual = self.y - self.A @ x
-        typical = np.array([estimate_robust_scale(residual[:, c : c + 3], len(x)) for c in range(0, D, 3)])
-        weighting: ReadingWeights | None = None
-        found: tuple[VarianceComponents, ...] = ()
-        joints = self.experiment.joint_count
-        for _ in range(ROUNDS):
-            known = set_term_coefficients(self.terms, x * self.column)
-            V = compute_reading_covariance(self.experiment, (x * self.column)[:joints], known, stated, typical)
-            doubt = self._compute_covariance(residual, V, weighting) if self.robust else np.ones((N, D))
-            weighting = ReadingWeights(V, (), doubt)
-            parts = self.sums(weighting)
-            found = tuple(
-                estimate_variance_components(
-                    self.clusters,
-                    s,
-                    float(np.median(V[c][:, [0, 1, 2], [0, 1, 2]])),
-                    stated=self.stated[c],
-                    before=found[c] if found else None,
-                )
-                for c, s in enumerate(parts)
-            )
-            weighting = ReadingWeights(V, found, doubt)
-            H, h = self._normal(parts, found).total()
-            new = minimise_bounded_quadratic(H, h, self.lower / self.column)
-            error = np.sqrt(np.maximum(np.diag(np.linalg.pinv(H, hermitian=True)), 1e-300))
-            moved, x = np.abs(new - x) / error, new
-            residual = self.y - self.A @ x
-            if moved.max() < CONVERGENCE_TOLERANCE:
-                break
-        assert weighting is not None  # ROUNDS > 0
-        return weighting
-
-    def _compute_covariance(self, residual: Array, V: Array, before: ReadingWeights | None) -> Array:
-        """Return outlier weights, first of the residuals, later of residuals without shared shifts."""
-        out = np.empty_like(residual)
-        for c in range(len(V)):
-            part = residual[:, 3 * c : 3 * c + 3]
-            own = np.sqrt(V[c][:, [0, 1, 2], [0, 1, 2]])
-            if before is None:
-                least = 1.0 if self.stated[c] else 1e-12  # not below the stated uncertainty
-                typical = max(estimate_robust_scale(part / own, self.A.shape[2]), least)
-                out[:, 3 * c : 3 * c + 3] = compute_robust_weights(part / own, np.full(part.shape, typical))
-                continue
-            share = before.components[c]
-            rest = part - predict_cluster_shifts(self.clusters, before.precision[c], part, share)
-            out[:, 3 * c : 3 * c + 3] = compute_robust_weights(rest, np.sqrt(share.scale) * own)
-        return out
-
-    def sums(self, weighting: ReadingWeights) -> list[ClusterSums]:
-        """Return the equations of each channel, summed by cluster.
-
-        Args:
-            weighting: Weights of the readings.
-
-        Returns:
-            One entry per channel.
-        """
-        Q = weighting.precision
-        out = []
-        for c in range(len(Q)):
-            rows = slice(3 * c, 3 * c + 3)
-            count = float(weighting.robust[:, rows].sum())
-            out.append(sum_channel_equations(self.clusters, Q[c], self.A[:, rows], self.y[:, rows], count))
-        return out
-
-    def equations(self, weighting: ReadingWeights) -> NormalEquations:
-        """Return the normal equations by pose.
-
-        Args:
-            weighting: Weights of the readings.
-
-        Returns:
-            The equations.
-        """
-        return self._normal(self.sums(weighting), weighting.components)
-
-    def _normal(self, parts: Sequence[ClusterSums], found: Sequence[VarianceComponents]) -> NormalEquations:
-        each = [build_normal_equations(self.clusters, s, c) for s, c in zip(parts, found, strict=True)]
-        return each[0] if len(each) == 1 else each[0].add(each[1])

@@ -16,14 +16,11 @@ from machopt.measurement.estimation.error_clusters import (
     sum_channel_equations,
 )
 from machopt.measurement.estimation.robust_weights import compute_robust_weights, estimate_robust_scale
-from machopt.measurement.identification.fitting.weighted_fit import ReadingWeights, StiffnessFit
+from machopt.measurement.identification.fitting.reading_weights import ReadingWeights
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.measurement.identification.grid_stiffness.grid_cells import MeasuredCells
-from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import (
-    GridLikelihood,
-    GridPosterior,
-    GridPrior,
-    LinearisedResponse,
-)
+from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import GridLikelihood
+from machopt.measurement.identification.grid_stiffness.grid_prior import GridPosterior, GridPrior, LinearisedResponse
 from machopt.numerics.array_types import Array, Bools
 
 SHIFT_START = 0.3  # start value of the relative shift variance: away from zero, where the likelihood is flat

@@ -1,7 +1,7 @@
 """Joint stiffness for each cell of a grid of TCP positions (jiao2022 section 2), shrunk towards a constant model.
 
 Space is divided into cubes, each with its own six stiffnesses. On a face, edge or corner they are averaged, as in
-:func:`machopt.stiffness.arm_stiffness.compute_joint_stiffness`, so a reading there informs every cell that it
+:func:`machopt.stiffness.joint_stiffness.compute_joint_stiffness`, so a reading there informs every cell that it
 touches. A cell alone would follow the noise of its readings. Therefore the log compliances of the cells have a common
 distribution per joint, whose width is estimated
 (:mod:`~machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood`). A cell deviates from the
@@ -23,7 +23,8 @@ from machopt.errors import RecordingError
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
 from machopt.measurement.estimation.error_clusters import build_normal_equations
 from machopt.measurement.identification import thresholds
-from machopt.measurement.identification.fitting.weighted_fit import ReadingWeights, StiffnessFit
+from machopt.measurement.identification.fitting.reading_weights import ReadingWeights
+from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.measurement.identification.grid_stiffness.grid_cells import (
     GridRegion,
     build_grid_region,
@@ -33,11 +34,10 @@ from machopt.measurement.identification.grid_stiffness.grid_cells import (
 from machopt.measurement.identification.grid_stiffness.grid_equations import GridEquations
 from machopt.measurement.identification.grid_stiffness.grid_marginal_likelihood import (
     GridLikelihood,
-    GridPosterior,
-    GridPrior,
     add_normal_equations,
     sum_by_group,
 )
+from machopt.measurement.identification.grid_stiffness.grid_prior import GridPosterior, GridPrior
 from machopt.numerics.array_types import Array, Bools, Ints
 
 FACE_TOLERANCE = 1e-3  # m; tolerance for a pose on a face, about the repeatability of an arm
@@ -107,6 +107,16 @@ def _build_outside_error(constant: StiffnessFit, region: GridRegion, position: A
     )
 
 
+def _check_cell_count(count: int, cell: float, source: str) -> None:
+    """Raise RecordingError where more cells of the edge length ``cell`` (m) have readings than are solved together."""
+    if count > MOST_CELLS:
+        raise RecordingError(
+            f"the readings touch {count} cells of {cell * 1e3:g} mm, more than the {MOST_CELLS} that are "
+            "solved together; larger cells would work",
+            file=source,
+        )
+
+
 def fit_grid(
     constant: StiffnessFit,
     cell: float,
@@ -152,12 +162,7 @@ def fit_grid(
     if not inside.any():
         raise _build_outside_error(constant, region, position)
     places = find_measured_cells(region, position[inside_pose], FACE_TOLERANCE)
-    if len(places.cells) > MOST_CELLS:
-        raise RecordingError(
-            f"the readings touch {len(places.cells)} cells of {cell * 1e3:g} mm, more than the {MOST_CELLS} that are "
-            "solved together; larger cells would work",
-            file=constant.experiment.source,
-        )
+    _check_cell_count(len(places.cells), cell, constant.experiment.source)
     vary, reference = _select_varying_joints(constant, hold)
     n = constant.joint_count
     fitted = constant.x[n:] > constant.lower[n:]

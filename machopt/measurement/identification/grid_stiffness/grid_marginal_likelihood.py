@@ -37,74 +37,21 @@ from machopt.measurement.estimation.tiled_linear_algebra import (
     multiply_vector,
 )
 from machopt.measurement.estimation.variance_components import LEAST, MOST
+from machopt.measurement.identification.grid_stiffness.grid_prior import (
+    RANGE_LEAST,
+    GridPosterior,
+    GridPrior,
+    LinearisedResponse,
+    MarginalEquations,
+)
 from machopt.numerics.array_types import Array, Ints
 
 SPREADS = (1e-3, 1.0)  # bounds of s in log compliance; at the lower bound all cells are equal
 WITHIN = (1e-3, 1.0)  # bounds of η: a site deviates at most as much as cells do
-RANGE_LEAST = 0.15  # ℓ in cell lengths: the correlation of neighbours, exp(−6.7), is negligible
 LIKELIHOOD_TOLERANCE = 0.2  # of −2 log likelihood: negligible for any interval
 MODE_STEPS, HALVINGS = 12, 8
 RIDGE = 1e-10  # relative to a unit diagonal
 STEP = 1e-5  # finite-difference step of a logarithm: balances rounding and curvature
-
-
-@dataclass(frozen=True)
-class GridPrior:
-    """Parameters estimated by the likelihood. ``noise`` as in
-
-    :class:`~machopt.measurement.estimation.error_clusters.VarianceComponents`.
-    """
-
-    spread: Array  # (F,) s of each varying joint, in log compliance
-    range: float  # ℓ in cell lengths
-    site_spread_share: float  # η: 1 sigma of a site about its cell, as a share of the spread
-    noise: tuple[VarianceComponents, ...] = ()  # one per channel
-
-    @classmethod
-    def start(cls, joints: int, smooth: bool) -> GridPrior:
-        """Return start values: 10 % variation, correlated neighbours, sites with 30 % of the variation.
-
-        Args:
-            joints: Number of varying joints.
-            smooth: Whether neighbouring cells may be correlated.
-
-        Returns:
-            The prior.
-        """
-        return cls(np.full(joints, 0.1), 1.0 if smooth else RANGE_LEAST, 0.3)
-
-
-@dataclass(frozen=True)
-class LinearisedResponse:
-    """Responses r = u + E β of the places about the current values of the cells; β: cells × joints, then terms."""
-
-    E: csr_matrix  # (L·R, n)
-    u: Array  # (L, R)
-
-
-@dataclass(frozen=True, kw_only=True)
-class GridPosterior:
-    """Posterior of the unknowns."""
-
-    beta: Array  # (n,)
-    covariance: Array  # (n, n)
-    response: Array  # (L, R) response of each place
-    response_covariance: Array  # (L, R, R)
-    site_response: Array  # (S, R) response of each site, with its own deviation
-    value: float  # −2 log restricted likelihood, up to a constant
-
-
-@dataclass(frozen=True, kw_only=True)
-class MarginalEquations:
-    """Equations of places and sites with the sites' deviations integrated out."""
-
-    H: Array  # (L, R, R)
-    h: Array  # (L, R)
-    H_site: Array  # (S, R, R)
-    h_site: Array  # (S, R)
-    T: Array  # (R, R) covariance of a site's deviation
-    yy: float
-    logdet: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +119,7 @@ class GridLikelihood:
             out.append((np.log(RANGE_LEAST), np.log(max(float(self.distance.max()), 1.0))))
         return out
 
-    def _units(self) -> Array:
+    def _compute_units(self) -> Array:
         """Return scales of the logarithms so that the curvature of the likelihood is similar in all of them."""
         out: list[float] = []
         for s in self.channel_sums:
@@ -201,7 +148,7 @@ class GridLikelihood:
             value, slope = self.misfit(self.prior(y / unit), linear)
             return value, slope / unit
 
-        unit = self._units()
+        unit = self._compute_units()
         scaled = [(a * u, b * u) for (a, b), u in zip(bounds, unit, strict=True)]
         size = sum(s.count for s in self.channel_sums) + 1.0  # about what −2 log likelihood is large
         options = {"maxiter": steps, "ftol": LIKELIHOOD_TOLERANCE / size, "gtol": 0.0}
@@ -220,9 +167,9 @@ class GridLikelihood:
         Returns:
             (n,) unknowns.
         """
-        m = self.marginal(prior, self._equations(prior))
+        m = self.marginal(prior, self._build_equations(prior))
         H, h = m.H, m.h
-        Q = self._contrast(prior.range)[0]
+        Q = self._compute_contrast(prior.range)[0]
         z = slice(0, self.cells * self.joints)
 
         def misfit(beta: Array, linear: LinearisedResponse) -> float:
@@ -233,7 +180,7 @@ class GridLikelihood:
         linear = linearise(beta)
         value = misfit(beta, linear)
         for _ in range(MODE_STEPS):
-            P, b = self._system(H, h, Q, prior, linear)
+            P, b = self._build_system(H, h, Q, prior, linear)
             d = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
             step = d * multiply_vector(_invert_with_ridge(P * d[:, None] * d)[0], d * b) - beta
             step /= max(float(np.abs(step[z]).max(initial=0.0)), 1.0)  # at most a factor of e per step
@@ -261,11 +208,11 @@ class GridLikelihood:
         Returns:
             The posterior.
         """
-        m = self.marginal(prior, self._equations(prior))
+        m = self.marginal(prior, self._build_equations(prior))
         H, h = m.H, m.h
         L, R = h.shape
-        Q, log_prior = self._contrast(prior.range)
-        P, b = self._system(H, h, Q, prior, linear)
+        Q, log_prior = self._compute_contrast(prior.range)
+        P, b = self._build_system(H, h, Q, prior, linear)
         d = 1.0 / np.sqrt(np.maximum(np.diag(P), np.finfo(float).tiny))
         inverse, log_P = _invert_with_ridge(P * d[:, None] * d)
         covariance = inverse * d[:, None] * d
@@ -306,7 +253,7 @@ class GridLikelihood:
             """What depends on noise and site parts, with the unknowns at their mean and spread."""
             return float(np.sum(m.H_site * around) - 2 * np.sum(m.h_site * at_site)) + m.yy + m.logdet
 
-        equations = self._equations(prior)
+        equations = self._build_equations(prior)
         now = self.marginal(prior, equations)
         for n, (s, c, unit) in enumerate(zip(self.channel_sums, prior.noise, self.unit, strict=True)):
             there = (True, self.clusters.has_cycle, self.clusters.has_visit)
@@ -325,7 +272,7 @@ class GridLikelihood:
         HaH = np.einsum("sij,sjk,ski->si", now.H_site, around, now.H_site)
         each = np.diagonal(now.H_site, axis1=1, axis2=2) - HaH + 2 * Hr * now.h_site - now.h_site**2
         by_site = 2 * (prior.site_spread_share * prior.spread) ** 2 * each.sum(axis=0)[:F]
-        Q = self._contrast(prior.range)[0]
+        Q = self._compute_contrast(prior.range)[0]
         second = np.zeros_like(Q)  # Σ_j E[z_j z_jᵀ] / s_j²
         for j, spread in enumerate(prior.spread):
             own = np.arange(self.cells) * self.joints + j
@@ -334,7 +281,7 @@ class GridLikelihood:
             slope.append(2 * (self.cells - 1 - float(np.sum(Q * moment))) + float(by_site[j]))
         slope.append(float(by_site.sum()))
         if self.smooth:
-            dK = self._kernel(prior.range) * self.distance / prior.range
+            dK = self._compute_kernel(prior.range) * self.distance / prior.range
             # log|K| + log 1ᵀK⁻¹1 has the differential tr(Q dK), and dQ = −Q dK Q
             slope.append(
                 float(np.sum(Q * dK)) * self.joints
@@ -342,12 +289,12 @@ class GridLikelihood:
             )
         return post.value, np.array(slope)
 
-    def _equations(self, prior: GridPrior) -> list[NormalEquations]:
+    def _build_equations(self, prior: GridPrior) -> list[NormalEquations]:
         return [
             build_normal_equations(self.clusters, s, c) for s, c in zip(self.channel_sums, prior.noise, strict=True)
         ]
 
-    def _system(
+    def _build_system(
         self, H: Array, h: Array, Q: Array, prior: GridPrior, linear: LinearisedResponse
     ) -> tuple[Array, Array]:
         """Return P β = b: equations of the places through E, and the prior precision of the cells."""
@@ -359,12 +306,12 @@ class GridLikelihood:
             P[np.ix_(own, own)] += Q / s**2
         return P, linear.E.T @ (h - np.einsum("lij,lj->li", H, linear.u)).reshape(-1)
 
-    def _kernel(self, range_: float) -> Array:
+    def _compute_kernel(self, range_: float) -> Array:
         return np.exp(-self.distance / range_) if self.smooth else np.eye(self.cells)
 
-    def _contrast(self, range_: float) -> tuple[Array, float]:
+    def _compute_contrast(self, range_: float) -> tuple[Array, float]:
         """Return the precision of the cells with their mean integrated out, for s = 1, and log|K| + log(1ᵀ K⁻¹ 1)."""
-        K = self._kernel(range_)
+        K = self._compute_kernel(range_)
         inverse, log_K = _invert_with_ridge(K)
         ones = inverse.sum(axis=1)
         total = float(ones.sum())

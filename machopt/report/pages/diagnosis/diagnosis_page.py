@@ -188,19 +188,19 @@ def _build_findings(data: DiagnosisPageData, have: set[str]) -> Body:
             body += render_part("note", _describe_unexplained(d))
         return build_section("findings", "What is missing", lead, body)
     if d.verdict == "consistent":
-        said = (
+        sentence = (
             "Nothing is missing that these data could show: what is left does not come back when a reading is "
             "repeated. An effect below its detection limit may still be there; the limits are listed below."
         )
     elif d.verdict == "insufficient":
-        said = "Nothing is named, and these readings are too few to say that nothing is missing."
+        sentence = "Nothing is named, and these readings are too few to say that nothing is missing."
     else:
-        said = _describe_unexplained(d)
+        sentence = _describe_unexplained(d)
     return build_section(
         "findings",
         "What is missing",
         f"{d.tried} combinations of law, place and shape were tried.",
-        render_part("note", said),
+        render_part("note", sentence),
     )
 
 

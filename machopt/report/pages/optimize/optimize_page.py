@@ -6,7 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from machopt.report.charts.optimize_charts import Spec, build_figure_specs
+from machopt.report.charts.chart_colours import Spec
+from machopt.report.charts.optimize_charts import build_figure_specs
 from machopt.report.page_shell import build_page_html, build_section
 from machopt.report.page_types.display_units import QUANTITY_LABELS
 from machopt.report.page_types.optimize_page_data import ReportData

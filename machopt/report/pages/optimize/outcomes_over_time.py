@@ -108,7 +108,9 @@ def _draw_bars(plans: Sequence[TradeOffPoint], y0: float) -> list[SvgShape]:
             part = wide * count / max(_count(p), 1)
             if count:
                 title = f"{p.name}: {count} {word}"
-                out.append(build_shape("rect", x=x, y=y, width=part, height=14.0, fill=_hex(colour), title=title))
+                out.append(
+                    build_shape("rect", x=x, y=y, width=part, height=14.0, fill=_format_hex(colour), title=title)
+                )
             x += part
     return [*out, *_draw_legend(y0 + ROW_HEIGHT * len(plans) + 8.0)]
 
@@ -117,13 +119,13 @@ def _draw_legend(y: float) -> list[SvgShape]:
     out: list[SvgShape] = []
     x = NAME_WIDTH + TIME_WIDTH
     for word, colour in OUTCOMES:
-        out.append(build_shape("rect", x=x, y=y, width=12.0, height=12.0, fill=_hex(colour)))
+        out.append(build_shape("rect", x=x, y=y, width=12.0, height=12.0, fill=_format_hex(colour)))
         out.append(build_shape("text", word, class_="tick", x=x + 17, y=y + 10))
         x += 40.0 + CHARACTER_WIDTH * len(word)
     return out
 
 
-def _hex(colour: tuple[int, int, int]) -> str:
+def _format_hex(colour: tuple[int, int, int]) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 

@@ -70,7 +70,7 @@ def _build_points(data: ReportData, found: ToleranceData) -> Body:
         TableColumn("Operation"),
         TableColumn("Outcome", "html"),
         TableColumn("Probability", "n"),
-        *(TableColumn(f"{title} ({_unit(name)})", "n") for name, title in _NAMES.items()),
+        *(TableColumn(f"{title} ({_find_unit(name)})", "n") for name, title in _NAMES.items()),
         TableColumn("Limits"),
         TableColumn("Main cause"),
     ]
@@ -96,7 +96,7 @@ def _format_row(data: ReportData, row: TolerancePointRow) -> tuple[object, ...]:
     )
 
 
-def _unit(name: str) -> str:
+def _find_unit(name: str) -> str:
     return "deg" if name == "axis" else "mm"
 
 

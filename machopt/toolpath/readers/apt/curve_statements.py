@@ -15,7 +15,8 @@ from machopt.path_building.arc_chords import (
     compute_arc_chords,
     compute_spline_chords,
 )
-from machopt.path_building.point_collector import PathBuilder, check_radius
+from machopt.path_building.arc_radius_check import check_radius
+from machopt.path_building.point_collector import PathBuilder
 from machopt.toolpath.readers.apt.statement_parser import parse_groups, parse_leading_numbers, parse_number
 
 _ARC_WORDS = ("TIMES", "ANGLE", "CLOCKWISE", "COUNTERCLOCKWISE", "CLW", "CCLW")  # the axis gives the direction

@@ -11,7 +11,8 @@ import numpy as np
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.path_building.arc_chords import ArcChords, ArcError, compute_arc_chords
-from machopt.path_building.point_collector import Vector, check_radius
+from machopt.path_building.arc_radius_check import check_radius
+from machopt.path_building.point_collector import Vector
 from machopt.path_building.rotary_moves import RotaryTurn
 from machopt.toolpath.readers.gcode.control_state import AXES, ControlState
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourSegment

@@ -229,6 +229,49 @@ def _check_depth_modes(name: str, values: list[float | None]) -> None:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _CyclePecks:
+    """Pecks of a drilling or tapping cycle, in units of the program."""
+
+    first: float = 0.0  # first depth below the reference plane
+    chip_break: bool = False
+    gap: float = 0.0  # way back (VRT), or distance before the feed begins again (DIS1)
+    synchronous: bool = False  # tapped step by step
+    less: float = 0.0  # length by which each peck is shorter
+    share: float = 1.0  # of the peck before
+    least: float = 0.0
+    first_feed: float = 1.0  # share of the feed for the first peck
+
+
+def _parse_pecks(name: str, values: list[float | None], rfp: float) -> _CyclePecks:
+    """Return the pecks of CYCLE83 (FDEP, FDPR, DAM, FRF, VARI, DIS1 or VRT) and CYCLE84 (_VARI, _DAM, _VRT)."""
+    if name == "CYCLE84" and (values[15] or 0.0) % 10 in (1.0, 2.0) and (values[16] or 0.0) > 0.0:
+        return _CyclePecks(
+            first=values[16] or 0.0,
+            chip_break=(values[15] or 0.0) % 10 == 1.0,
+            gap=abs(values[17] or 0.0),
+            synchronous=True,
+        )
+    if name != "CYCLE83":
+        return _CyclePecks()
+    degression, slower = values[7] or 0.0, values[10] or 1.0
+    if not (degression >= -1.0 and 0.0 < slower <= 100.0):
+        raise DrillingCycleError(
+            f"{name}: DAM {degression:g}, FRF {slower:g}; expected a length by which pecks get shorter, or their share "
+            "as -0.001 to -1, and a share of the feed, 0.001 to 1 or in percent"
+        )
+    chip_break = values[11] in (0.0, None)
+    return _CyclePecks(
+        first=rfp - values[5] if values[5] is not None else abs(values[6] or 0.0),
+        chip_break=chip_break,
+        gap=abs(values[14 if chip_break else 16] or 0.0),
+        less=max(degression, 0.0),
+        share=-degression if degression < 0.0 else 1.0,
+        least=max(values[13] or 0.0, 0.0),
+        first_feed=slower if slower <= 1.0 else slower / 100.0,
+    )
+
+
 def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.nan, plane: int = 17) -> DrillingCycle:
     """Parse ``CYCLE8x(RTP, RFP, SDIS, DP, DPR, …)``; its feed is the feed that is active at each hole.
 
@@ -253,25 +296,11 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
     if rtp is None or rfp is None or (dp is None and dpr is None):
         raise DrillingCycleError(f"{name}: expected retract plane, reference plane, safety distance and depth")
     bottom = dp if dp is not None else rfp - abs(dpr or 0.0)
-    deep = name == "CYCLE83"  # … FDEP, FDPR, DAM, DTB, DTS, FRF, VARI, axis, least peck, way back
-    peck = 0.0
-    if deep:
-        peck = rfp - values[5] if values[5] is not None else abs(values[6] or 0.0)
-    dwell = (values[8] if deep else values[5]) or 0.0
-    degression, slower = (values[7] or 0.0, values[10] or 1.0) if deep else (0.0, 1.0)
-    if not (degression >= -1.0 and 0.0 < slower <= 100.0):
-        raise DrillingCycleError(
-            f"{name}: DAM {degression:g}, FRF {slower:g}; expected a length by which pecks get shorter, or their share "
-            "as -0.001 to -1, and a share of the feed, 0.001 to 1 or in percent"
-        )
-    chip_break = deep and values[11] in (0.0, None)
+    dwell = values[8 if name == "CYCLE83" else 5] or 0.0  # DTB
+    pecks = _parse_pecks(name, values, rfp)
     way_in, way_out = _compute_tapping_feeds(name, text, values, scale, rpm)
     if name == "CYCLE85":  # FFR, RFF
         way_in, way_out = ((v or 0.0) * scale for v in values[6:8])
-    gap = abs(values[14 if chip_break else 16] or 0.0) if deep else 0.0  # VRT, or DIS1 behind which it feeds again
-    stepwise = name == "CYCLE84" and (values[15] or 0.0) % 10 in (1.0, 2.0) and (values[16] or 0.0) > 0.0
-    if stepwise:  # _VARI, _DAM, _VRT
-        peck, chip_break, gap = values[16] or 0.0, (values[15] or 0.0) % 10 == 1.0, abs(values[17] or 0.0)
     return DrillingCycle(
         name=name,
         bottom=bottom * scale,
@@ -280,14 +309,14 @@ def parse_siemens_cycle(name: str, text: str, scale: float, rpm: float = math.na
         retract=max(rtp, rfp + abs(sdis or 0.0)) * scale,
         feed=way_in or math.nan,
         feed_back=way_out or math.nan,
-        first_peck=max(peck, 0.0) * scale,
-        chip_break=chip_break,
-        gap=gap * scale or 1.0,
-        synchronous=stepwise,
-        less=max(degression, 0.0) * scale,
-        share=-degression if degression < 0.0 else 1.0,
-        least_peck=max(values[13] or 0.0, 0.0) * scale if deep else 0.0,
-        first_feed=slower if slower <= 1.0 else slower / 100.0,
+        first_peck=max(pecks.first, 0.0) * scale,
+        chip_break=pecks.chip_break,
+        gap=pecks.gap * scale or 1.0,
+        synchronous=pecks.synchronous,
+        less=pecks.less * scale,
+        share=pecks.share,
+        least_peck=pecks.least * scale,
+        first_feed=pecks.first_feed,
         feed_out=name in ("CYCLE84", "CYCLE840", "CYCLE85", "CYCLE89"),
         dwell=dwell if name in _DWELLING else 0.0,
         peck_from=rfp * scale,

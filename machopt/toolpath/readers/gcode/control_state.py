@@ -20,6 +20,7 @@ from machopt.path_building.drilling_cycles import DrillingCycle
 from machopt.path_building.point_collector import PathBuilder, Vector
 from machopt.path_building.rotary_moves import RotaryTurn
 from machopt.toolpath.readers.gcode.canned_cycles import CannedCycle
+from machopt.toolpath.readers.gcode.feed_state import FeedState
 from machopt.toolpath.readers.gcode.geometry.arc_centres import ArcCentres
 from machopt.toolpath.readers.gcode.geometry.contour_corners import ContourCorner, ContourSegment, fit_corner
 from machopt.toolpath.readers.gcode.geometry.coordinate_setup import CoordinateSetup
@@ -37,7 +38,7 @@ _Z = (0.0, 0.0, 1.0)
 AXES = "XYZ"
 
 
-class ControlState:
+class ControlState(FeedState):
     """State of the control while a program is read, and what a block's coordinates do with it."""
 
     format = "gcode"
@@ -68,16 +69,12 @@ class ControlState:
         self.plane = np.array(_Z)
         self.incremental = False
         self.centres = ArcCentres(self.out)
-        self.feed_mode, self.feed, self.rpm = "minute", math.nan, math.nan
-        self.feed_unit = self.scale  # mm per unit of an F that is programmed from here on; NaN: not known
-        self.feed_scale = self.scale  # mm per unit of ``feed``, which keeps what held when it was programmed
+        self.reset_feed(self.scale)
         self.canned: CannedCycle | None = None
         self.back_to_initial = True
         self.retract_said = False  # G98 or G99 was carried out
         self.control = find_control(source)
         self.modal_call: DrillingCycle | None = None
-        self.last_feed = math.nan
-        self.fed_at = 0  # line of the last F
         self.plunges: list[tuple[int, dict[str, float]]] = []
         self.polar = PolarCoordinates()
         self.polar_step: PolarStep | None = None  # of this block, by @ and ^
@@ -399,45 +396,3 @@ class ControlState:
         for (x, y, z), (i, j, k) in zip(points.tolist(), axes.tolist(), strict=True):
             self.out.add((x, y, z), (i, j, k), MoveKind.CUT, feed, line)
         self.p, self.axis, self.lost = to, self.setup.tool_axis(), [""] * 3
-
-    def feed_outlives_its_unit(self) -> bool:
-        """Whether F was programmed under the other of G20 and G21: controls differ in what it is then.
-
-        Fanuc takes the number in the new unit, LinuxCNC keeps the speed; Sinumerik keeps the feed it has.
-        """
-        return not self.siemens and self.feed_scale != self.feed_unit and not math.isnan(self.feed)
-
-    def feed_mm_min(self, length: float, line: int) -> float:
-        """Compute the feed of a block.
-
-        Args:
-            length: Travel of the tool tip, mm.
-            line: Line number in the file (1-based).
-
-        Returns:
-            Feed in mm/min; NaN where none is programmed.
-
-        Raises:
-            InputError: F precedes a change of unit, or must be in this block and is missing.
-        """
-        if self.feed_mode != "inverse":
-            if self.feed_outlives_its_unit():
-                own, new = (("inch" if unit > 1.0 else "mm") for unit in (self.feed_scale, self.feed_unit))
-                raise self.source.build_error(
-                    f"cuts by F{self.feed:g} of line {self.fed_at}, which was in {own}, and the program is in {new} "
-                    f"since: some controls keep the speed, others the number; write F in {new} after that change",
-                    line,
-                )
-            return self.feed * self.feed_scale * (self.rpm if self.feed_mode == "revolution" else 1.0)
-        if self.fed_at != line and not self.siemens:  # of other controls F is for one block, and they alarm without
-            raise self.source.build_error(
-                "a cutting block without F under G93, where F (1/min) is for its own block", line
-            )
-        feed = self.feed * length  # G93: F is 1/min for the block
-        if not (math.isfinite(feed) and feed > 1e-6):
-            if math.isnan(self.feed) or math.isnan(self.last_feed):
-                return math.nan
-            self.out.warn_once("G93 blocks without travel of the tip keep the feed before them", line)
-            return self.last_feed
-        self.last_feed = feed
-        return feed

@@ -125,8 +125,8 @@ class MacroFlow(SubroutineFlow):
         """The next place, or the code to carry out and the next place."""
         line = self.items[at][0]
         if "O" in text:
-            if found := O_WORD.match(self._direct(text)):
-                return self._o_word(at, normalise_label(found.group(1)), found.group(2), found.group(3))
+            if found := O_WORD.match(self._resolve_number(text)):
+                return self._run_o_word(at, normalise_label(found.group(1)), found.group(2), found.group(3))
             if found := _HEAD.fullmatch(text):
                 if self.calls and at != self.calls[-1].start:
                     raise ProgramFlowError("a subprogram runs into the next one; expected M99 before it", line)
@@ -164,9 +164,9 @@ class MacroFlow(SubroutineFlow):
         if found := _CALL.search(text):
             return self._call(at, text, local=found.group(1) == "7")
         if _MACRO.search(text):
-            return self._macro(at, text)
+            return self._call_macro(at, text)
         if _RETURN.search(text):
-            return self._return(at, text)
+            return self._run_return(at, text)
         return text, at + 1
 
     # ---- Fanuc
@@ -181,7 +181,7 @@ class MacroFlow(SubroutineFlow):
             raise ProgramFlowError(f"GOTO {number}: no block N{number} in this program", self.items[at][0])
         return next((k for k in places if k > at), places[0])
 
-    def _return(self, at: int, text: str) -> tuple[str, int]:
+    def _run_return(self, at: int, text: str) -> tuple[str, int]:
         """M99: the other words of its block are carried out, then the program goes back, or to the block P names."""
         line = self.items[at][0]
         to = re.search(r"P\s*([0-9]+)(?:\.0*(?![0-9]))?", text)
@@ -233,7 +233,7 @@ class MacroFlow(SubroutineFlow):
         self._enter(at + 1, start, repeats - 1, line, None)
         return rest, start + 1
 
-    def _macro(self, at: int, text: str) -> tuple[str, int]:
+    def _call_macro(self, at: int, text: str) -> tuple[str, int]:
         """G65: words before it are carried out first, those behind it are the macro's arguments."""
         line = self.items[at][0]
         macro = _MACRO.search(text)

@@ -41,7 +41,7 @@ class ModeReader(SiemensCallReader):
 
     def save_for_call(self) -> None:
         """Save the modes in front of a call of ``PROC … SAVE``."""
-        self.at_calls.append((self._modes(None), self.motion, self.setup.local, self.tilted_plane))
+        self.at_calls.append((self._get_modes(None), self.motion, self.setup.local, self.tilted_plane))
 
     def restore_after_call(self, line: int) -> None:
         """Restore the modes and the kind of motion that held before a call of ``PROC … SAVE``.
@@ -63,7 +63,7 @@ class ModeReader(SiemensCallReader):
         self.restore(modes, line)
         self.feed, self.feed_scale, self.rpm, self.motion = feed, feed_scale, rpm, motion
 
-    def _modes(self, call: object) -> SavedModes:
+    def _get_modes(self, call: object) -> SavedModes:
         return SavedModes(
             call=call,
             scale=self.scale,
@@ -97,7 +97,7 @@ class ModeReader(SiemensCallReader):
         if m != 72:
             self.saved = [s for s in self.saved if s.call is not call]
         if m in (70, 73):
-            self.saved.append(self._modes(call))
+            self.saved.append(self._get_modes(call))
         if m == 72:
             found = next((s for s in self.saved if s.call is call), None)
             if found is None:

@@ -209,7 +209,7 @@ class _DinIsoReader(HeidenhainControlReader):
             if self.incremental:
                 words = {("I" + k if k in "XYZ" else k): v for k, v in words.items()}
                 self.absolute(words, b.line)
-            self._without_increments(words, b)
+            self._remove_increments(words, b)
             return
         if self.incremental:
             words = {("I" + k if k in "XYZABC" else k): v for k, v in words.items()}
@@ -222,7 +222,7 @@ class _DinIsoReader(HeidenhainControlReader):
             self.move(words, b)
         self.incremental = before
 
-    def _without_increments(self, words: dict[str, float], b: ProgramBlock) -> None:
+    def _remove_increments(self, words: dict[str, float], b: ProgramBlock) -> None:
         """G10 to G13: the words are absolute by now."""
         self.incremental, before = False, self.incremental
         self.motion = {10: 0, 11: 1}.get(self.mode, 1)

@@ -95,7 +95,7 @@ class LabelFlow:
                 return "", self._place(found.group(4), at)
             return "", at + 1
         if found := _FN.fullmatch(text):
-            self._formula(int(found.group(1)), f"Q{found.group(2)}", found.group(3))
+            self._evaluate_formula(int(found.group(1)), f"Q{found.group(2)}", found.group(3))
             return "", at + 1
         found = _ASSIGN.fullmatch(text.rstrip("~ "))
         if found:
@@ -105,16 +105,16 @@ class LabelFlow:
         if text.startswith(("L", "G0", "G1")) and not {"Q120", "Q121", "Q122"} & self.q.values.keys():
             text = _COMPUTED.sub(" COMPUTED ", text, count=1)  # places the control worked out for PLANE … STAY
             text = _COMPUTED.sub(" ", text)
-        return _USE.sub(self._value, text), at + 1
+        return _USE.sub(self._format_value, text), at + 1
 
-    def _value(self, found: re.Match[str]) -> str:
+    def _format_value(self, found: re.Match[str]) -> str:
         sign, number = found.group(1) or found.group(3) or "", found.group(2) or found.group(4)
         name = f"Q{number}"
         if name not in self.q.values:
             raise MacroExpressionError(f"{name} is read before it is set")
         return f"{-self.q.values[name] if '-' in sign else self.q.values[name]:+.9f}"
 
-    def _formula(self, number: int, name: str, text: str) -> None:
+    def _evaluate_formula(self, number: int, name: str, text: str) -> None:
         if number == 0:
             self.q.values[name] = self.q.value(text)
         elif number in _OPERATORS and _OPERATORS[number] in text:

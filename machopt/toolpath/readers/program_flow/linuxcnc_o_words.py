@@ -70,7 +70,7 @@ class SubroutineFlow:
             self.parameters.leave()
         return call.back
 
-    def _direct(self, text: str) -> str:
+    def _resolve_number(self, text: str) -> str:
         """``O[#1+2] CALL`` with the number it means."""
         found = _O_INDIRECT.match(text)
         if not found:
@@ -84,7 +84,7 @@ class SubroutineFlow:
                 return k
         raise ProgramFlowError(f"O{label} has no {' or '.join(words)}", self.items[after][0])
 
-    def _back(self, label: str, before: int, words: tuple[str, ...]) -> int:
+    def _return_from_call(self, label: str, before: int, words: tuple[str, ...]) -> int:
         for k, word in reversed(self.o_words[label]):
             if k < before and word in words:
                 return k
@@ -101,7 +101,7 @@ class SubroutineFlow:
         self.parameters.values.update({"<_VALUE>": found, "<_VALUE_RETURNED>": float(bool(value))})
         return back
 
-    def _o_word(self, at: int, label: str, word: str, rest: str) -> int | tuple[str, int]:
+    def _run_o_word(self, at: int, label: str, word: str, rest: str) -> int | tuple[str, int]:
         number = self.parameters.number
         line, loop = self.items[at][0], (len(self.calls), label)
         if word in _ALONE and rest:
@@ -123,17 +123,17 @@ class SubroutineFlow:
                 raise ProgramFlowError(f"O{label} {word} outside of a call", line)
             return self._end_sub(at, rest)
         if word == "IF":
-            return self._branch(at, label, taken=bool(number(rest)))
+            return self._find_branch_end(at, label, taken=bool(number(rest)))
         if word in ("ELSEIF", "ELSE"):  # reached from the part before it, which was carried out
             return self._find(label, at, ("ENDIF",)) + 1
         if word == "WHILE":
             here = self.o_words[label]
             loop_of_do = [w for k, w in here if k < at and w in ("DO", "ENDWHILE")][-1:] == ["DO"]
             if loop_of_do:
-                return self._back(label, at, ("DO",)) + 1 if number(rest) else at + 1
+                return self._return_from_call(label, at, ("DO",)) + 1 if number(rest) else at + 1
             return at + 1 if number(rest) else self._find(label, at, ("ENDWHILE",)) + 1
         if word == "ENDWHILE":
-            return self._back(label, at, ("WHILE",))
+            return self._return_from_call(label, at, ("WHILE",))
         if word == "REPEAT":
             end = self._find(label, at, ("ENDREPEAT",))
             times = round(number(rest))
@@ -150,7 +150,7 @@ class SubroutineFlow:
             return end + 1 if word == "BREAK" else end
         return at + 1
 
-    def _branch(self, at: int, label: str, *, taken: bool) -> int:
+    def _find_branch_end(self, at: int, label: str, *, taken: bool) -> int:
         while not taken:
             at = self._find(label, at, ("ELSEIF", "ELSE", "ENDIF"))
             found = O_WORD.match(self.items[at][1])

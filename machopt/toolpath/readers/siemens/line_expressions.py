@@ -63,7 +63,7 @@ class LineEvaluator:
         while at < len(code):
             found = _ASSIGN.match(code, at)
             if found and code[found.end() : found.end() + 1] != '"':
-                one, at = self._assignment(code, found)
+                one, at = self._parse_assignment(code, found)
                 parts.append(one)
                 continue
             call = _CALL.match(code, at)
@@ -79,9 +79,9 @@ class LineEvaluator:
         return parts
 
     def _build_call(self, head: str, arguments: list[str]) -> Callable[[], str]:
-        return lambda: head + ",".join(map(self._argument, arguments)) + ")"
+        return lambda: head + ",".join(map(self._evaluate_argument, arguments)) + ")"
 
-    def _assignment(self, code: str, found: re.Match[str]) -> tuple[Callable[[], str], int]:
+    def _parse_assignment(self, code: str, found: re.Match[str]) -> tuple[Callable[[], str], int]:
         """One ``name = expression`` and the place after it; what stays a word of the block comes back as text."""
         written = found.group(1)
         fixed = None if "[" in written else written  # the name of an element follows from its index
@@ -109,7 +109,7 @@ class LineEvaluator:
 
         return carry_out, end if mode is None else end + 1
 
-    def _argument(self, text: str) -> str:
+    def _evaluate_argument(self, text: str) -> str:
         part = text.strip()
         if not part or part.startswith('"') or _PLAIN_NUMBER.fullmatch(part):
             return text

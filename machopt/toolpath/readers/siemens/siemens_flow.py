@@ -97,7 +97,7 @@ class SiemensFlow:
         for k, (line, label, code, _) in enumerate(self.items):
             if label:
                 self.labels.setdefault(label, []).append(k)
-            word = self._block_word(code)
+            word = self._find_block_word(code)
             if word is None:
                 continue
             if word in _BLOCKS:
@@ -126,7 +126,7 @@ class SiemensFlow:
         if opened:
             raise ProgramFlowError(f"a block is never closed; expected {opened[-1][0]}", self.items[opened[-1][1]][0])
 
-    def _block_word(self, code: str) -> str | None:
+    def _find_block_word(self, code: str) -> str | None:
         found = _WORD.fullmatch(code)
         if not found or _IF_GOTO.fullmatch(code):
             return None
@@ -154,10 +154,10 @@ class SiemensFlow:
             try:
                 if self.frames and not self.frames[-1].program.first <= at < self.frames[-1].program.last:
                     self.notes.append("a subprogram without M17 or RET returns at its end")
-                    text, at = self._return()
+                    text, at = self._run_return()
                 else:
                     text, at = self._step(at, code)
-                at = self._part_end(before, at, returned=len(self.frames) < frames)
+                at = self._find_next_after_part(before, at, returned=len(self.frames) < frames)
             except MacroExpressionError as problem:
                 raise ProgramFlowError(str(problem), line) from problem
             guard.count_idle_lines(anything=bool(text), line=line)
@@ -193,17 +193,17 @@ class SiemensFlow:
                 return "M30", len(self.items)  # the main program ran to its end
             return "", at + 1
         if found := _IF_GOTO.fullmatch(code):
-            return "", self._jump(found.group(2), found.group(3), at) if value(found.group(1)) else at + 1
+            return "", self._run_jump(found.group(2), found.group(3), at) if value(found.group(1)) else at + 1
         if found := _GOTO.fullmatch(code):
-            return "", self.owners[at].first if found.group(3) else self._jump(found.group(1), found.group(2), at)
+            return "", self.owners[at].first if found.group(3) else self._run_jump(found.group(1), found.group(2), at)
         if found := _CASE.fullmatch(code):
-            return "", self._case(at, *found.groups())
+            return "", self._run_case(at, *found.groups())
         if found := _DEF.fullmatch(code):
             self._define(*found.groups())
             return "", at + 1
-        word = self._block_word(code)
+        word = self._find_block_word(code)
         if word is not None:
-            return "", self._block(word, at, code)
+            return "", self._run_block(word, at, code)
         if found := REPEAT.fullmatch(code):
             return "", self._repeat(at, found.groups())
         if code.startswith("REPEAT"):
@@ -213,13 +213,13 @@ class SiemensFlow:
         if '"' not in code and (found := _RETURN.search(code)) and (self.frames or found.group() != "M99"):
             text = self.lines.replace_expressions(_RETURN.sub(" ", code))  # other words of the block come first
             if self.frames:
-                back, at = self._return()
+                back, at = self._run_return()
                 return f"{text} {back}".strip(), at
             return f"{text} M30", len(self.items)
         if self.frames and '"' not in code and _END.search(code):
             self.notes.append("M2 or M30 in a subprogram is read as its return, like M17")
             text = self.lines.replace_expressions(_END.sub(" ", code))
-            back, at = self._return()
+            back, at = self._run_return()
             return f"{text} {back}".strip(), at
         if call := parse_call(code, self.call_pattern):
             return self._call(at, call)
@@ -253,7 +253,7 @@ class SiemensFlow:
         enter_call(call, self.variables)
         return SAVE_MODES if call.program.saves_modes else "", call.program.first
 
-    def _return(self) -> tuple[str, int]:
+    def _run_return(self) -> tuple[str, int]:
         """Return from a subprogram, or begin its next pass; the text restores the modes where it saved them."""
         call = self.frames.pop()
         leave_call(call, self.variables)
@@ -267,7 +267,7 @@ class SiemensFlow:
             return NEXT_PASS if text else "", call.program.first
         return text, call.back
 
-    def _places(self, label: str, at: int) -> list[int]:
+    def _list_places(self, label: str, at: int) -> list[int]:
         """Places of a label or block number in the program of a line."""
         if label.startswith("N") and label[1:].isdigit():
             number = re.compile(rf"N0*{int(label[1:])}(?![0-9])")
@@ -281,10 +281,10 @@ class SiemensFlow:
         block, first, second, formula, number = words
         line = self.items[at][0]
         assert first is not None
-        ends = self._places(second, at) if second else []
+        ends = self._list_places(second, at) if second else []
         found: tuple[int, int] | str = f"{second} is not in this program"
         if ends or not second:
-            found = find_part(bool(block), self._places(first, at), ends, self._places("ENDLABEL", at), at)
+            found = find_part(bool(block), self._list_places(first, at), ends, self._list_places("ENDLABEL", at), at)
         if isinstance(found, str):
             raise ProgramFlowError(f"REPEAT{block} {first}: {found}", line)
         count = self.variables.value(formula or number or "1")
@@ -297,7 +297,7 @@ class SiemensFlow:
         self.parts.append(RepeatedPart(*found, round(count) - 1, at + 1, len(self.frames)))
         return found[0]
 
-    def _part_end(self, before: int, at: int, *, returned: bool) -> int:
+    def _find_next_after_part(self, before: int, at: int, *, returned: bool) -> int:
         """Where to go on after a line that may be the last one of a repeated part."""
         while self.parts:
             part = self.parts[-1]
@@ -310,8 +310,8 @@ class SiemensFlow:
             before, at = part.back - 1, part.back
         return at
 
-    def _jump(self, word: str, label: str, at: int) -> int:
-        places = self._places(label, at)
+    def _run_jump(self, word: str, label: str, at: int) -> int:
+        places = self._list_places(label, at)
         ahead, behind = [k for k in places if k > at], [k for k in places if k <= at]
         order = {"GOTOF": ahead, "GOTOB": behind[::-1]}.get(word, ahead + behind[::-1])
         if not order:
@@ -324,7 +324,7 @@ class SiemensFlow:
         self.parts = [p for p in self.parts if p.depth != len(self.frames) or p.first <= order[0] <= p.last]
         return order[0]
 
-    def _case(self, at: int, formula: str, branches: str) -> int:
+    def _run_case(self, at: int, formula: str, branches: str) -> int:
         """CASE value OF number GOTOF label … DEFAULT GOTOF label."""
         found = list(_CASE_BRANCH.finditer(branches))
         if not found or "".join(f.group() for f in found) != branches.rstrip():
@@ -334,10 +334,10 @@ class SiemensFlow:
             raise MacroExpressionError(f"CASE {value:g}: expected a whole number to compare with")
         for branch in found:
             if branch.group(1) == "DEFAULT" or float(branch.group(1)) == value:
-                return self._jump(branch.group(2), branch.group(3), at)
+                return self._run_jump(branch.group(2), branch.group(3), at)
         return at + 1
 
-    def _block(self, word: str, at: int, code: str) -> int:
+    def _run_block(self, word: str, at: int, code: str) -> int:
         found = _WORD.fullmatch(code)
         assert found is not None
         rest, value = found.group(2), self.variables.value
@@ -346,16 +346,16 @@ class SiemensFlow:
         if word == "WHILE":
             return at + 1 if value(rest) else self.partner[at] + 1
         if word == "FOR":
-            return self._for(at, code)
+            return self._run_for(at, code)
         if word == "ENDFOR":
-            return self._next(at)
+            return self._run_next(at)
         if word == "UNTIL":
             return at + 1 if value(rest) else self.loop_of[at] + 1
         if word in ("ENDWHILE", "ENDLOOP"):
             return self.loop_of[at]
         return self.partner[at] + 1 if word == "ELSE" else at + 1
 
-    def _for(self, at: int, code: str) -> int:
+    def _run_for(self, at: int, code: str) -> int:
         found = _FOR.fullmatch(code)
         if not found:
             raise ProgramFlowError("expected FOR name = value TO value", self.items[at][0])
@@ -369,7 +369,7 @@ class SiemensFlow:
         self.limits[at] = end
         return at + 1 if self.variables.values[name] <= self.limits[at] else self.partner[at] + 1
 
-    def _next(self, at: int) -> int:
+    def _run_next(self, at: int) -> int:
         start = self.loop_of[at]
         found = _FOR.fullmatch(self.items[start][2])
         assert found is not None

@@ -36,7 +36,7 @@ class RowTable(Protocol):
     @property
     def columns(self) -> CsvColumns: ...
 
-    def modal(self, name: str, n: int) -> tuple[WordColumn, NDArray[np.int64]]:
+    def read_modal_column(self, name: str, n: int) -> tuple[WordColumn, NDArray[np.int64]]:
         """Return the words of a column and the row whose word is valid at each row.
 
         Args:
@@ -48,7 +48,7 @@ class RowTable(Protocol):
         """
         ...
 
-    def tools(self, n: int) -> tuple[NDArray[np.int64], list[str]]:
+    def read_tools(self, n: int) -> tuple[NDArray[np.int64], list[str]]:
         """Return the tool of each row.
 
         Args:
@@ -83,22 +83,22 @@ def find_hole_rows(table: RowTable, move: NDArray[np.int32]) -> NDArray[np.bool_
     Raises:
         InputError: an unknown word, or an option that the table contradicts.
     """
-    names, asked, n = table.names, table.options.kind, len(move)
+    names, requested, n = table.names, table.options.kind, len(move)
     if "kind" in names:
-        if asked is not None:
+        if requested is not None:
             raise table.source.build_error(
-                f"--kind {asked} has no effect: the table has a column kind", table.header_line
+                f"--kind {requested} has no effect: the table has a column kind", table.header_line
             )
         is_hole = _read_kind_column(table, n)
     elif "move" in names:
-        if asked is not None:
+        if requested is not None:
             raise table.source.build_error(
-                f"--kind {asked} has no effect: the table has a column move, which says how the tool moves",
+                f"--kind {requested} has no effect: the table has a column move, which says how the tool moves",
                 table.header_line,
             )
         return np.zeros(n, bool)
     else:
-        is_hole = np.full(n, asked == "holes")
+        is_hole = np.full(n, requested == "holes")
     wrong = is_hole & (move != MoveKind.CUT)
     if wrong.any():
         at = int(np.argmax(wrong))
@@ -130,7 +130,7 @@ def refuse_possible_holes(table: RowTable, numbers: Array, starts: list[int]) ->
 
 
 def _read_kind_column(table: RowTable, n: int) -> NDArray[np.bool_]:
-    words, rows = table.modal("kind", n)
+    words, rows = table.read_modal_column("kind", n)
     kinds = [w.strip().lower() for w in words.names]
     strange = np.array([bool(k) and k not in _KINDS for k in kinds])[words.codes]
     if strange.any():
@@ -191,7 +191,7 @@ def refuse_ways_through_material(
     """
     cut = ~is_hole & (move == MoveKind.CUT)
     entered = np.flatnonzero(cut[1:] & is_hole[:-1]) + 1
-    tool = table.tools(len(move))[0]
+    tool = table.read_tools(len(move))[0]
     for at in (np.flatnonzero(is_hole[1:] & cut[:-1] & (tool[1:] == tool[:-1])) + 1).tolist():
         axis = numbers[at, 3:6] / max(float(np.linalg.norm(numbers[at, 3:6])), 1e-12)
         if float((numbers[at - 1, :3] - numbers[at, :3]) @ axis) < clear[at] - 1e-9:

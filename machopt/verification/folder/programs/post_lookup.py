@@ -15,7 +15,8 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import OptionError
 from machopt.kinematics.controller_posture import compute_controller_posture
 from machopt.kinematics.machine import load_machine
-from machopt.kinematics.robot import Robot, load_robot
+from machopt.kinematics.robot import Robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.output.file_hashes import compute_sha256
 from machopt.planning.motion.motion_segment import BEND

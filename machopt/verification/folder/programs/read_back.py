@@ -24,7 +24,7 @@ from machopt.data_types.robot_program import RobotController
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.kinematics.controller_posture import compute_controller_posture
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.programs.checking.configuration_check import find_first_difference
 from machopt.programs.maker_registry import find_language, load_checks

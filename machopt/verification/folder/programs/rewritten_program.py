@@ -15,7 +15,7 @@ from machopt.data_types.robot_program import LIN, RobotController, RobotProgram
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import InputError
 from machopt.kinematics.controller_posture import compute_controller_posture
-from machopt.kinematics.robot import load_robot
+from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram

@@ -122,9 +122,9 @@ class BlockReader:
             return ProgramBlock(
                 line=line, words=[(a, float("".join(n.split()))) for a, n in _WORD.findall(text)], text=text
             )
-        return self._slow(line, text)
+        return self._parse_slowly(line, text)
 
-    def _slow(self, line: int, text: str) -> ProgramBlock:
+    def _parse_slowly(self, line: int, text: str) -> ProgramBlock:
         block = ProgramBlock(line=line, words=[], text=text)
         at = 0
         text = text.rstrip()

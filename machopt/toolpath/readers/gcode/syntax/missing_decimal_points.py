@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from machopt.file_formats.source_file import ReadOptions, SourceFile
 from machopt.toolpath.readers.gcode.syntax.blocks import BlockReader
@@ -105,6 +105,47 @@ def _iterate_length_words(source: SourceFile, blocks: BlockReader) -> Iterator[_
                 yield _LengthWord(found.group(1), found.group(4), line, found.group().strip())
 
 
+@dataclass(kw_only=True)
+class _LengthWordSurvey:
+    """How the lengths of a file are written."""
+
+    marked: int = 0  # coordinates with a point at their end
+    pointed: int = 0  # coordinates with decimals
+    bare: int = 0  # lengths without a point and without leading zeros
+    marks_whole: bool = False  # a whole number other than zero is written with a point at its end
+    zeros: _LengthWord | None = None  # the first one with leading zeros
+    first: _LengthWord | None = None  # the first one without a point
+    large: list[_LengthWord] = field(default_factory=list)  # examples without a point, large for either limit
+
+    @property
+    def has_points(self) -> bool:
+        return bool(self.marked or self.pointed)
+
+    def find_too_large(self) -> _LengthWord | None:
+        """Return the first number without a point that is too large for whole units."""
+        least = _LARGE if self.pointed and not self.marked else _LARGE_WITHOUT
+        return next((w for w in self.large if int(w.number) >= least), None)
+
+
+def _survey_length_words(source: SourceFile, blocks: BlockReader) -> _LengthWordSurvey:
+    """Return how the lengths of a file are written."""
+    survey = _LengthWordSurvey()
+    for word in _iterate_length_words(source, blocks):
+        if not word.bare:
+            if word.letter in "XYZ":
+                whole = word.number.endswith(".")
+                survey.marked += whole
+                survey.marks_whole = survey.marks_whole or (whole and float(word.number) > 0.0)
+                survey.pointed += not whole
+        elif (size := int(word.number)) > 0:
+            survey.zeros = survey.zeros or (word if word.leading_zeros else None)
+            survey.bare += not word.leading_zeros
+            survey.first = survey.first or word
+            if size >= _LARGE_WITHOUT and (not survey.large or (size >= _LARGE and len(survey.large) < _EXAMPLES)):
+                survey.large.append(word)
+    return survey
+
+
 def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
     """Require the option for the decimals of a G-code file whose numbers are ambiguous.
 
@@ -128,44 +169,30 @@ def check_decimals(source: SourceFile, blocks: BlockReader) -> str:
     _check_pecks(source, blocks)
     if source.find_line(_BARE) is None:
         return ""
-    marked = pointed = bare = 0
-    marks_whole = False  # a whole number other than zero is written with a point at its end
-    zeros: _LengthWord | None = None
-    first: _LengthWord | None = None
-    large: list[_LengthWord] = []
-    for word in _iterate_length_words(source, blocks):
-        if not word.bare:
-            if word.letter in "XYZ":
-                marked += word.number.endswith(".")
-                marks_whole = marks_whole or (word.number.endswith(".") and float(word.number) > 0.0)
-                pointed += not word.number.endswith(".")
-        elif (size := int(word.number)) > 0:
-            zeros = zeros or (word if word.leading_zeros else None)
-            bare += not word.leading_zeros
-            first = first or word
-            if size >= _LARGE_WITHOUT and (not large or (size >= _LARGE and len(large) < _EXAMPLES)):
-                large.append(word)
-    if zeros is not None:
-        raise _build_decimals_question(source, f"{zeros.text} has leading zeros and no decimal point", zeros.line)
+    words = _survey_length_words(source, blocks)
+    if words.zeros is not None:
+        raise _build_decimals_question(
+            source, f"{words.zeros.text} has leading zeros and no decimal point", words.zeros.line
+        )
     control = find_control(source)
-    is_ambiguous = first is not None and marks_whole and control != "linuxcnc"
+    first = words.first
+    is_ambiguous = first is not None and words.marks_whole and control != "linuxcnc"
     if source.find_line(_EXPRESSIONS) is not None and not is_ambiguous:  # in expressions whole numbers are usual
         return ""
-    least = _LARGE if pointed and not marked else _LARGE_WITHOUT
-    doubted = next((w for w in large if int(w.number) >= least), None)
-    if doubted is not None:
-        which = "other numbers" if pointed or marked else "no number"
-        has = "have" if pointed or marked else "has"
+    large = words.find_too_large()
+    if large is not None:
+        others = "other numbers of the file have" if words.has_points else "no number of the file has"
         raise _build_decimals_question(
-            source, f"{doubted.text} has no decimal point ({which} of the file {has} a decimal point)", doubted.line
+            source, f"{large.text} has no decimal point ({others} a decimal point)", large.line
         )
     if is_ambiguous and first is not None:
         raise _build_decimals_question(
             source,
-            f"{first.text} has no decimal point ({pointed + marked} coordinates have one, {bare} have none)",
+            f"{first.text} has no decimal point ({words.pointed + words.marked} coordinates have one, "
+            f"{words.bare} have none)",
             first.line,
         )
-    if first is None or not (marked or pointed) or control == "linuxcnc":
+    if first is None or not words.has_points or control == "linuxcnc":
         return ""
     return (
         f"lengths without a decimal point count whole units (first {first.text}, line {first.line}); where a parameter "
