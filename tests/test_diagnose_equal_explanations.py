@@ -16,7 +16,7 @@ from test_effects import posed
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.protocol import UNCATALOGUED
-from machopt.kinematics.robot import load_masses, load_robot
+from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings

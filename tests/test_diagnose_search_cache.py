@@ -13,7 +13,7 @@ import simulated_load_tests
 
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
 from machopt.data_types.stiffness import ArmStiffness, StiffnessTerm
-from machopt.kinematics.robot import load_masses
+from machopt.kinematics.urdf_loading import load_masses
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
 from machopt.measurement.diagnosis.effect_columns import structural_compliance
 from machopt.measurement.diagnosis.model_selection import selection_pipeline, unmodelled_slip_and_external_forces
