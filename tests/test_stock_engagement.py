@@ -25,6 +25,7 @@ from stock_jobs import (
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.tool_selection import split_into_tool_segments
 from machopt.cli import main
+from machopt.data_types.stock import StockEngagement
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.errors import InputError
 from machopt.process.binding.cutting_tools import build_milling_cutter
@@ -182,6 +183,12 @@ def test_arcs_10_degrees_or_a_fifth_wrong_fail_anywhere_along_a_cut(
         assert not is_passed(np.arccos(1.0 - factor * (1.0 - np.cos(inner))))
 
 
+def list_arcs(contact: StockEngagement, point: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (n,) rad the arcs of the slices of a point, and (n,) m their heights."""
+    mine = contact.point == point
+    return (contact.end - contact.start)[mine], (contact.high - contact.low)[mine]
+
+
 def test_an_axis_that_turns_a_little_changes_the_contact_a_little(tmp_path: Path) -> None:
     cell, file = write_job(tmp_path, build_pass(3e-3, 5e-3))
     level = attach(cell, file)[0].toolpath.engagement
@@ -196,6 +203,8 @@ def test_an_axis_that_turns_a_little_changes_the_contact_a_little(tmp_path: Path
         for name, choose in (("low", np.min), ("high", np.max), ("start", np.min), ("end", np.max)):
             a, b = (choose(getattr(e, name)[e.point == point]) for e in (level, turned))
             assert abs(a - b) < (0.05e-3 if name in ("low", "high") else 0.03)
+        a, b = (np.average(arc, weights=height) for arc, height in (list_arcs(e, point) for e in (level, turned)))
+        assert abs(a - b) < 0.03
 
 
 def test_a_stock_of_too_many_cells_names_the_cell_size_where_the_axis_turns(tmp_path: Path) -> None:

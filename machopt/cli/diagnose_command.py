@@ -123,6 +123,9 @@ def format_diagnosis_summary(result: DiagnosisDocument) -> list[str]:
     Args:
         result: Content of diagnosis.json.
     """
+    from machopt.effects.effect_wording import format_effect_at_place
+    from machopt.effects.protocol import UNCATALOGUED
+
     unit = result.rmse_unit
     first, last = result.baseline, result.final
     lines = [
@@ -147,7 +150,10 @@ def format_diagnosis_summary(result: DiagnosisDocument) -> list[str]:
             f"{_format_size(f.heldout_rmse_after, unit)}, "
             f"p {_format_number(f.p_value)}"
         )
-        others = [f"{effect} {location}" for effect, location in f.one_of[1:]]
+        others = [
+            format_effect_at_place(effect, location) if effect == UNCATALOGUED else f"{effect} {location}"
+            for effect, location in f.one_of[1:]
+        ]
         if others:
             lines.append(f"       these data cannot distinguish it from: {', '.join(others)}")
     if result.verdict in ("unexplained", "partly_explained"):

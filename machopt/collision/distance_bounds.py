@@ -111,7 +111,8 @@ class MotionRows:
     def _fill_bounds(self, start: int) -> None:
         pairs, rows = self.pairs, slice(start, start + BLOCK_ROWS)
         _bound_pair_distances(
-            self._relative[:, rows],
+            self._relative,
+            start,
             pairs.group,
             pairs.flip,
             pairs.to_box,
@@ -217,6 +218,7 @@ class DistanceMemory:
 @jit_compile
 def _bound_pair_distances(
     relative: Array,
+    first: int,
     group: NDArray[np.int64],
     flip: Bools,
     to_box: Array,
@@ -229,7 +231,8 @@ def _bound_pair_distances(
     """Write the (S, P) distances in m of the spheres around one body of each pair from the box around the other.
 
     Args:
-        relative: (G, S, 4, 4) pose of the second body's link relative to the first one's, by pair of links.
+        relative: (G, N, 4, 4) pose of the second body's link relative to the first one's, by pair of links.
+        first: first of the S rows.
         group: (P,) index into them.
         flip: (P,) the spheres are around the first body.
         to_box: (P, 3, 4) frame of the box from the link of its body.
@@ -240,9 +243,9 @@ def _bound_pair_distances(
         bound: (S, P) m, output.
     """
     local, place = np.empty((3, 4)), np.empty((3, 4))
-    for s in range(relative.shape[1]):
+    for s in range(len(bound)):
         for p in range(len(group)):
-            link = relative[group[p], s]
+            link = relative[group[p], first + s]
             for i in range(3):
                 place[i, 3] = link[i, 3]
                 for j in range(3):

@@ -38,7 +38,7 @@ class ReadingOptionKeys(StrictSchema):
 
 
 class CommonJobKeys(StrictSchema):
-    """What stands for a job, or for all jobs of a list."""
+    """Keys of one job, or of all jobs of a list."""
 
     time_limit_s: float | None = Field(default=None, gt=0, description="seconds a job may take")
     memory_limit_MiB: float | None = Field(default=None, gt=0, description="memory a job may use")

@@ -100,15 +100,15 @@ class PlacementSite:
             out.append(_combine_tools(found, [task.cut_length for task in job]))
         return tuple(out)
 
-    def evaluate_candidate(self, asked: CandidateQuery) -> PlacementCandidate:
+    def evaluate_candidate(self, candidate: CandidateQuery) -> PlacementCandidate:
         """Assess a place.
 
         Args:
-            asked: place to assess.
+            candidate: place to assess.
         """
-        number, shift = asked.number, asked.shift
-        if asked.refusal_reason:
-            return PlacementCandidate(number=number, shift=shift, refused=asked.refusal_reason)
+        number, shift = candidate.number, candidate.shift
+        if candidate.refusal_reason:
+            return PlacementCandidate(number=number, shift=shift, refused=candidate.refusal_reason)
         found = self.estimate_jobs(shift)
         last = found[-1]
         if not last.is_reachable:

@@ -70,7 +70,7 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     (
         "collision.distance_bounds",
         "_bound_pair_distances",
-        f"Array(float64, 4, 'A'),{_I1},b1[::1],{_F3},{_F2},{_I1},{_F2},{_F1},{_F2}",
+        f"f8[:,:,:,::1],i8,{_I1},b1[::1],{_F3},{_F2},{_I1},{_F2},{_F1},{_F2}",
     ),
     ("collision.distance_bounds", "_find_farther", f"{_F2},{_F1},{_F2},{_F1},{_F1}"),
     (

@@ -17,9 +17,9 @@ from machopt.numerics.array_types import Array
 _CONTINUOUS = 2 * math.pi  # rad, taken on both sides for a continuous joint
 _SLACK = math.radians(0.01)  # rad (or 0.17 mm); a position limit may exceed the URDF's by its rounding
 _TURNED = 3 * math.pi + 1e-9  # rad; the planner looks for one whole turn more to either side of ±180°
-_RAD_LOOK = 7.0  # deg/s; industrial arms are slower than 7 rad/s and faster than 7 deg/s
+_RAD_GUESS = 7.0  # deg/s; industrial arms are slower than 7 rad/s and faster than 7 deg/s
 _SAME = 0.5, 1.5  # of the URDF's number: a cell's speeds are mostly its own, or somewhat below
-_FASTER = 1.001  # share of the URDF's velocity above which the cell's is worth a word
+_FASTER = 1.001  # share of the URDF's velocity above which a warning is given
 
 
 def read_limits(chain: JointChain, keys: CellKeys, document: YamlDocument, warnings: list[str]) -> JointLimits:
@@ -82,7 +82,7 @@ def _list_velocity_warnings(chain: JointChain, velocity_deg_s: Sequence[float], 
     turning = [(v, j.velocity) for j, v in given if j in chain.arm and j.kind != "prismatic"]
     # The URDF has rad/s by its own definition: much the same numbers are that, too. NaN compares false.
     as_in_urdf = all(_SAME[0] * urdf < v < _SAME[1] * urdf for v, urdf in turning)
-    if turning and (max(v for v, _ in turning) < _RAD_LOOK or as_in_urdf):
+    if turning and (max(v for v, _ in turning) < _RAD_GUESS or as_in_urdf):
         warnings.append(f"robot.limits.velocity_deg_s {velocity_deg_s} looks like rad/s; deg/s is expected")
     fast = [
         j.name for i, j in enumerate(chain.moving) if speed[i] > _FASTER * j.velocity > 0

@@ -47,7 +47,7 @@ PASSES = 2  # iterations of −d and its configuration; the second changes |d| b
 KEPT = 0.8  # share of the singularity margins that a shifted point must still keep
 LENGTHS = (0.005, 0.010, 0.020, 0.040)  # m, ℓ: the shorter, the smaller the residual at corners
 STEEPEST = 0.1  # m/m: the path deviates by less than 6° from the programmed direction
-MENDS = 1.05  # times the deflection it is compared with: the pose changes slightly within 2ℓ
+CORRECTION_MARGIN = 1.05  # times the deflection it is compared with: the pose changes slightly within 2ℓ
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of a segment, where the residual is computed
 
 
@@ -135,12 +135,12 @@ def _find_refused_points(plan: Plan, offset: Array, length: float, fade: float) 
     size, slope = np.linalg.norm(offset, axis=1), compute_offset_slope(path, offset)
     deflection = _compute_greatest_nearby(path, plan, 2.0 * max(length, fade))
     out = {}
-    for p in np.flatnonzero((size > most) | (slope > STEEPEST) | (size > MENDS * deflection + NOTHING)):
+    for p in np.flatnonzero((size > most) | (slope > STEEPEST) | (size > CORRECTION_MARGIN * deflection + NOTHING)):
         message = f"the shift against the deflection is refused: it is {1e3 * size[p]:.3f} mm"
         if size[p] > most:
             out[int(p)] = f"{message}, more than compensation_max_mm {1e3 * most:g}"
-        elif size[p] > MENDS * deflection[p] + NOTHING:
-            out[int(p)] = f"{message}, more than the {1e3 * deflection[p]:.3f} mm that it mends"
+        elif size[p] > CORRECTION_MARGIN * deflection[p] + NOTHING:
+            out[int(p)] = f"{message}, more than the {1e3 * deflection[p]:.3f} mm that it corrects"
         else:
             out[int(p)] = f"{message} and changes by {slope[p]:.3f} mm per mm of path, more than {STEEPEST:g}"
     return out

@@ -67,9 +67,9 @@ def locate_poses(plan: Plan, chosen: ScoredAssignment, index: Array) -> TargetPo
     ok = np.where((a.reason == InfeasibilityReason.OK)[:, None], a.q, np.nan)
     q = np.where(f >= 1.0, ok[after], (1.0 - f) * ok[before] + f * ok[after])
     external = path.external[after]
-    unshifted = np.zeros_like(path.position) if plan.compensation is None else plan.compensation.offset
+    shift = np.zeros_like(path.position) if plan.compensation is None else plan.compensation.offset
     is_own = chosen is plan.chosen
-    offset = (1.0 - f) * unshifted[before] + f * unshifted[after] if is_own else np.zeros((len(index), 3))
+    offset = (1.0 - f) * shift[before] + f * shift[after] if is_own else np.zeros((len(index), 3))
     across = compute_sideways_directions(path)
     axis = interpolate_axis(path.axis[before], path.axis[after], f[:, 0])
     travel = np.where(f >= 1.0, across[after], across[before])

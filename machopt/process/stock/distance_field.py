@@ -1,7 +1,7 @@
 """Stock as signed distances on a grid, for tool axes that turn against the stock.
 
-The grid has cubic cells and stands askew in the CAM frame by a degree or two: along its own axes a flat surface or an
-edge would keep one place in its cells, and one error of the volume, over its whole length. A value is the signed
+The grid has cubic cells and is rotated by a degree or two against the CAM frame: along its own axes a flat surface or
+an edge would keep one place in its cells, and one error of the volume, over its whole length. A value is the signed
 distance of the cell's centre from the surface, negative in the material, limited to ``LIMIT`` cells. Only blocks of
 cells that the surface crosses are stored: memory grows with the surface and not with the volume. A cutter that covers
 part of a cell changes its distance, so that boundaries and volumes are better than the cell size.
@@ -22,15 +22,19 @@ from machopt.process.stock.field_types import BLOCK, CELLS, EDGE, KNOTS, SOLID, 
 
 MOST_BLOCKS = 420_000  # stored, 1 KiB each: 430 MB, and as much for the finished part
 MOST_TABLE = 40_000_000  # blocks of the box around the stock, 4 bytes each
-MOST_STRIP = 20_000_000  # cells of one row of blocks, 6 bytes each, while the mesh is read
+MOST_STRIP = 20_000_000  # cells of one row of blocks, 10 bytes each, while the mesh is read
 LEAST_CELLS = 8  # along the shortest side of the stock
 MARGIN = 2  # cells of air around the stock
-ASKEW = (0.021, 0.027, 0.033)  # rad about the CAM axes: an edge of 15 mm passes through one cell of 0.25 mm and more
+GRID_ROTATION = (
+    0.021,
+    0.027,
+    0.033,
+)  # rad about the CAM axes: an edge of 15 mm passes through one cell of 0.25 mm and more
 
 
 def _build_grid_axes() -> Array:
     """Return (3, 3) the axes of the grid as rows, CAM frame."""
-    x, y, z = ASKEW
+    x, y, z = GRID_ROTATION
     first = np.array([1.0, -z, y]) / np.linalg.norm([1.0, -z, y])
     third = np.array([-y, x, 1.0]) - np.array([-y, x, 1.0]) @ first * first
     third /= np.linalg.norm(third)

@@ -36,7 +36,7 @@ Motion = tuple[Step, float, bool]
 ROUNDS = 3  # halvings of a step in the search of the nearest pose
 SLOPE, FLAT = 0.05, 1e-4  # share of a step in which a fall of less than this share of its length is none
 LEVEL = 1e-6  # of the step; a smaller descent is rounding
-HALF = EDGE // 2  # stored; a cell whose centre lies farther outside of the material held next to none
+HALF = EDGE // 2  # stored; a cell whose centre lies farther outside of the surface held almost no material
 CUT, EQUAL = 0.02, 2e-3  # of a short step, and cells: a surface that moves by less was cut there before
 _HALF = 0.5 * (BLOCK - 1) * 1.7320508  # cells, from the middle of a block to its farthest centre
 

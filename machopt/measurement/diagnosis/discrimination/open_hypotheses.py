@@ -12,6 +12,7 @@ import numpy as np
 
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument, FindingEntry, RivalEntry
 from machopt.data_types.parameter_keys import JOINT_SPRING, ParameterKey
+from machopt.effects.protocol import UNCATALOGUED
 from machopt.errors import RecordingError
 from machopt.measurement.diagnosis.data_types.diagnosis_result import is_spring_observable
 
@@ -131,7 +132,13 @@ def _build_rival_sets(data: DiagnosisDocument, file: Path) -> tuple[list[RivalLa
     findings = [f for f in data.findings if f.fit is not None]
     notes = [f"{f.effect} {f.location} is no matter of poses and loads" for f in data.findings if f.fit is None]
     if findings:
-        open_ = [f for f in findings if len(f.one_of) > 1]
+        open_ = [f for f in findings if any(effect != UNCATALOGUED for effect, _ in f.one_of[1:])]
+        notes += [
+            f"{f.effect} {f.location} and {effect} {location}: no poses and loads tell these two apart"
+            for f in findings
+            for effect, location in f.one_of[1:]
+            if effect == UNCATALOGUED
+        ]
         return [_build_finding_rivals(f, [o for o in findings if o is not f]) for f in open_ or findings], notes
     if data.verdict == "unexplained":
         return _build_location_rivals(data, file), notes

@@ -163,7 +163,7 @@ def suggest_next_experiment(d: DiagnosisResult) -> str:
         if not named:
             return (
                 f"To tell {format_effect_in_sentence(f.effect, f.location)} from {others}: repeat the readings with a "
-                f"second target on each side of {format_place(f.one_of[1][1])}; what moves between the two?"
+                f"second target on each side of {format_place(f.one_of[1][1])} and compare their displacements."
             )
         return (
             f"To tell {format_effect_in_sentence(f.effect, f.location)} from {others}: machopt plan-poses CELL "

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from machopt.effects.effect_wording import format_effect_at_place, format_place, join_with_commas
+from machopt.effects.protocol import UNCATALOGUED
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.verdict.verdict_text import is_mismatch_closed
 from machopt.report.charts.diagnosis_charts import (
@@ -334,11 +335,10 @@ def _build_job(data: DiagnosisPageData, have: set[str]) -> Body:
 def _build_next_experiment(d: DiagnosisResult) -> Body:
     if not d.next_experiment:
         return ""
-    split = [
-        join_with_commas([format_effect_at_place(*name) for name in f.one_of], "and")
-        for f in d.findings
-        if len(f.one_of) > 1
-    ]
+    open_ = [(f.one_of[0], *(name for name in f.one_of[1:] if name[0] != UNCATALOGUED)) for f in d.findings]
+    if all(len(names) == 1 for names in open_):  # what is proposed is then a measurement for the forms without a name
+        open_ = [tuple(f.one_of) for f in d.findings]
+    split = [join_with_commas([format_effect_at_place(*n) for n in names], "and") for names in open_ if len(names) > 1]
     lead = f"It would tell apart: {'; '.join(split)}." if split else "What would teach most."
     return build_section("next", "The next measurement", lead, render_part("note", d.next_experiment))
 

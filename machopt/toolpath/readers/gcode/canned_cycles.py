@@ -160,7 +160,7 @@ def _parse_cycle_arguments(name: str, text: str) -> list[float | None]:
     values: list[float | None] = []
     first, last = _THREAD_NAMES.get(name, (0, 0))
     for place, part in enumerate(map(str.strip, text.split(","))):
-        is_text = part == '""' or (first <= place < last and part[:1] + part[-1:] == '""')
+        is_text = first <= place < last and len(part) > 1 and part[0] == part[-1] == '"'
         try:
             values.append(parse_plain_decimal(part) if part and not is_text else None)
         except ValueError:

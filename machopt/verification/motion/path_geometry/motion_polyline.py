@@ -5,7 +5,7 @@ before and after it cuts the corner off by up to half of their distance. The mot
 separate check proves that it keeps to the path (:mod:`machopt.verification.motion.checks.path_following`).
 
 Where points are denser than the tolerance of the path, a motion that rounds them may be at one point while its samples
-already state the next. A corner therefore belongs to the chord that passes it best within that tolerance.
+already state the next. A corner therefore belongs to the chord that passes it best within twice that tolerance.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from machopt.verification.tables.exported_tables import ExportedMotion
 CHORD_TOLERANCE_M = 5e-6  # m: a corner nearer than this to the chord between its samples is left out
 CHORD_TOLERANCE_RAD = float(np.radians(0.01))  # rad, the same of the tool axis
 INDEX_TOLERANCE = 1e-6  # of an index, which is printed with six decimals
-LOCATION_REACH_M = 2e-3 * PATH_MM  # m along the motion: a rounded point is at most this far from its stated samples
+# m along the motion: a rounded point is within the tolerance of its place, and so are the samples that state it
+LOCATION_REACH_M = 2.0 * (1e-3 * PATH_MM)
 
 
 @dataclass(frozen=True, kw_only=True)

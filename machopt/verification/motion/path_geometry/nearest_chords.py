@@ -17,17 +17,21 @@ def find_nearest_chords(
 ) -> NDArray[np.intp]:
     """Return (C,) the sample before the chord that passes each corner best, its own where no other is nearer.
 
+    A corner that its own chord misses by more than ``reach`` was not rounded but lies between two samples: it stays.
+
     Args:
         tcp: (S, 3, 4) poses at the samples.
         T: (C, 4, 4) poses at the corners.
         before: (C,) sample before the chord whose samples state the corner.
         lever: m/rad, by which an angle of the tool axis counts as a distance.
-        reach: m along the motion, within which other chords are tried.
+        reach: m along the motion between its own chord and another one that is tried.
         gain: m by which another chord must be nearer than its own.
     """
     out = before.copy()
     for c in range(len(before)):
         own = best = _compute_chord_distance(tcp, T[c], before[c], lever)
+        if own > reach:
+            continue
         for step in (1, -1):
             way = 0.0
             for n in range(1, MAX_ROWS):
