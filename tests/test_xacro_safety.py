@@ -7,7 +7,7 @@ folder. A refusal is exit 2; nothing is run, which a marker file would show.
 from __future__ import annotations
 
 import math
-import time
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -104,7 +104,6 @@ def robot(expression: str) -> str:
 
 def refused_everywhere(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-    began = time.process_time()
     for name in ("arm.urdf", "arm.urdf.xacro"):
         (folder / name).write_text(text)
         assert main(["inspect", name, "--json"]) == 2
@@ -123,7 +122,6 @@ def refused_everywhere(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch)
     assert main(["validate", "cell"]) == 2
     assert not (folder / "MARK").exists()
     assert not (folder / "made").exists()
-    assert time.process_time() - began < 20.0
 
 
 @pytest.mark.parametrize("name", sorted(ESCAPES))
@@ -134,10 +132,13 @@ def test_an_escape_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(BOMBS))
 def test_growth_is_refused_before_it_is_computed(name: str) -> None:
-    began = time.process_time()
-    with pytest.raises(XacroExpressionError):
-        evaluate_expression(BOMBS[name], symbols())
-    assert time.process_time() - began < 2.0
+    tracemalloc.start()
+    try:
+        with pytest.raises(XacroExpressionError):
+            evaluate_expression(BOMBS[name], symbols())
+        assert tracemalloc.get_traced_memory()[1] < 50e6  # bytes
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize(
@@ -232,10 +233,8 @@ def test_what_grows_without_bound_is_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / "r.xacro").write_text(
         f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">{GROWING[name]}</robot>'
     )
-    began = time.process_time()
     with pytest.raises(InputError):
         read_robot(tmp_path / "r.xacro")
-    assert time.process_time() - began < 20.0
 
 
 XML = {

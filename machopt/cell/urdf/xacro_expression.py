@@ -42,7 +42,7 @@ class SymbolTable(Protocol):
 class EvaluationBudget:
     """Work that may still be done: nodes evaluated and parts of values made. Shared by all expressions of a robot."""
 
-    left: int = 10_000_000  # some five seconds; a large public robot needs 100,000
+    left: int = 2_000_000  # about a second; a large public robot needs 100,000
 
     def spend(self, parts: int) -> None:
         """Reduce the remaining evaluation work.
