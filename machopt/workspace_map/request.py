@@ -85,6 +85,20 @@ class MapOptions:
     collision: Literal["none", "self", "cell"]
 
 
+def check_picked_branch(options: MapOptions, branches: int) -> None:
+    """Check that the arm has the branch that the option names.
+
+    Args:
+        options: Options of the map.
+        branches: Number of branches of the arm.
+
+    Raises:
+        OptionError: it has not.
+    """
+    if isinstance(options.pick, int) and options.pick >= branches:
+        raise OptionError(f"found branch {options.pick}; the arm has 0 to {branches - 1}", where="--pick")
+
+
 def resolve_request(request: MapRequest, cell: Cell) -> MapOptions:
     """Check a request against its cell and convert it to SI.
 

@@ -21,10 +21,8 @@ from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import Robot
 from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
-from machopt.measurement.identification.assessment.misfit_intervals import (
-    compute_gain_covariance,
-    widen_stiffness_interval,
-)
+from machopt.measurement.identification.assessment.misfit_intervals import compute_gain_covariance
+from machopt.measurement.identification.assessment.misfit_intervals import widen_stiffness_interval as widen_interval
 from machopt.measurement.identification.assessment.model_discrepancy import estimate_identification_discrepancy
 from machopt.measurement.identification.identification_document import build_identification_document
 from machopt.measurement.identification.identification_pipeline import identify_stiffness
@@ -121,7 +119,7 @@ def _widen_intervals(found: IdentificationResult) -> IdentificationResult:
     joints = tuple(
         replace(
             j,
-            interval=widen_stiffness_interval(j.joint, j.k, j.interval, doubt, found.sessions, found.lever, level),
+            interval=widen_interval(j.joint, j.k, j.interval, doubt, found.sessions, found.lever, level),
         )
         if j.identified
         else j

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from machopt.cell.cell_reader import load_cell
 from machopt.commands.input_hashes import compute_input_hashes
-from machopt.commands.map.job_loading import MappedJob, read_job
+from machopt.commands.map.job_loading import add_job_quantities, read_job
 from machopt.data_types.cell import Cell
 from machopt.data_types.documents.map_document import MapDocument
 from machopt.data_types.manifest import add_scope_to_verdict
-from machopt.errors import OptionError
-from machopt.job_map.job_quantities import build_job_quantities
 from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.urdf_loading import load_chain
 from machopt.options.plan_option_reader import load_options
@@ -23,9 +21,8 @@ from machopt.report.page_data.workspace_map import build_map_page_data
 from machopt.report.page_types.workspace_map_page_data import MapPageData
 from machopt.workspace_map.document import EvaluatedMap, MapLayerResult, build_map_document, compute_sample_positions
 from machopt.workspace_map.measured_stiffness import MeasuredComparison, compare_with_measured
-from machopt.workspace_map.quantities import MapSettings
 from machopt.workspace_map.quantity_evaluation import evaluate_quantities
-from machopt.workspace_map.request import MapOptions, MapRequest, resolve_request
+from machopt.workspace_map.request import MapOptions, MapRequest, check_picked_branch, resolve_request
 from machopt.workspace_map.sample_grid import MapSamples
 from machopt.workspace_map.sample_posture_computation import (
     build_collision_check,
@@ -78,20 +75,6 @@ def _compute_hashes(request: MapRequest, cell: Cell) -> dict[str, str]:
     return files
 
 
-def _check_picked_branch(options: MapOptions, branches: int) -> None:
-    """Raise OptionError where the option names a branch that the arm does not have."""
-    if isinstance(options.pick, int) and options.pick >= branches:
-        raise OptionError(f"found branch {options.pick}; the arm has 0 to {branches - 1}", where="--pick")
-
-
-def _add_job_quantities(setting: MapSettings, cell: Cell, job: MappedJob | None) -> MapSettings:
-    """Return the settings with the quantities of the job, where one is given."""
-    if job is None:
-        return setting
-    quantities, notes = build_job_quantities(cell, job.toolpath, setting)
-    return replace(setting, of_job=quantities, job_notes=(*job.notes, *notes))
-
-
 def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell | None = None) -> MapComputation:
     """Return the map.
 
@@ -112,9 +95,9 @@ def compute_map(request: MapRequest, progress: Callable[[str], None], cell: Cell
     check_no_mimic_joints(cell, "map")
     robot, shapes = load_chain(cell)
     arm = build_reaching_arm(cell, robot, plan_options)
-    setting = _add_job_quantities(build_map_settings(cell, robot, options), cell, job)
+    setting = add_job_quantities(build_map_settings(cell, robot, options), cell, job)
     criterion = select_criterion(options, setting)
-    _check_picked_branch(options, arm.solver.branches)
+    check_picked_branch(options, arm.solver.branches)
     collides = build_collision_check(cell, robot, shapes, plan_options, options)
     progress("samples")
     samples = build_samples(cell, arm, options)

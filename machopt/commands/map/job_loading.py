@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from machopt.cell.tool_selection import select_job_tools, split_into_tool_segments
@@ -10,9 +10,11 @@ from machopt.cell.work_offsets import place_toolpath
 from machopt.commands.toolpath_reading_options import get_reading_options
 from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import Toolpath
+from machopt.job_map.job_quantities import build_job_quantities
 from machopt.process.binding.operation_matching import attach_process
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unknown_words import refuse_unknown_words
+from machopt.workspace_map.quantities import MapSettings
 
 
 @dataclass(frozen=True)
@@ -43,3 +45,17 @@ def read_job(file: Path, cell: Cell) -> MappedJob:
     names = dict.fromkeys(one.tool for one in others if one.tool != first.tool)
     notes = (f"the map holds for tool {first.tool}; not mapped: {', '.join(names)}",) if names else ()
     return MappedJob(first.cell, first.toolpath, notes)
+
+
+def add_job_quantities(setting: MapSettings, cell: Cell, job: MappedJob | None) -> MapSettings:
+    """Return the settings of a map with the quantities of the job.
+
+    Args:
+        setting: Settings of the map.
+        cell: The cell with the tool of the job.
+        job: The job; None where none is given.
+    """
+    if job is None:
+        return setting
+    quantities, notes = build_job_quantities(cell, job.toolpath, setting)
+    return replace(setting, of_job=quantities, job_notes=(*job.notes, *notes))
