@@ -7,6 +7,7 @@ axis. An elastic coupling of joints 2 and 3 moves the arm as link 2 does that be
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
+from machopt.measurement.diagnosis.discrimination import open_hypotheses
 from machopt.measurement.diagnosis.effect_columns import joint_torque, structural_compliance
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.static import bearing_tilt
@@ -128,3 +130,25 @@ def test_a_link_without_an_equal_explanation_keeps_its_name_alone(cell_name: str
     r = build_readings(cell_name)
     found = diagnose(r, move_by(r, "link_compliance", "link:2", "bends"))
     assert [f.one_of for f in found.findings] == [(("link_compliance", "link:2"),)]
+
+
+def build_finding(effect: str, location: str, *rivals: tuple[str, str]) -> SimpleNamespace:
+    """Return what the design of further measurements reads of a finding; a form without a name has no fit."""
+    fit = SimpleNamespace(coefficients=[1e-7], shape=[], correction=None)
+    fitted = [(effect, location), *(name for name in rivals if name[0] != UNCATALOGUED)]
+    every = [
+        SimpleNamespace(effect=e, location=place, name=(e, place), law="law", fit=fit if (e, place) in fitted else None)
+        for e, place in ((effect, location), *rivals)
+    ]
+    return SimpleNamespace(**{**vars(every[0]), "one_of": [(effect, location), *rivals], "rivals": every[1:]})
+
+
+def test_a_form_without_a_name_neither_opens_a_finding_nor_hides_another(tmp_path: Path) -> None:
+    form = (UNCATALOGUED, "joint:2")
+    link, base = build_finding("link_compliance", "link:1", form), build_finding("base_compliance", "base")
+    sets, notes = open_hypotheses._build_rival_sets(SimpleNamespace(findings=[link, base]), tmp_path)  # type: ignore[arg-type]
+    assert [one.candidate_laws[0].location for one in sets] == ["link:1", "base"]
+    assert [note for note in notes if "unnamed joint:2" in note and "link:1" in note] == notes
+    tool = build_finding("tool_compliance", "tool", ("link_compliance", "link:6"))
+    sets, _ = open_hypotheses._build_rival_sets(SimpleNamespace(findings=[link, base, tool]), tmp_path)  # type: ignore[arg-type]
+    assert [one.candidate_laws[0].location for one in sets] == ["tool"]
