@@ -202,12 +202,8 @@ def build_compliance_covariance(plan: Plan) -> ComplianceCovariance:
     Args:
         plan: plan of one tool.
     """
-    programmed = plan.path.position
-    if plan.compensation is not None:
-        programmed = programmed - plan.compensation.offset
-    return ComplianceCovariance.build(
-        plan.setup.elasticity.stiffness, plan.setup.arm.places(plan.path.external, programmed)
-    )
+    place = plan.setup.arm.places(plan.path.external, plan.path.without_shift.position)
+    return ComplianceCovariance.build(plan.setup.elasticity.stiffness, place)
 
 
 @dataclass(frozen=True)
