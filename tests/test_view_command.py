@@ -54,8 +54,8 @@ def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
     free = gammas(session)
     want = round(free[6] + 21.3, 1)
-    told, shown = session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
-    assert (shown, told.startswith("Planned in")) == (True, True)
+    message, shown = session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
+    assert (shown, message.startswith("Planned in")) == (True, True)
     assert gammas(session)[6] == pytest.approx(want, abs=0.25)  # deg; as verify holds it
     assert session.list_wishes()["fixed"] == [{"point": 6, "gamma_deg": want}]
     assert '"name":"before"' in session.build_html()
@@ -127,8 +127,8 @@ def test_while_a_handle_is_dragged_angle_deflection_and_state_are_shown(tmp_path
             rows = browser.script("[...document.querySelectorAll('.tip div')].map(r => r.innerText.split('\\n'))")
             seen.append(browser.script("document.querySelector('.tip').innerText"))
             assert rows
-        told = browser.script(f"document.querySelector('.pin[data-point=\"{point}\"]').title")
-        gamma = told.split("γ ")[1].split("°")[0]
+        message = browser.script(f"document.querySelector('.pin[data-point=\"{point}\"]').title")
+        gamma = message.split("γ ")[1].split("°")[0]
         assert f"point\n{point}" in seen[-1] or f"point{point}" in seen[-1].replace("\n", "")
         assert gamma in seen[-1]
         assert "deflection" in seen[-1]
@@ -150,7 +150,7 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
     act = SessionActions(session).run_action
     found = act("plan", {"steer": [{"points": [5, 5], "branch": 0}, {"points": [9, 9], "branch": 7}]}, quiet)
     assert not found.shown
-    assert "branch 0 at point 5" in found.told or "branch 7 at point 9" in found.told
+    assert "branch 0 at point 5" in found.message or "branch 7 at point 9" in found.message
     assert session.current is old
     for wishes, part in (
         ({"fixed": [{"point": 99, "gamma_deg": 0}]}, "points 0 to 15"),
@@ -160,7 +160,7 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
         ({"steer": [{"gamma_deg": "x"}]}, "expected a number"),
     ):
         found = act("plan", wishes, quiet)
-        assert part in found.told
+        assert part in found.message
         assert not found.good
     assert session.current is old
 
@@ -173,9 +173,9 @@ def test_optimize_says_first_which_pins_of_a_plan_file_contradict(
     file.write_text(f"machopt_plan: 1\nsteer:\n{wishes}", encoding="utf-8")
     out = tmp_path / "out"
     assert optimized(KR500, toolpath(tmp_path, PASS), out, "--plan", str(file)) == 3
-    told = next(line for line in capsys.readouterr().err.splitlines() if line.startswith("machopt:"))
-    assert told.startswith("machopt: no feasible answer; No plan keeps")
-    assert "branch 0 at point 5" in told or "branch 7 at point 9" in told
+    message = next(line for line in capsys.readouterr().err.splitlines() if line.startswith("machopt:"))
+    assert message.startswith("machopt: no feasible answer; No plan keeps")
+    assert "branch 0 at point 5" in message or "branch 7 at point 9" in message
     page = (out / "report.html").read_text(encoding="utf-8")
     assert page.index("No plan keeps") < page.index("No feasible plan for")
 
@@ -226,8 +226,8 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
         assert len(dots) >= 8
         x, y, point = dots[len(dots) // 2]
         browser.drag((x, y), (x, y + 24))
-        told = browser.script("document.querySelector('.wish').textContent")
-        assert told.startswith(f"point {point}: γ ")
+        message = browser.script("document.querySelector('.wish').textContent")
+        assert message.startswith(f"point {point}: γ ")
         assert browser.script("document.getElementById('save').disabled")  # it would not be what is shown
         before = browser.script(CURVE)
         with browser.loading():
@@ -247,10 +247,10 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
         while not (tmp_path / "plan.yaml").is_file():
             assert time.monotonic() < end
             time.sleep(0.1)
-        while "Verification passed" not in (told := browser.script("document.getElementById('told').textContent")):
-            assert time.monotonic() < end + 60, told
+        while "Verification passed" not in (message := browser.script("document.getElementById('told').textContent")):
+            assert time.monotonic() < end + 60, message
             time.sleep(0.2)
-        assert "machopt optimize" in told
+        assert "machopt optimize" in message
         found = browser.script("[...document.querySelectorAll('#verified tbody tr')].map(r => r.cells[1].textContent)")
         assert len(found) > 20
         assert set(found) <= {"passed", "not run"}

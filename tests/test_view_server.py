@@ -111,7 +111,7 @@ def test_what_is_asked_is_done_by_the_one_who_works() -> None:
         server.run_action(server.wait_for_action())
         page.join()
         assert found[0][0] == 200
-        assert json.loads(found[0][1]) == {"told": "plan 3", "good": True, "shown": True}
+        assert json.loads(found[0][1]) == {"message": "plan 3", "good": True, "shown": True}
         assert (doers, seen, busy) == ([threading.get_ident()], ["smooth"], [409])
         assert ask(server, "GET", "")[1] == "second"
         assert server.progress.stage == ""

@@ -117,13 +117,13 @@ def check_limits(
         InputError: no machine reaches them.
     """
     limits, loc = keys.robot.limits, ("robot", "limits")
-    told = {
+    limits_by_key = {
         "velocity_deg_s": read_velocity_limits(chain, keys, document),
         "acceleration_deg_s2": limits.acceleration_deg_s2,
         "jerk_deg_s3": limits.jerk_deg_s3,
     }
     for key, most in _FASTEST.items():
-        values = told[key]
+        values = limits_by_key[key]
         for i, value in enumerate(values):
             joint = chain.moving[i]
             if key == "velocity_deg_s" and limits.velocity_deg_s is None:
@@ -140,9 +140,11 @@ def check_limits(
                 )
     steps = (("velocity_deg_s", "acceleration_deg_s2", "speed"), ("acceleration_deg_s2", "jerk_deg_s3", "acceleration"))
     for lower, upper, what in steps:
-        slow = max(a / b for a, b in zip(told[lower], told[upper], strict=True))
+        slow = max(a / b for a, b in zip(limits_by_key[lower], limits_by_key[upper], strict=True))
         if slow > _RUN_UP:
-            warnings.append(f"robot.limits.{upper} {told[upper]}: full {what} takes {slow:.3g} s; is its unit meant?")
+            warnings.append(
+                f"robot.limits.{upper} {limits_by_key[upper]}: full {what} takes {slow:.3g} s; is its unit meant?"
+            )
     turning = [i for i, j in enumerate(chain.moving) if j.kind != "prismatic"]
     if limits.position_deg is not None and turning:
         most = max(abs(v) for i in turning for v in limits.position_deg[i])

@@ -79,8 +79,8 @@ def list_joint_limits(cell: Cell) -> tuple[CellJointEntry, ...]:
         values = (limits.lower[k], limits.upper[k], home[k], limits.velocity[k], limits.acceleration[k], limits.jerk[k])
         keys = ("lower", "upper", "home", "velocity", "acceleration", "jerk")
         units = (unit, unit, unit, f"{unit}_s", f"{unit}_s2", f"{unit}_s3")
-        told = {f"{a}_{b}": round(float(v) * scale, 3) for a, b, v in zip(keys, units, values, strict=True)}
-        rows.append(CellJointEntry(name=name, **told))
+        limit_values = {f"{a}_{b}": round(float(v) * scale, 3) for a, b, v in zip(keys, units, values, strict=True)}
+        rows.append(CellJointEntry(name=name, **limit_values))
     return tuple(rows)
 
 

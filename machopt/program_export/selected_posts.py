@@ -24,27 +24,27 @@ class SelectedPost:
     folder: str  # inside the output folder, empty for the output folder itself
 
 
-def select_posts(cell: Cell, asked: Sequence[str]) -> tuple[SelectedPost, ...]:
+def select_posts(cell: Cell, names: Sequence[str]) -> tuple[SelectedPost, ...]:
     """Return the requested posts, or the cell's own, or none; each is tested with a short program.
 
     One post writes into the output folder itself, several into their own folders.
 
     Args:
         cell: The robot cell.
-        asked: Names or template files of the requested posts.
+        names: Names or template files of the requested posts.
 
     Raises:
         InputError: unknown post, faulty template, the same post twice, or the cell lacks what the post needs.
     """
     out: list[SelectedPost] = []
-    for text in asked or ([] if cell.controller.post is None else [cell.controller.post]):
+    for text in names or ([] if cell.controller.post is None else [cell.controller.post]):
         file = is_post_file(text)
         post: str | Path = Path(text) if file else text
         label = Path(text).name if file else text
         folder = Path(text).stem if file else text
         if any(w.folder.lower() == folder.lower() for w in out):
             raise OptionError(f"{text!r} is requested twice, or two files have one name", where="--post")
-        out.append(SelectedPost(post, label, folder if len(asked) > 1 else ""))
+        out.append(SelectedPost(post, label, folder if len(names) > 1 else ""))
     robot = load_robot(cell)
     for one in out:
         _test_post(cell, robot, one)

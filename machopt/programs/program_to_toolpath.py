@@ -119,12 +119,12 @@ def _add_moves(
 ) -> None:
     """Add every move with a known place, with the events before it."""
     events = sorted(program.events, key=lambda e: e.index)  # stable: in order at one move
-    operation, told = -2, 0
+    operation, passed_events = -2, 0
     away = 0  # line of a joint move without a place that came after the last point, 0 where there is none
     for k in range(len(program)):
-        while told < len(events) and events[told].index <= k:
-            out.event(events[told].kind, events[told].text, events[told].value)
-            told += 1
+        while passed_events < len(events) and events[passed_events].index <= k:
+            out.event(events[passed_events].kind, events[passed_events].text, events[passed_events].value)
+            passed_events += 1
         line = int(program.line[k])
         if not known[k] and program.kind[k] == LINEAR and program.move[k] == MoveKind.CUT:
             raise source.build_error(
@@ -152,7 +152,7 @@ def _add_moves(
             move, feed = int(MoveKind.RAPID), math.nan
         away = 0
         out.add((x, y, z), (i, j, c), move, feed, line)
-    for event in events[told:]:
+    for event in events[passed_events:]:
         out.event(event.kind, event.text, event.value)
 
 

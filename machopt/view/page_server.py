@@ -112,20 +112,20 @@ class PageServer:
         """
         return self._queue.get(timeout=seconds)
 
-    def run_action(self, asked: PendingAction) -> None:
+    def run_action(self, action: PendingAction) -> None:
         """Carry out one action.
 
         Args:
-            asked: The action.
+            action: The action.
         """
         self._since = time.monotonic()
         try:
-            asked.answer = self._act(asked.name, asked.body, self._set_progress)
-            if asked.answer.shown or asked.answer.checks:
+            action.answer = self._act(action.name, action.body, self._set_progress)
+            if action.answer.shown or action.answer.checks:
                 self._html = self._page()
         finally:
             self._stage = ""
-            asked.finished.set()
+            action.finished.set()
 
     def request_action(self, what: str, body: dict[str, Any]) -> ViewAnswerDocument | None:
         """Request an action and wait for it; None where another one is running, or the server is closed.
@@ -194,7 +194,7 @@ class _RequestHandler(BaseHTTPRequestHandler):
         answer = self.owner.request_action(path, body)
         if answer is None:
             return self._send_json(
-                ViewAnswerDocument(told="Something is being done already.", good=False), HTTPStatus.CONFLICT
+                ViewAnswerDocument(message="Something is being done already.", good=False), HTTPStatus.CONFLICT
             )
         return self._send_json(answer)
 

@@ -94,18 +94,18 @@ class SessionActions:
         try:
             if what == "plan":
                 message, shown = self.session.replan(body, progress)
-                return ViewAnswerDocument(told=message, good=shown, shown=shown)
+                return ViewAnswerDocument(message=message, good=shown, shown=shown)
             if what == "back":
                 self.session.swap_plans()
-                return ViewAnswerDocument(told=self.session.message, good=self.session.has_motion, shown=True)
+                return ViewAnswerDocument(message=self.session.message, good=self.session.has_motion, shown=True)
             if what == "verify":
                 return self.session.verify(progress)
             if what == "outcome":
                 return self.session.find_outcome(body)
             command = self.session.save_plan_file()
-            return ViewAnswerDocument(told=f"Saved {self.session.file}: {command}", good=True, saved=True)
+            return ViewAnswerDocument(message=f"Saved {self.session.file}: {command}", good=True, saved=True)
         except InputError as problem:
-            return ViewAnswerDocument(told=problem.reason, good=False, shown=False)
+            return ViewAnswerDocument(message=problem.reason, good=False, shown=False)
 
 
 def _locate_inputs(out: Path, say: Callable[[str], None]) -> list[Path]:
@@ -132,12 +132,12 @@ def _serve_report(out: Path, port: int) -> PageServer:
 
 
 def _serve_fixed_page(text: str, port: int) -> PageServer:
-    return PageServer(lambda: text, lambda *_: ViewAnswerDocument(told="", good=False), (), port)
+    return PageServer(lambda: text, lambda *_: ViewAnswerDocument(message="", good=False), (), port)
 
 
-def _build_optimize_request(asked: ViewRequest, out: Path | None, cell: Path, toolpath: Path) -> OptimizeRequest:
+def _build_optimize_request(view_request: ViewRequest, out: Path | None, cell: Path, toolpath: Path) -> OptimizeRequest:
     """The job, under the options an output folder was made with where one is given."""
-    request = replace(asked.request, cell=cell, toolpath=toolpath)
+    request = replace(view_request.request, cell=cell, toolpath=toolpath)
     if out is None:
         return request
     manifest = read_manifest(out)[0]
@@ -148,5 +148,5 @@ def _build_optimize_request(asked: ViewRequest, out: Path | None, cell: Path, to
     return replace(request, reading=reading, plan_file=None, overrides=(), direct=format_user_options(options))
 
 
-def _list_command_words(asked: ViewRequest, cell: Path, toolpath: Path) -> tuple[str, ...]:
-    return str(cell), str(toolpath), "-o", "steered", *asked.words
+def _list_command_words(view_request: ViewRequest, cell: Path, toolpath: Path) -> tuple[str, ...]:
+    return str(cell), str(toolpath), "-o", "steered", *view_request.words

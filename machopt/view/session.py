@@ -157,7 +157,7 @@ class ViewSession:
                 replace(timed, inputs=replace(self.current.inputs, front=False)), Path(place)
             ).verification
         if found is None:
-            return ViewAnswerDocument(told="There is no motion to verify.", good=False)
+            return ViewAnswerDocument(message="There is no motion to verify.", good=False)
         rows = tuple(
             (
                 c.name,
@@ -174,7 +174,7 @@ class ViewSession:
             message = f"VERIFICATION FAILED: {', '.join(bad)}."
         if left := [c.name for c in found.checks if c.passed is None]:
             message += f" Not run: {', '.join(left)}."
-        answer = ViewAnswerDocument(told=message, good=not bad, checks=rows)
+        answer = ViewAnswerDocument(message=message, good=not bad, checks=rows)
         shown = [one for one in self.verifications if one[0] is self.previous]
         self.verifications = [*shown, (self.current, answer)]
         return answer
@@ -190,7 +190,7 @@ class ViewSession:
         """
         if self.live is None or self.live.made is not self.current.job_result:
             self.live = LiveJob.build(self.current.job_result)
-        return ViewAnswerDocument(told="", good=True, outcome=self.live.find_outcome(body))
+        return ViewAnswerDocument(message="", good=True, outcome=self.live.find_outcome(body))
 
     @property
     def _verification(self) -> ViewAnswerDocument | None:
@@ -233,10 +233,10 @@ class ViewSession:
         if unknown:
             raise InputError(f"found {', '.join(unknown)}; {', '.join(WISH_KEYS)} can be set here", file="view")
         base = format_user_options(self.optimize_inputs.options)
-        asked = {**base, **{k: wishes.get(k, base.get(k, [])) for k in WISH_KEYS}}
-        if not asked["external"]:
-            del asked["external"]
-        options = load_options(**asked)
+        option_values = {**base, **{k: wishes.get(k, base.get(k, [])) for k in WISH_KEYS}}
+        if not option_values["external"]:
+            del option_values["external"]
+        options = load_options(**option_values)
         if any(f.point >= len(self.optimize_inputs.toolpath) for f in options.fixed):
             raise InputError(
                 f"the toolpath has points 0 to {len(self.optimize_inputs.toolpath) - 1}", file="view", where="fixed"

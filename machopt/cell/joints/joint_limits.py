@@ -39,12 +39,12 @@ def read_limits(chain: JointChain, keys: CellKeys, document: YamlDocument, warni
     """
     limits = keys.robot.limits
     rates = {}
-    told = {
+    limits_by_key = {
         "velocity_deg_s": read_velocity_limits(chain, keys, document),
         "acceleration_deg_s2": limits.acceleration_deg_s2,
         "jerk_deg_s3": limits.jerk_deg_s3,
     }
-    for key, values in told.items():
+    for key, values in limits_by_key.items():
         loc: KeyPath = ("robot", "limits", key)
         _build_length_error(chain, document, loc, len(values))
         for i, value in enumerate(values):

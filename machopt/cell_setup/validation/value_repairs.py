@@ -66,12 +66,12 @@ def list_value_repairs(document: YamlDocument) -> Iterator[ValueRepair]:
         yield _replace_value(document, ("robot", "limits", key), [value] * len(chain))
 
 
-def find_errors_outside_robot(document: YamlDocument, told: set[str]) -> Iterator[InputError]:
+def find_errors_outside_robot(document: YamlDocument, known_messages: set[str]) -> Iterator[InputError]:
     """What is wrong beside a robot that cannot be read: files that the cell names, and what needs no robot of them.
 
     Args:
         document: cell.yaml, of the right form.
-        told: messages that stand already.
+        known_messages: messages that stand already.
     """
     folder = Path(document.file).resolve().parent
     yield from _find_wrong_lengths(document)
@@ -93,7 +93,7 @@ def find_errors_outside_robot(document: YamlDocument, told: set[str]) -> Iterato
                 load_stiffness(found) if loc[0] == "stiffness" else load_kinematics(found)
             except InputError as refused:
                 problem = refused
-        if problem is not None and str(problem) not in told:
+        if problem is not None and str(problem) not in known_messages:
             yield problem
 
 

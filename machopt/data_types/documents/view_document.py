@@ -23,7 +23,7 @@ class ViewOutcomeSection(DocumentModel):
 class ViewAnswerDocument(DocumentModel):
     """What came of an action of the page: plan, back, save, verify or outcome."""
 
-    told: Text
+    message: Text
     good: Flag
     shown: Flag | None = None  # the page is another one now
     saved: Flag | None = None  # the plan file is written

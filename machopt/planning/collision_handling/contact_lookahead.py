@@ -32,7 +32,7 @@ class ContactLookahead:
     may_touch: Bools  # (S,) the cutter may be in the workpiece there
     external: Array  # (S, E) m or rad, external joints
     pairs: NDArray[np.int32]  # (S, R, B) pair for which a vertex was excluded, else −1; filled here
-    asked: dict[int, Bools] = field(default_factory=dict)  # pair → (S·R·B,) vertices checked for it
+    checked_by_pair: dict[int, Bools] = field(default_factory=dict)  # pair → (S·R·B,) vertices checked for it
 
     def whole(self, s: Rows, r: NDArray[Any], b: NDArray[Any]) -> Array:
         """Return the (n, 6 + E) machine joints at vertices (n,), in rad or m.
@@ -99,7 +99,7 @@ class ContactLookahead:
         none = np.zeros(S, bool)
         out, which = [], []
         for p in np.unique(pair).tolist():
-            checked = self.asked.setdefault(p, np.zeros(S * R * B, bool))
+            checked = self.checked_by_pair.setdefault(p, np.zeros(S * R * B, bool))
             skipped = self.may_touch if self.model.pairs[p].unless_cutting else none
             along = np.sort(_find_neighbours(vertices[pair == p], checked, feasible, skipped, R, B))
             out.append(along % S * (R * B) + along // S % R * B + along // (S * R))

@@ -73,13 +73,13 @@ class FixedValueSearch:
         axes: Sequence[ExternalJointOptions],
         scale: float | None,
     ) -> None:
-        self.asked = scale
+        self.requested_scale = scale
         self.setup, self.path, self.groups, self.axes = setup, path, groups, axes
         self.options = replace(options, rotation_step=max(options.rotation_step, STEP))
         self.home = setup.cell.external_home
         self.parts = [select_path_runs(path, g.runs, STATIONS) for g in groups]
         self.across = [compute_sideways_directions(part) for part in self.parts]
-        self.judged: list[dict[bytes, ValueAssessment]] = [{} for _ in groups]
+        self.assessed: list[dict[bytes, ValueAssessment]] = [{} for _ in groups]
         self.excluded: list[set[bytes]] = [set() for _ in groups]
         self.per = setup.per_rad[6:]
         self.worth = AxisPlanRanking.build(setup, axes)
@@ -91,7 +91,7 @@ class FixedValueSearch:
     @property
     def scale(self) -> float:
         """c₀: where it is not given, the median over groups and values of the median cost over the candidates."""
-        return self.asked or self.median
+        return self.requested_scale or self.median
 
     @property
     def out_of_reach(self) -> bool:
@@ -116,7 +116,7 @@ class FixedValueSearch:
                     self._assess_single_joint(n, int(k), inside)
             for _ in range(FINER):
                 step = 0.5 * step
-                centre = self._find_best(n, self.judged[n]).value
+                centre = self._find_best(n, self.assessed[n]).value
                 around = [(-1.0, 0.0, 1.0) if k in free else (0.0,) for k in range(len(step))]
                 sides = map(np.array, itertools.product(*around))
                 self._assess_values(n, [np.clip(centre + side * step, group.low, group.high) for side in sides])
@@ -132,7 +132,7 @@ class FixedValueSearch:
         step = (group.high[k] - group.low[k]) / (COARSE[1] - 1)
         for _ in range(FINER):
             step = 0.5 * step
-            own = [key for key, j in self.judged[n].items() if np.array_equal(j.value[~off], inside[~off])]
+            own = [key for key, j in self.assessed[n].items() if np.array_equal(j.value[~off], inside[~off])]
             centre = self._find_best(n, own).value
             self._assess_values(n, [np.clip(centre + side * off, group.low, group.high) for side in (-step, step)])
 
@@ -143,17 +143,17 @@ class FixedValueSearch:
         assessed.
         """
         allowed = [self.groups[n].snapped(v) for v in values]
-        new = {v.tobytes(): v for v in allowed if v.tobytes() not in self.judged[n]}
+        new = {v.tobytes(): v for v in allowed if v.tobytes() not in self.assessed[n]}
         every = list(new.values())
 
         def judge() -> tuple[tuple[ValueAssessment, float | None], ...]:
             return tuple(map_in_threads(lambda v: self._assess_least_index(n, v), every))
 
-        for key, (judged, median) in zip(
+        for key, (assessed, median) in zip(
             new, compute_cached("places", lambda: self._list_dependencies(n, every), judge), strict=True
         ):
-            self.judged[n][key] = judged
-            self.short[n] = min(self.short[n], judged.lost)
+            self.assessed[n][key] = assessed
+            self.short[n] = min(self.short[n], assessed.lost)
             if median is not None:
                 self.medians.append(median)
         self.median = float(np.median(self.medians)) if self.medians else 1.0
@@ -193,8 +193,8 @@ class FixedValueSearch:
 
     def _assess_further(self, n: int, key: bytes) -> None:
         """Assess a value by the next stage."""
-        j = self.judged[n][key]
-        self.judged[n][key] = compute_cached(
+        j = self.assessed[n][key]
+        self.assessed[n][key] = compute_cached(
             "places", lambda: (*self._list_dependencies(n, [j.value]), j.by), lambda: self._assess_by_next_stage(n, j)
         )
 
@@ -221,9 +221,9 @@ class FixedValueSearch:
         """Return the best of some values of a group by itself, assessed to the end."""
         every = list(keys)
         while True:
-            key = min(every, key=lambda k: self._rank(self.judged[n][k]))
-            if self.judged[n][key].by == FREE:
-                return self.judged[n][key]
+            key = min(every, key=lambda k: self._rank(self.assessed[n][k]))
+            if self.assessed[n][key].by == FREE:
+                return self.assessed[n][key]
             self._assess_further(n, key)
 
     def _rank(self, j: ValueAssessment) -> float:
@@ -259,7 +259,7 @@ class FixedValueSearch:
         group = self.groups[n]
         step = (group.high - group.low) / max(COARSE.get(int((group.high > group.low).sum()), 4) - 1, 1)
         near = share * step + 1e-12
-        self.excluded[n] |= {key for key, j in self.judged[n].items() if (np.abs(j.value - value) <= near).all()}
+        self.excluded[n] |= {key for key, j in self.assessed[n].items() if (np.abs(j.value - value) <= near).all()}
 
     def estimate(self, values: Sequence[Array]) -> float:
         """Return J of assessed values, estimated at the stations.
@@ -325,12 +325,12 @@ class FixedValueSearch:
 
     def chain(self) -> list[Array] | None:
         """Return the cheapest values of all groups among the remaining ones; None where a group has none."""
-        left = [[k for k in own if k not in out] for own, out in zip(self.judged, self.excluded, strict=True)]
+        left = [[k for k in own if k not in out] for own, out in zip(self.assessed, self.excluded, strict=True)]
         if not all(left):
             return None
         while True:
             chosen = self._find_cheapest_chain(
-                [[own[k] for k in keys] for own, keys in zip(self.judged, left, strict=True)]
+                [[own[k] for k in keys] for own, keys in zip(self.assessed, left, strict=True)]
             )
             unknown = [n for n, j in enumerate(chosen) if j.by < FREE]
             if not unknown:
@@ -338,18 +338,20 @@ class FixedValueSearch:
             for n in unknown:
                 self._assess_further(n, chosen[n].value.tobytes())
 
-    def _find_cheapest_chain(self, judged: list[list[ValueAssessment]]) -> list[ValueAssessment]:
-        worsts = np.unique([j.worst for own in judged for j in own])
-        floor = max(min(j.worst for j in own) for own in judged)
+    def _find_cheapest_chain(self, assessed: list[list[ValueAssessment]]) -> list[ValueAssessment]:
+        worsts = np.unique([j.worst for own in assessed for j in own])
+        floor = max(min(j.worst for j in own) for own in assessed)
         caps = worsts[worsts >= floor]
         caps = caps[np.unique(np.linspace(0, len(caps) - 1, min(len(caps), CAPS)).round().astype(int))]
-        return min((self._find_chain_under(judged, float(cap)) for cap in caps), key=lambda f: f[0])[1]
+        return min((self._find_chain_under(assessed, float(cap)) for cap in caps), key=lambda f: f[0])[1]
 
-    def _find_chain_under(self, judged: list[list[ValueAssessment]], cap: float) -> tuple[float, list[ValueAssessment]]:
+    def _find_chain_under(
+        self, assessed: list[list[ValueAssessment]], cap: float
+    ) -> tuple[float, list[ValueAssessment]]:
         """Return the cheapest chain whose worst index is at most ``cap``, and its J."""
         before, at = np.zeros(1), self.home[None]
         back = []
-        for group, every in zip(self.groups, judged, strict=True):
+        for group, every in zip(self.groups, assessed, strict=True):
             allowed = [j for j in every if j.worst <= cap]
             here = np.array([j.value for j in allowed])
             ways = np.abs(here[:, None] - at[None]) @ (self.weight * self.per)

@@ -41,7 +41,7 @@ class _Shut:
 
     between: Bools  # (B, B)
     ends: frozenset[tuple[int, int]]  # station at an end of the path, branch
-    told: tuple[str, ...]  # description of each
+    descriptions_so_far: tuple[str, ...]  # description of each
 
     def more_than(self, other: _Shut) -> bool:
         """Return whether these changes include one that the other set does not.
@@ -93,7 +93,7 @@ def reroute_blocked_rapids(plan: Plan, motion: Motion, timings: StageTimings) ->
         driven, timeline = motion(plan)
     if timeline is None or timeline.trajectory is None:
         return first
-    return driven, replace(timeline, detours=(*timeline.detours, *shut.told, *descriptions.values()))
+    return driven, replace(timeline, detours=(*timeline.detours, *shut.descriptions_so_far, *descriptions.values()))
 
 
 def _list_blocked_moves(timeline: MotionTimeline | None) -> list[SequenceBreak]:
@@ -183,7 +183,7 @@ def _free(plan: Plan, a: Array, b: Array) -> bool:
 
 def _extend_shut_moves(plan: Plan, stops: list[SequenceBreak], shut: _Shut) -> _Shut:
     """Return the set extended by the blocked moves of one more motion."""
-    between, ends, descriptions = shut.between.copy(), set(shut.ends), list(shut.told)
+    between, ends, descriptions = shut.between.copy(), set(shut.ends), list(shut.descriptions_so_far)
     for stop in stops:
         a, b = (_find_branch(plan, place) for place in (stop.before, stop.after))
         if a == b or (a >= 0 and b >= 0 and between[a, b]):

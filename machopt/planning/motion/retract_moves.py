@@ -162,7 +162,7 @@ class RetractMoves:
         model = self.plan.setup.collision
         if model is None:
             return 0.0
-        touch = self.touch if row in self.touch.asked else EndContacts.build(model, self.x, [row])
+        touch = self.touch if row in self.touch.checked_rows else EndContacts.build(model, self.x, [row])
         if row not in touch.rapid or row in touch.cut:
             return 0.0
         x = self.x[row][None]

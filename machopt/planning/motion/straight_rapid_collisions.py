@@ -22,7 +22,7 @@ Way = tuple[bytes, bytes]
 class EndContacts:
     """Contacts at the ends of stretches."""
 
-    asked: frozenset[int]  # rows that were checked
+    checked_rows: frozenset[int]  # rows that were checked
     rapid: frozenset[int]  # rows with a contact that is forbidden in a rapid move
     cut: frozenset[int]  # those of them with a contact that is forbidden in a cut as well
 

@@ -29,7 +29,7 @@ class CollisionMap:
 
     candidates: CandidateGrid
     known: Bools  # (S, R, B) found free; colliding ones are no longer feasible
-    asked: bool  # a full check was requested
+    is_full_check: bool  # a full check was requested
     seconds: float = 0.0  # s, duration of the check
     postures: NDArray[np.float32] | None = None  # (N, R, 6) rad, at the N cut stations; None: the grid has no joints
 
@@ -107,7 +107,7 @@ def _join_maps(plan: Plan, parts: list[CollisionMap]) -> CollisionMap:
     return CollisionMap(
         c,
         np.concatenate(known),
-        parts[0].asked,
+        parts[0].is_full_check,
         sum(p.seconds for p in parts),
         np.concatenate(postures) if len(postures) == len(parts) else None,
     )

@@ -148,7 +148,7 @@ class RunInput:
         """
         return f"axis {axis + 1}" if axis < 6 else f"external joint e{axis - 5}"
 
-    def told(self, q: Array) -> Array:
+    def convert_to_encoder_angles(self, q: Array) -> Array:
         """Return (S, 6) encoder angles in rad.
 
         Args:
@@ -230,7 +230,7 @@ def _rest_for_one_sample(run: RunInput) -> RunTrajectory:
     ends = [0, len(run.position) - 1]
     none = np.zeros(2)
     return RunTrajectory(
-        q=run.told(run.q[ends]),
+        q=run.convert_to_encoder_angles(run.q[ends]),
         point=np.array(ends, float),
         speed=none,
         phi=run.phi[ends],
@@ -374,11 +374,11 @@ def _sample_law(run: RunInput, driven: _DrivenCurve, law: TimeLaw, steps: int) -
             float(curve.index(at[failed : failed + 1])[0]), "the pose between the points cannot be reached"
         )
     if not run.moves:
-        return _TimedSamples(law=law, u=at, place=pose[:, :3, 3], q=run.told(q), phi=phi)
+        return _TimedSamples(law=law, u=at, place=pose[:, :3, 3], q=run.convert_to_encoder_angles(q), phi=phi)
     place = np.einsum(
         "mij,mi->mj", workpiece_jets[:, 0, :3, :3], pose[:, :3, 3] - workpiece_jets[:, 0, :3, 3]
     )  # in the workpiece
-    whole = np.hstack([run.told(q), run.external_along(at)[:, 0]])
+    whole = np.hstack([run.convert_to_encoder_angles(q), run.external_along(at)[:, 0]])
     return _TimedSamples(law=law, u=at, place=place, q=whole, phi=phi)
 
 

@@ -254,16 +254,16 @@ def compute_gains(plan: Plan) -> tuple[IndexGain, ...]:
     spread = build_compliance_covariance(plan.parts[0].plan if plan.parts else plan)  # the same compliances everywhere
     own = _compute_job_mean(plan, lambda p: p.chosen)
     out = []
-    yardsticks: tuple[tuple[str, Callable[[Plan], ScoredAssignment]], ...] = (
+    baselines: tuple[tuple[str, Callable[[Plan], ScoredAssignment]], ...] = (
         ("cam default", lambda p: p.cam_default),
         ("jiao2022", lambda p: p.jiao2022),
     )
-    for name, yardstick in yardsticks:
-        other = _compute_job_mean(plan, yardstick, at_home=True)  # with the same lengths, like their objectives
+    for name, baseline in baselines:
+        other = _compute_job_mean(plan, baseline, at_home=True)  # with the same lengths, like their objectives
         if own is None or other is None:
             out.append(IndexGain(name, float("nan"), float("nan")))
             continue
-        parted = compute_unshared_variance(plan.chosen.assignment.q, yardstick(plan).assignment.q, plan.path.weight)
+        parted = compute_unshared_variance(plan.chosen.assignment.q, baseline(plan).assignment.q, plan.path.weight)
         out.append(IndexGain(name, 1.0 - own.value / other.value, _compute_gain_std(own, other, spread, parted)))
     return tuple(out)
 

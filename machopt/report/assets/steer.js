@@ -278,10 +278,10 @@ function steerPlan(data) {
     const clock = setInterval(async () => { try { const p = await ask("progress"); if (busy && p.stage) say(`${doing} ${p.stage}, ${p.seconds.toFixed(0)} s`, null); } catch { /* told by what was sent */ } }, 700);
     try {
       const answer = await ask(what, body);
-      say(answer.told, answer.good);
+      say(answer.message, answer.good);
       if (answer.shown) { sessionStorage.setItem("at", String(window.scrollY)); location.reload(); return; }
       if (answer.checks) checked(answer);
-      if (answer.saved) { changed = false; saved = answer.told; }
+      if (answer.saved) { changed = false; saved = answer.message; }
     } catch { say("The planner does not answer; machopt view may have been ended.", false); } finally { clearInterval(clock); busy = false; show(); }
     if (saved) { await sent("verify", {}, "Verifying:"); say(`${by("told").textContent} ${saved}`, by("told").className === "pass"); }
   }

@@ -69,7 +69,7 @@ def _describe_collision_coverage(plan: Plan, shown: CollisionMap) -> str:
         return "Collisions were not checked."
     known, left = shown.looked_at, shown.open
     some = f"{known:,} of {known + left:,} configurations within reach, limits and margins were checked for collisions"
-    if not shown.asked:
+    if not shown.is_full_check:
         return (
             f"{some}, where the choice wanted to go; dotted places are reachable, but not proven free "
             "(--map-collisions full checks them all)."

@@ -200,7 +200,9 @@ def _list_key_figures(data: PosePlanPageData) -> list[tuple[str, str, str, str]]
         cards.append(("D-efficiency", f"≥ {100 * data.bound:.0f}", "%", "against any choice of as many"))
     if data.explanation_pairs:
         distinguished = sum(a.is_distinguished for a in data.explanation_pairs)
-        cards.append(("Told apart", f"{distinguished} of {len(data.explanation_pairs)}", "", "pairs of explanations"))
+        cards.append(
+            ("Distinguished", f"{distinguished} of {len(data.explanation_pairs)}", "", "pairs of explanations")
+        )
     if math.isfinite(data.target):
         value = str(data.needed * data.per_pose) if data.needed is not None else "–"
         more = f"readings ({data.needed} poses)" if data.needed is not None else "out of reach"

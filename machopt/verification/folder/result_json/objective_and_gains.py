@@ -162,18 +162,18 @@ def _check_external_gap(e: ExternalSearchBoundSection | None) -> Iterable[str]:
         yield f"{where}.lower_bound is above the sequence"
 
 
-def _check_mean_nearness(t: ResultComparison, told: float) -> Iterable[str]:
+def _check_mean_nearness(t: ResultComparison, stated: float) -> Iterable[str]:
     """The mean nearness along the cut: 0 where it does not count, else near to that of the points in points.csv."""
     if not t.options.weights.clearance:
-        yield from check_equal("objective.chosen.clearance", told, 0.0)
+        yield from check_equal("objective.chosen.clearance", stated, 0.0)
         return
     points = CheckedPoints.from_file(t)
     cut = t.toolpath.cutting
     counts = (cut | np.r_[cut[1:], False]) & np.isfinite(points.get_column("clearance_mm"))  # ends of all cut moves
     near = np.clip(1.0 - 1e-3 * points.get_column("clearance_mm")[counts] / t.options.clearance_full, 0.0, 1.0)
-    if len(near) and not near.min() - NEARNESS_TOLERANCE <= told <= near.max() + NEARNESS_TOLERANCE:
+    if len(near) and not near.min() - NEARNESS_TOLERANCE <= stated <= near.max() + NEARNESS_TOLERANCE:
         yield (
-            f"objective.chosen.clearance is {told:.6g}, the points of points.csv have {near.min():.6g} to "
+            f"objective.chosen.clearance is {stated:.6g}, the points of points.csv have {near.min():.6g} to "
             f"{near.max():.6g}"
         )
 

@@ -56,14 +56,16 @@ def _list_cut_joints(t: ResultComparison) -> Array:
     return np.stack([points.get_column(f"q{j + 1}_deg")[rows] for j in range(6)], axis=1)
 
 
-def _check_outside_range(told: tuple[int, ...], percent: float, q: Array, known: PositionError) -> Iterable[str]:
+def _check_outside_range(
+    stated_joints: tuple[int, ...], percent: float, q: Array, known: PositionError
+) -> Iterable[str]:
     """The planner counts places of its own between the points: what all or none of the points show, it shows too."""
     low, high = np.degrees(known.joints).T
     far = np.maximum(low - q, q - high) - COVERED_RANGE_DEG  # > 0: outside
     surely = np.flatnonzero((far > PRINTED_ANGLE_DEG).any(axis=0)) + 1
-    if missing := [int(j) for j in surely if j not in told]:
+    if missing := [int(j) for j in surely if j not in stated_joints]:
         yield f"position_error.outside_joints lacks joint {', '.join(map(str, missing))}: beyond, in points.csv"
-    if not 0.0 <= percent <= 100.0 or bool(told) != (percent > 0.0):
-        yield f"position_error.outside_percent is {percent:.6g} for joints {list(told)}"
+    if not 0.0 <= percent <= 100.0 or bool(stated_joints) != (percent > 0.0):
+        yield f"position_error.outside_percent is {percent:.6g} for joints {list(stated_joints)}"
     if (far.max(axis=1) > PRINTED_ANGLE_DEG).all() and percent < 100.0 - 1e-9 and len(q) > 1:
         yield f"position_error.outside_percent is {percent:.6g}, yet every point of points.csv is outside"

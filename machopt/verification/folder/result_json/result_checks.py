@@ -135,11 +135,11 @@ def _compare_older_document(
 
 
 def _run_part_check(
-    name: str, part: Callable[[ResultComparison], Iterable[str]], told: ResultComparison
+    name: str, part: Callable[[ResultComparison], Iterable[str]], document: ResultComparison
 ) -> VerificationCheck:
     """The part's findings; numbers of a foreign file may fit the schema and yet lead nowhere."""
     try:
-        return _build_check(name, list(part(told)))
+        return _build_check(name, list(part(document)))
     except InputError as problem:
         return replace(_build_check(name, [str(problem)]), because=get_error_file(problem))
     except (KeyError, TypeError, ValueError, IndexError, ArithmeticError) as problem:
@@ -302,29 +302,29 @@ def _check_infeasible(t: ResultComparison) -> Iterable[str]:
 
 
 def _check_verification(t: ResultComparison) -> Iterable[str]:
-    told, found = t.result.verification, t.contents
+    document, found = t.result.verification, t.contents
     if found is None:
-        yield from check_equal("verification", told, None)
+        yield from check_equal("verification", document, None)
         return
-    if told is None:
+    if document is None:
         yield "verification is null, yet there is a motion"
         return
-    yield from check_equal("verification.passed", told.passed, all(c.passed is not False for c in told.checks))
-    if told.passed != found.ok:
-        yield f"states verification {'passed' if told.passed else 'failed'}, which is wrong"
+    yield from check_equal("verification.passed", document.passed, all(c.passed is not False for c in document.checks))
+    if document.passed != found.ok:
+        yield f"states verification {'passed' if document.passed else 'failed'}, which is wrong"
     yield from check_equal(
-        "verification.information", [i.name for i in told.information], [i.name for i in found.information]
+        "verification.information", [i.name for i in document.information], [i.name for i in found.information]
     )
-    for stated, measured in zip(told.information, found.information, strict=False):
+    for stated, measured in zip(document.information, found.information, strict=False):
         room = CHECK_VALUE_TOLERANCE * abs(measured.value) + 1e-9
         yield from check_close(f"{measured.name}: value", stated.value, measured.value, CHECK_VALUE_TOLERANCE, room)
     expected = {c.name: c for c in found.checks}
-    names = [c.name for c in told.checks]
+    names = [c.name for c in document.checks]
     if names != list(expected):
         missing, more = sorted(set(expected) - set(names)), sorted(set(names) - set(expected))
         yield f"lists other checks: {', '.join(missing) or 'none'} missing, {', '.join(more) or 'none'} added"
         return
-    for c in told.checks:
+    for c in document.checks:
         e = expected[c.name]
         yield from check_equal(f"{e.name}: passed", c.passed, e.passed)
         yield from check_equal(f"{e.name}: unit", c.unit, e.unit)

@@ -119,7 +119,7 @@ def refine_law_shape(
         best = max(seen, key=lambda s: seen[s])
     grid = list(seen)
 
-    def asked(shapes: Sequence[Shape]) -> Array:
+    def compute_gains(shapes: Sequence[Shape]) -> Array:
         found = whiten_hypotheses(base, [replace(h, shapes=tuple(shapes))])  # empty if no shape changes a reading
         gain = compute_gain_by_shape(model_without, found[0]) if found else np.zeros(len(shapes))
         seen.update(zip(shapes, gain.tolist(), strict=True))
@@ -134,7 +134,7 @@ def refine_law_shape(
 
     while True:
         shapes = tuple(dict.fromkeys((best, *finer.shapes_around(best, share))))
-        gain = asked(shapes)
+        gain = compute_gains(shapes)
         near = [s for s, g in zip(shapes, gain.tolist(), strict=True) if g > least(float(gain.max()))]
         best = shapes[int(np.argmax(gain))]
         share /= NARROWER
@@ -142,11 +142,11 @@ def refine_law_shape(
             break
     notes = [h.note]
     if len(best) == 1:
-        beyond, cut = _extend_shape_range(asked, seen, lambda: least(max(seen.values())), finer)
-        near += [*grid, *beyond, *_find_interval_ends(asked, seen, lambda: least(max(seen.values())))]
+        beyond, cut = _extend_shape_range(compute_gains, seen, lambda: least(max(seen.values())), finer)
+        near += [*grid, *beyond, *_find_interval_ends(compute_gains, seen, lambda: least(max(seen.values())))]
         notes += [CUT_INTERVAL_NOTE] if cut else []
     elif finer.search_ranges is not None:
-        beyond, cut = _find_region_sides(asked, seen, lambda: least(max(seen.values())), finer.search_ranges)
+        beyond, cut = _find_region_sides(compute_gains, seen, lambda: least(max(seen.values())), finer.search_ranges)
         near += [*seen, *beyond]
         notes += [CUT_INTERVAL_NOTE] if cut else []
     near = [s for s in dict.fromkeys(near) if seen[s] > least(max(seen.values()))]
