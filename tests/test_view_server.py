@@ -14,7 +14,7 @@ import pytest
 from machopt.data_types.documents.view_document import ViewAnswerDocument
 from machopt.view.page_server import HOST, MAX_REQUEST_BYTES, PageServer
 
-DONE = ViewAnswerDocument(told="", good=True)
+DONE = ViewAnswerDocument(message="", good=True)
 
 
 @contextmanager
@@ -98,7 +98,7 @@ def test_what_is_asked_is_done_by_the_one_who_works() -> None:
         progress("smooth")
         seen.append(server.progress.stage)
         busy.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
-        return ViewAnswerDocument(told=f"{what} {body['x']}", good=True, shown=True)
+        return ViewAnswerDocument(message=f"{what} {body['x']}", good=True, shown=True)
 
     seen: list[str] = []
     busy: list[int] = []
