@@ -33,7 +33,7 @@ def test_each_way_is_as_free_as_by_itself(tmp_path: Path) -> None:
     q = np.array([a for a, _ in ends])
     touch = EndContacts.build(model, q, range(0, 40, 2))
     rapid, cut = (model.check_configurations(q[::2], np.full(20, kind)).hit for kind in (False, True))
-    assert touch.asked == {*range(0, 40, 2)}
+    assert touch.checked_rows == {*range(0, 40, 2)}
     assert touch.rapid == {*(2 * np.flatnonzero(rapid)).tolist()}
     assert touch.cut == {*(2 * np.flatnonzero(rapid & cut)).tolist()}
     assert touch.rapid
