@@ -18,7 +18,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHyp
 from machopt.measurement.diagnosis.model_selection.evaluation import finding_estimates
 
 if TYPE_CHECKING:
-    from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+    from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect
     from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "diagnosis_chain_benchmark"))

@@ -13,11 +13,12 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     CoordinateFamily,
     DiagnosisProblem,
+    HypothesisCatalogue,
 )
 from machopt.measurement.diagnosis.model_selection.attribution import place_certainty
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
-from machopt.measurement.diagnosis.model_selection.search import extended_search, sparse_effect_selection
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+from machopt.measurement.diagnosis.model_selection.search import extended_search, search_stages
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model
 from machopt.measurement.diagnosis.statistics.outlier_rejection import find_repeated_deviations
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
@@ -108,7 +109,7 @@ def test_no_offset_is_selected_where_a_body_leaves_as_much() -> None:
     for size, expected in ((0.1, {"link:2"}), (0.6, {"link:2", "joint:2"})):
         y = base.y + base.w.whiten(made_of(size))
         changed = build_whitened_model(base.w, base.X, y, base.fold, base.prior, base.rows)
-        _, chosen = sparse_effect_selection.search_effects(
+        _, chosen = search_stages.search_effects(
             changed, whiten_hypotheses(changed, laws), 3, np.random.default_rng(0), 1.0
         )
         assert {c.whitened.hypothesis.location for c in chosen} == expected
@@ -120,8 +121,15 @@ def test_a_better_joint_selection_of_the_second_search_is_kept(monkeypatch: pyte
     wave = next(t for t in laws if t.hypothesis.name == ("transmission_error", "joint:2"))
     good = SelectedEffect(score_hypotheses(base, [wave])[0], 0.002)
     more = next(t.hypothesis for t in laws if t.hypothesis.name == ("geometry", "joint:5"))
-    monkeypatch.setattr(sparse_effect_selection, "search_effects", lambda *_: (tuple(laws), (good,)))
-    found = extended_search._search_again(base, [more], (tuple(laws), ()), 3, np.random.default_rng(0), 1.0)
+    monkeypatch.setattr(search_stages, "search_effects", lambda *_: (tuple(laws), (good,)))
+    problem = extended_search.ExtensionProblem(
+        base=base,
+        catalogue=HypothesisCatalogue(()),
+        most=3,
+        seed=0,
+        noise_variance=1.0,
+    )
+    found = extended_search._search_again(problem, [more], (tuple(laws), ()), np.random.default_rng(0))
     assert found[1] == (good,)
-    kept = extended_search._search_again(base, [more], (tuple(laws), (good,)), 3, np.random.default_rng(0), 1.0)
+    kept = extended_search._search_again(problem, [more], (tuple(laws), (good,)), np.random.default_rng(0))
     assert kept[1] == (good,)

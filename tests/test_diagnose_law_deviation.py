@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_diagnose_multiple_effects import SIGMA, N, made, model
 
-from machopt.measurement.diagnosis.model_selection.search import sparse_effect_selection
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+from machopt.measurement.diagnosis.model_selection.search import search_stages
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import (
     SelectedEffect,
     add_selected_effects,
     is_law_deviation,
@@ -33,7 +33,7 @@ def search(
     signal = SIGMA * (LARGE * (own + bent * left) + tool * body + unknown * none)[:, :, 0]
     changed = build_whitened_model(base.w, base.X, base.y + base.w.whiten(signal), base.fold, base.prior, base.rows)
     tried = whiten_hypotheses(changed, laws)
-    return changed, sparse_effect_selection.search_effects(changed, tried, 6, np.random.default_rng(0), fits)[1]
+    return changed, search_stages.search_effects(changed, tried, 6, np.random.default_rng(0), fits)[1]
 
 
 @pytest.mark.parametrize(

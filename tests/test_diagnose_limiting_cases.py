@@ -16,7 +16,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisR
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.model_selection.attribution import limiting_case_laws
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
-from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_iterations
+from machopt.measurement.diagnosis.model_selection.search import search_iterations, selected_effect
 from machopt.measurement.diagnosis.static import load_test_channel
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 
@@ -76,7 +76,7 @@ def test_slopes_that_say_much_more_than_a_step_keep_their_name(
     state = search_iterations.search_iteratively(
         problem, HypothesisCatalogue((knees, law(column, STEP, "joint:2"))), 3, 0
     )
-    chosen = (forward_selection.SelectedEffect(score_hypotheses(state.base, [state.whitened_hypotheses[0]])[0], 0.001),)
+    chosen = (selected_effect.SelectedEffect(score_hypotheses(state.base, [state.whitened_hypotheses[0]])[0], 0.001),)
     monkeypatch.setattr(
         limiting_case_laws, "find_rival_explanations", lambda *_: ([], [(KNEE, "joint:2"), (STEP, "joint:2")])
     )

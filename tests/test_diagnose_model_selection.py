@@ -28,7 +28,7 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     minimise_bounded_quadratics,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_cache
+from machopt.measurement.diagnosis.model_selection.search import candidate_checks, forward_selection, search_cache
 from machopt.measurement.diagnosis.model_selection.search.search_cache import SearchCache
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.statistics import holdout_residuals, normal_equations_by_fold, replicate_noise
@@ -477,7 +477,7 @@ def test_the_selected_law_is_the_best_of_all_that_are_supported(seed: int) -> No
     alike = [law(column + 0.3 * k * rng.standard_normal(column.shape), f"like {k}") for k in range(1, 5)]
     wide = law(np.concatenate([column, rng.standard_normal(column.shape)], axis=2), "wide")
     laws = whiten_hypotheses(base, [*catalogue(column, rng, 8).hypotheses, *alike, wide])
-    scored = [s for s in score_hypotheses(base, laws) if forward_selection.is_supported(base, s)]
+    scored = [s for s in score_hypotheses(base, laws) if candidate_checks.is_supported(base, s)]
     quiet = max(1.0, (base.rss - max(s.gain for s in scored)) / (len(base.y) - base.count))
 
     def worth(s: ScoredHypothesis) -> float:

@@ -15,19 +15,19 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     EffectHypothesis,
     Quantity,
 )
-from machopt.measurement.diagnosis.model_selection.attribution import attribution_guard
+from machopt.measurement.diagnosis.model_selection.attribution import uncatalogued_form_guard
 from machopt.measurement.diagnosis.model_selection.screening import normal_equation_sums
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     fit_hypotheses,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search import description_length, sparse_effect_selection
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
-    SelectedEffect,
-    add_selected_effects,
-    prune_joint_effects,
-    select_effects,
+from machopt.measurement.diagnosis.model_selection.search import (
+    description_length,
+    search_stages,
+    sparse_effect_selection,
 )
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import prune_joint_effects, select_effects
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics import fold_rows, whitened_hypothesis
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, build_base_model
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_whitened_model as grams_model
@@ -124,7 +124,7 @@ def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[WhitenedModel
 
 def test_exactly_what_was_planted_is_found() -> None:
     base, laws = model(MANY, 1)
-    among, found = sparse_effect_selection.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
+    among, found = search_stages.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
     assert {c.whitened.hypothesis.name for c in found} == set(MANY)
     for c in found:
         assert tuple(sorted(c.whitened.shapes[c.scored.shape])) == MANY[c.whitened.hypothesis.name]
@@ -133,7 +133,7 @@ def test_exactly_what_was_planted_is_found() -> None:
 
 def test_fewer_than_three_effects_asked_for_are_no_more_than_that() -> None:
     base, laws = model(MANY, 1)
-    assert len(sparse_effect_selection.search_effects(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
+    assert len(search_stages.search_effects(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -331,10 +331,12 @@ def test_forms_without_a_name_are_made_once_and_only_those_of_few_numbers(monkey
     wide = whiten_hypotheses(base, [made("geometry", "joint:3", lambda s: np.ones((N, 3, 6)), ((1.0,),), "kinematic")])
     chosen = tuple(SelectedEffect(score_hypotheses(base, [t])[0], 0.002) for t in (*wide, *wide, laws[-1]))
     monkeypatch.setattr(
-        attribution_guard, "whiten_hypotheses", lambda b, some: calls.append(list(some)) or whiten_hypotheses(b, some)
+        uncatalogued_form_guard,
+        "whiten_hypotheses",
+        lambda b, some: calls.append(list(some)) or whiten_hypotheses(b, some),
     )
     state = SimpleNamespace(base=base, chosen=chosen, catalogue=SimpleNamespace(uncatalogued_hypotheses=tuple(forms)))
-    few = attribution_guard._list_comparable_uncatalogued(state)  # type: ignore[arg-type]  # what it asks for
+    few = uncatalogued_form_guard._list_comparable_forms(state)  # type: ignore[arg-type]  # what it asks for
     assert calls == [[forms[0]]]
     assert [[t.hypothesis for t in some] for some in few] == [[forms[0]], [forms[0]], []]
 

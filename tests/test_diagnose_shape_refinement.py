@@ -23,7 +23,7 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     compute_gain_by_shape,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import (
     CUT_INTERVAL_NOTE,
     GAIN_ROUNDING,

@@ -12,7 +12,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue
 from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import estimate_parameters
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_two_number_refinement
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.numerics.array_types import Array

@@ -15,9 +15,9 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import Hypothesi
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.diagnosis.effect_columns import gravity_compensator, joint_torque, sensor_errors, thermal_drift
 from machopt.measurement.diagnosis.model_selection import selection_pipeline, unmodelled_slip_and_external_forces
-from machopt.measurement.diagnosis.model_selection.attribution import attribution_guard
+from machopt.measurement.diagnosis.model_selection.attribution import naming_stages, uncatalogued_form_guard
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
-from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_iterations
+from machopt.measurement.diagnosis.model_selection.search import law_error, search_iterations, selected_effect
 
 
 def catalogue(r: StaticReadings) -> HypothesisCatalogue:
@@ -172,8 +172,8 @@ def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
         forms[unmodelled_slip_and_external_forces.SLIP_LAW],
     ):
         scored = SimpleNamespace(whitened=SimpleNamespace(hypothesis=form), gain=600.0)
-        chosen = forward_selection.SelectedEffect(scored, 0.0)  # type: ignore[arg-type]
-        least.append(forward_selection.compute_law_error(other, [chosen]))
+        chosen = selected_effect.SelectedEffect(scored, 0.0)  # type: ignore[arg-type]
+        least.append(law_error.compute_law_error(other, [chosen]))
     assert least == pytest.approx([180.0, 36.0])
 
 
@@ -224,7 +224,7 @@ def test_a_law_that_a_likeness_beats_has_no_name(off: float, kept: bool) -> None
     problem = posed(r, moved)
     state = search_iterations.search_iteratively(problem, HypothesisCatalogue((named, pulled)), 3, 0)
     law = next(t for t in state.whitened_hypotheses if t.hypothesis is named)
-    state = replace(state, chosen=(forward_selection.SelectedEffect(score_hypotheses(state.base, [law])[0], 0.002),))
-    (told,) = attribution_guard.withhold_unsupported_names(state, np.random.default_rng(0)).chosen
-    assert told.whitened.hypothesis.is_in_catalogue is kept
-    assert (attribution_guard.UNCATALOGUED_REASON in told.whitened.hypothesis.note) is not kept
+    state = replace(state, chosen=(selected_effect.SelectedEffect(score_hypotheses(state.base, [law])[0], 0.002),))
+    (effect,) = naming_stages.apply_naming_stages(state, np.random.default_rng(0)).chosen
+    assert effect.whitened.hypothesis.is_in_catalogue is kept
+    assert (uncatalogued_form_guard.UNCATALOGUED_REASON in effect.whitened.hypothesis.note) is not kept

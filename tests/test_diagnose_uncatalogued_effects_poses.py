@@ -11,9 +11,9 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
-from machopt.measurement.diagnosis.model_selection.attribution import attribution_guard
+from machopt.measurement.diagnosis.model_selection.attribution import naming_stages, uncatalogued_form_guard
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
-from machopt.measurement.diagnosis.model_selection.search import forward_selection, search_iterations
+from machopt.measurement.diagnosis.model_selection.search import search_iterations, selected_effect
 from machopt.measurement.diagnosis.static import unmodelled_pose_errors
 
 NOISE = 2e-5  # m
@@ -145,11 +145,12 @@ def test_a_frame_that_a_form_of_as_few_numbers_beats_has_no_name() -> None:
         spoilt = replace(problem, y=problem.y + 1e-4 * moved / np.abs(moved).max())
         state = search_iterations.search_iteratively(spoilt, replace(catalogue, uncatalogued_hypotheses=()), 1, 0)
         law = next(t for t in state.whitened_hypotheses if t.hypothesis.name == frame.name)
-        chosen = (forward_selection.SelectedEffect(score_hypotheses(state.base, [law])[0], 0.002),)
+        chosen = (selected_effect.SelectedEffect(score_hypotheses(state.base, [law])[0], 0.002),)
         state = replace(state, chosen=chosen, catalogue=catalogue)
-        (told,) = attribution_guard.withhold_unsupported_names(state, np.random.default_rng(0)).chosen
-        assert told.whitened.hypothesis.is_in_catalogue is (true.shape[2] > count)
-        assert (attribution_guard.UNCATALOGUED_REASON in told.whitened.hypothesis.note) is (true.shape[2] == count)
+        (effect,) = naming_stages.apply_naming_stages(state, np.random.default_rng(0)).chosen
+        assert effect.whitened.hypothesis.is_in_catalogue is (true.shape[2] > count)
+        has_reason = uncatalogued_form_guard.UNCATALOGUED_REASON in effect.whitened.hypothesis.note
+        assert has_reason is (true.shape[2] == count)
 
 
 def bowed(course: Array) -> Recording:

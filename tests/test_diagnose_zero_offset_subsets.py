@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from test_diagnose_multiple_effects import MANY, SIGMA, N, made, model
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
-from machopt.measurement.diagnosis.model_selection.search import predictive_score, sparse_effect_selection
+from machopt.measurement.diagnosis.model_selection.search import predictive_score, search_stages
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, build_whitened_model
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array
@@ -59,10 +59,7 @@ def test_score_is_the_log_density_of_each_fold_given_the_others() -> None:
         mean = X[rows] @ np.linalg.solve(N_rest, X[rest].T @ y[rest])
         S = variance * (np.eye(len(rows)) + X[rows] @ np.linalg.solve(N_rest, X[rows].T))
         expected += multivariate_normal(mean, S).logpdf(y[rows]) + 0.5 * len(rows) * np.log(2.0 * np.pi)
-    one = [
-        sparse_effect_selection.SelectedEffect(s, 1.0)
-        for s in sparse_effect_selection.score_hypotheses(base, [laws[0]])
-    ]
+    one = [search_stages.SelectedEffect(s, 1.0) for s in search_stages.score_hypotheses(base, [laws[0]])]
     found = predictive_score.compute_set_score(base, [replace(one[0], scored=replace(one[0].scored, shape=0))])
     shapes = 0.5 * len(laws[0].shapes[0]) * np.log(len(y)) + 0.5 * whole.prior @ whole.coefficients**2
     assert found == pytest.approx(expected - shapes, rel=1e-6)
@@ -80,7 +77,7 @@ def test_exactly_the_planted_offsets_are_selected(planted: dict[str, float], see
     base, laws = with_zeros(planted, seed)
     found = predictive_score.select_zero_offsets(base, laws)
     assert {c.whitened.hypothesis.location for c in found} == set(planted)
-    _, chosen = sparse_effect_selection.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
+    _, chosen = search_stages.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
     assert {c.whitened.hypothesis.name for c in chosen} == {("joint_zero_offset", p) for p in planted}
 
 
@@ -93,8 +90,6 @@ def test_no_offset_is_selected_in_noise(seed: int) -> None:
 def test_an_unnecessary_effect_is_dropped() -> None:
     base, laws = with_zeros({"joint:2": 1.0, "joint:5": 1.0}, 31)
     three = [t for t in laws if t.hypothesis.effect == "joint_zero_offset" and t.hypothesis.location[-1] in "256"]
-    found = [
-        sparse_effect_selection.SelectedEffect(s, 1.0) for s in sparse_effect_selection.score_hypotheses(base, three)
-    ]
+    found = [search_stages.SelectedEffect(s, 1.0) for s in search_stages.score_hypotheses(base, three)]
     left = predictive_score.drop_unpredictive_effects(base, predictive_score.score_together(base, found))
     assert {c.whitened.hypothesis.location for c in left} == {"joint:2", "joint:5"}

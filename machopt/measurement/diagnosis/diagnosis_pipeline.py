@@ -16,22 +16,13 @@ from machopt.kinematics.mimic_joints import check_no_mimic_joints
 from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.measurement.diagnosis.data_quality import (
-    exchanged_inclinometer_columns,
-    joint_conventions,
-    misplaced_reflectors,
     moved_tracker_or_target,
     outlier_rows,
-    pose_units,
-    quaternion_conventions,
-    separate_sessions,
-    session_force_gain,
+    record_corrections,
     shifted_rows,
-    stated_frame_and_tcp,
-    static_record_correction,
-    wrong_weight_label,
 )
 from machopt.measurement.diagnosis.data_quality.duplicated_rows import find_duplicated_rows
-from machopt.measurement.diagnosis.data_types import reflectors_and_tracker_frames
+from machopt.measurement.diagnosis.data_quality.record_corrections import RecordContext
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EffectLocation, Finding
 from machopt.measurement.diagnosis.dynamic import motion_channels, next_motion
@@ -110,12 +101,11 @@ def diagnose_static_recording(
             "(machopt plan-poses chooses them)",
             file=recording.source,
         )
-    right = _correct_recording(recording, cell, robot, masses, accept)
+    right = record_corrections.correct_recording(recording, RecordContext(cell, robot, masses, accept))
     recording = right.recording
     others = find_duplicated_rows(recording, robot, T)
-    copies = (
-        outlier_rows.find_copied_rows(recording) | others | shifted_rows.find_lost_rows(right.findings, len(recording))
-    )
+    lost = shifted_rows.find_lost_rows(list(right.findings), len(recording))
+    copies = outlier_rows.find_copied_rows(recording) | others | lost
     if recording.used is not None:
         copies = copies | ~recording.used
     terms = _list_known_terms(cell, robot, masses)
@@ -154,53 +144,10 @@ def diagnose_static_recording(
     warnings += () if cell.stiffness is None else describe_ignored_springs(cell.stiffness.external)
     if recording.kind == "absolute" and cell.stiffness is not None and cell.stiffness.position is not None:
         warnings += cell.stiffness.position.beyond(recording.q)
-    corrected, overnight = moved_tracker_or_target.merge_with_thermal_drift(right.findings, d.findings)
-    notes = (*right.reflector_notes, *overnight, *notes)
+    corrected, overnight = moved_tracker_or_target.merge_with_thermal_drift(list(right.findings), d.findings)
+    notes = (*right.notes, *overnight, *notes)
     whole = _add_record_findings(d, [*corrected, *tcp_findings], outlier_finding, notes, tuple(warnings))
     return DiagnosedRecording(data_sufficiency.downgrade_if_insufficient(whole, problem), problem, recording)
-
-
-@dataclass(frozen=True)
-class _CorrectedRecording:
-    """Corrected recording with the findings of the corrections."""
-
-    recording: Recording
-    findings: list[Finding]
-    reflector_notes: tuple[str, ...]  # notes on reflectors and tracker frames
-    warnings: tuple[str, ...]
-
-
-def _correct_recording(
-    recording: Recording, cell: Cell, robot: Robot, masses: RobotMasses | None, accept: tuple[str, ...]
-) -> _CorrectedRecording:
-    """Correct columns and units first, then reflectors and sessions, then labels and gains."""
-    T, prior = cell.tool.T_flange_tcp, None if cell.stiffness is None else cell.stiffness.joints
-    recording, found = pose_units.correct_pose_units(recording, robot, T, accept)
-    recording, convention = joint_conventions.correct_joint_convention(
-        recording, robot, T, accept, cell.controller.joint_map
-    )
-    recording, frames = stated_frame_and_tcp.correct_stated_frame(recording, robot, T, accept)
-    recording, quaternions = quaternion_conventions.correct_quaternion_convention(recording, robot, T, accept)
-    found = [*found, *convention, *frames, *quaternions]
-    recording, reflector_notes = reflectors_and_tracker_frames.transform_to_base(recording, robot, T)
-    guessed = cell.stiffness is not None and cell.stiffness.estimated
-    recording, findings, warnings = static_record_correction.correct_static_record(
-        recording, robot, T, prior, accept, estimated=guessed
-    )
-    found = [*found, *findings]
-    if recording.kind == "absolute" and "columns" not in accept:
-        recording, sitting = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
-        found += sitting
-    if recording.kind == "absolute":
-        recording, put_down = moved_tracker_or_target.correct_session_changes(recording, robot, T, accept)
-        recording, assigned = exchanged_inclinometer_columns.correct_inclinometer_columns(
-            recording, cell, robot, masses, accept
-        )
-        recording, separate = separate_sessions.correct_separate_sessions(recording, robot, masses, T, accept)
-        found += [*put_down, *assigned, *separate]
-    recording, relabelled = wrong_weight_label.correct_wrong_weight_labels(recording, robot, T, accept)
-    recording, louder = session_force_gain.correct_session_force_gains(recording, robot, T, accept)
-    return _CorrectedRecording(recording, [*found, *relabelled, *louder], tuple(reflector_notes), tuple(warnings))
 
 
 def _list_known_terms(cell: Cell, robot: Robot, masses: RobotMasses | None) -> tuple[StiffnessTerm, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,24 +28,6 @@ def weaken_verdict(verdict: Verdict) -> Verdict:
     return WEAKER_VERDICTS.get(verdict, verdict)  # type: ignore[return-value]
 
 
-@dataclass(frozen=True)
-class ExcessNoise:
-    """Remainder that the stated instrument uncertainty does not explain."""
-
-    words: str
-
-    def verdict(self, verdict: Verdict) -> Verdict:
-        """Return the strongest verdict that is possible with this remainder.
-
-        Args:
-            verdict: Verdict without the remainder.
-
-        Returns:
-            The weaker verdict.
-        """
-        return weaken_verdict(verdict)
-
-
 def compute_measured_noise(problem: DiagnosisProblem, noise: ReplicateNoise, used: Flags) -> float:
     """Compute the noise of the first family that does not depend on the model.
 
@@ -72,7 +52,7 @@ def compute_measured_noise(problem: DiagnosisProblem, noise: ReplicateNoise, use
 
 def check_stated_uncertainty(
     problem: DiagnosisProblem, residual: Array, noise: ReplicateNoise, used: Flags
-) -> ExcessNoise | None:
+) -> str | None:
     """Check whether noise or misfit is many times the stated uncertainty of the instruments.
 
     Args:
@@ -82,7 +62,7 @@ def check_stated_uncertainty(
         used: (N,) True for readings that are used.
 
     Returns:
-        The excess; None if there is none or no uncertainty is stated.
+        The excess in words; None if there is none or no uncertainty is stated.
     """
     family = problem.families[0]
     if not family.stated_uncertainty or not used.any():
@@ -101,7 +81,7 @@ def check_stated_uncertainty(
         return None
     stated = family.factor * family.stated_uncertainty
     worst, what = (floor, "passes for noise") if floor > most else (rest, "is left")
-    return ExcessNoise(
+    return (
         f"{worst:.3g} {family.unit} {what}, {worst / stated:.0f} times the {stated:.3g} {family.unit} that the "
         "recording states for a reading: something else is there, of the record or of the robot"
     )

@@ -8,12 +8,10 @@ stays in the fit, so that no other takes its place, but it is reported by its lo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from machopt.effects import registry
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
@@ -29,83 +27,94 @@ from machopt.measurement.diagnosis.model_selection.screening.session_transfer im
     SESSION_DEPENDENT_FAMILIES,
     is_consistent_between_sessions,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
-    SelectedEffect,
-    add_selected_effects,
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import (
     has_plausible_sizes,
     is_supported_without_session_check,
 )
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics import holdout_residuals
-from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array
 
 SMALL_GAIN_REASON = "explains little more than what is left beside it"
 IMPLAUSIBLE_REASON = "would need numbers that nothing built has"
 BETTER_LAW_REASON = "fits worse than another law of this place, which would need a size that nothing built has"
 ZERO_SIZE_REASON = "may as well be of no size at all"
-UNCATALOGUED_REASON = "is no better than a form without a name"
-MIN_COEFFICIENTS = 4  # least number of coefficients of an uncatalogued form in measured poses
 TIME_VARYING_REASON = "comes and goes with the hours"
 
 
-def withhold_unsupported_names(state: SearchState, rng: np.random.Generator) -> SearchState:
-    """Replace unsupported effects by uncatalogued ones with the same columns.
+def withhold_implausible_coefficients(state: SearchState) -> SearchState:
+    """Withhold effects whose coefficients nothing built has.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the remaining names.
+    """
+    return replace(
+        state, chosen=tuple(c if _is_plausible(c) else remove_name(c, IMPLAUSIBLE_REASON) for c in state.chosen)
+    )
+
+
+def withhold_if_implausible_law_fits(state: SearchState) -> SearchState:
+    """Withhold effects where another effect of their place fits clearly better, at an implausible size.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the remaining names.
+    """
+    return replace(state, chosen=tuple(_withhold_if_implausible_law_fits(state, k) for k in range(len(state.chosen))))
+
+
+def withhold_uncertain_sizes(state: SearchState) -> SearchState:
+    """Withhold effects whose size may be zero.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the remaining names.
+    """
+    return replace(state, chosen=tuple(_withhold_if_size_uncertain(state, k) for k in range(len(state.chosen))))
+
+
+def withhold_time_varying(state: SearchState) -> SearchState:
+    """Withhold frames and offsets of measured poses whose size varies with the hours.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the remaining names.
+    """
+    if not is_guarded(state):
+        return state
+    varies = [c.whitened.hypothesis.is_in_catalogue and time_stability.is_time_varying(state, c) for c in state.chosen]
+    kept = (remove_name(c, TIME_VARYING_REASON) if v else c for c, v in zip(state.chosen, varies, strict=True))
+    return replace(state, chosen=tuple(kept))
+
+
+def withhold_small_gains(state: SearchState, rng: np.random.Generator) -> SearchState:
+    """Withhold effects that take less power than what is left, unless their place is certain.
 
     Args:
         state: State of the search.
         rng: Random generator of the sign flips.
 
     Returns:
-        The state with the remaining effects.
+        The state with the remaining names.
     """
-    state = replace(
-        state, chosen=tuple(c if _is_plausible(c) else _remove_name(c, IMPLAUSIBLE_REASON) for c in state.chosen)
-    )
-    state = replace(state, chosen=tuple(_withhold_if_implausible_law_fits(state, k) for k in range(len(state.chosen))))
-    if state.problem.channel == "deflection":
-        state = replace(state, chosen=tuple(_withhold_if_size_uncertain(state, k) for k in range(len(state.chosen))))
-        state = replace(state, chosen=tuple(_withhold_if_uncatalogued_fits(state, k) for k in range(len(state.chosen))))
-        if any(c.whitened.hypothesis.is_in_catalogue for c in state.chosen):
-            forms = whiten_hypotheses(state.base, state.catalogue.uncatalogued_hypotheses)
-            state = replace(
-                state, chosen=tuple(_withhold_if_uncatalogued_fits(state, k, forms) for k in range(len(state.chosen)))
-            )
-    if state.problem.channel == "position" and not _has_many_effects(state):
-        state = replace(
-            state,
-            chosen=tuple(
-                _withhold_if_uncatalogued_fits(state, k, few)
-                for k, few in enumerate(_list_comparable_uncatalogued(state))
-            ),
-        )
-    if state.problem.channel == "torque":
-        state = replace(
-            state,
-            chosen=tuple(
-                _withhold_if_uncatalogued_fits(state, k, _list_uncatalogued_at_joint(state, k))
-                for k in range(len(state.chosen))
-            ),
-        )
-    if not any(_is_subject_to_guard(c) for c in state.chosen) or _has_many_effects(state):
+    if not is_guarded(state):
         return state
-    unsteady = [
-        c.whitened.hypothesis.is_in_catalogue and time_stability.is_time_varying(state, c) for c in state.chosen
-    ]
-    steadily = (_remove_name(c, TIME_VARYING_REASON) if u else c for c, u in zip(state.chosen, unsteady, strict=True))
-    chosen = _withhold_session_dependent(state, tuple(steadily))
+    chosen = state.chosen
     fit = state.fit_effects(chosen)
     whole = fit.heldout()
     left = _compute_unexplained_power(state, whole, fit.residual, rng)
     if left <= 0.0:
-        return replace(state, chosen=chosen)
-    return replace(state, chosen=_withhold_small_gains(state, chosen, whole, left))
-
-
-def _withhold_small_gains(
-    state: SearchState, chosen: tuple[SelectedEffect, ...], whole: Array, left: float
-) -> tuple[SelectedEffect, ...]:
-    """Remove the names of effects that take less power than what is left, unless their place is certain."""
+        return state
     out = list(chosen)
     for k, c in enumerate(chosen):
         if not _is_subject_to_guard(c):
@@ -116,8 +125,8 @@ def _withhold_small_gains(
         frame = c.whitened.hypothesis.effect == as_built_joint_frames.EFFECT.name
         most = thresholds.PROOF.outweighs_exact if frame else thresholds.PROOF.outweighs
         if left > most * taken and not place_certainty.is_place_certain(state, chosen, k):
-            out[k] = _remove_name(c, SMALL_GAIN_REASON)
-    return tuple(out)
+            out[k] = remove_name(c, SMALL_GAIN_REASON)
+    return replace(state, chosen=tuple(out))
 
 
 def find_contradicted_effect(state: SearchState) -> ScoredHypothesis | None:
@@ -138,25 +147,44 @@ def find_contradicted_effect(state: SearchState) -> ScoredHypothesis | None:
     return None
 
 
-def _withhold_session_dependent(state: SearchState, chosen: tuple[SelectedEffect, ...]) -> tuple[SelectedEffect, ...]:
+def withhold_session_dependent(state: SearchState) -> SearchState:
     """Withhold session-dependent effects if the sessions of a load test differ more by another cause.
 
     Replicates then differ by that cause too, and the remainder is hidden in the noise estimate.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the remaining names.
     """
-    if state.problem.channel != "deflection" or not any(
-        c.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES for c in chosen
+    if not is_guarded(state) or not any(
+        c.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES for c in state.chosen
     ):
-        return chosen
+        return state
     other = find_contradicted_effect(state)
     if other is None:
-        return chosen
-    return tuple(
-        _remove_name(c, SMALL_GAIN_REASON)
+        return state
+    kept = (
+        remove_name(c, SMALL_GAIN_REASON)
         if c.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES
         and other.gain > thresholds.PROOF.outweighs * c.scored.gain
         else c
-        for c in chosen
+        for c in state.chosen
     )
+    return replace(state, chosen=tuple(kept))
+
+
+def is_guarded(state: SearchState) -> bool:
+    """Return whether effects are compared with what is left: one of them is not exact, and they are few.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        True if so.
+    """
+    return any(_is_subject_to_guard(c) for c in state.chosen) and not has_many_effects(state)
 
 
 def _is_subject_to_guard(c: SelectedEffect) -> bool:
@@ -165,8 +193,15 @@ def _is_subject_to_guard(c: SelectedEffect) -> bool:
     return h.is_in_catalogue and (not h.is_exact or h.family == "kinematic")
 
 
-def _has_many_effects(state: SearchState) -> bool:
-    """Return whether the poses show so many harmonics and frames that each is a small part of the mismatch."""
+def has_many_effects(state: SearchState) -> bool:
+    """Return whether the poses show so many harmonics and frames that each is a small part of the mismatch.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        True if so.
+    """
     return state.problem.channel == "position" and len(state.chosen) > thresholds.RESTING.crowded
 
 
@@ -213,76 +248,26 @@ def _withhold_if_implausible_law_fits(state: SearchState, k: int) -> SelectedEff
     own = score_hypotheses(beside, [c.whitened])[0].total
     better = [s for s in score_hypotheses(beside, rivals) if not has_plausible_sizes(s)]
     least = (1.0 + thresholds.DETECTION.beside) * own
-    return _remove_name(c, BETTER_LAW_REASON) if any(s.total > least for s in better) else c
+    return remove_name(c, BETTER_LAW_REASON) if any(s.total > least for s in better) else c
 
 
 def _withhold_if_size_uncertain(state: SearchState, k: int) -> SelectedEffect:
     """Return the k-th effect, withheld if the confidence interval of its size contains zero."""
     c = state.chosen[k]
     sure = not c.whitened.hypothesis.is_in_catalogue or is_size_significant(state.base, state.chosen, k)
-    return c if sure else _remove_name(c, ZERO_SIZE_REASON)
+    return c if sure else remove_name(c, ZERO_SIZE_REASON)
 
 
-def _list_comparable_uncatalogued(state: SearchState) -> list[tuple[WhitenedHypothesis, ...]]:
-    """Return for each law the uncatalogued forms with at most as many coefficients."""
-    laws = [c.whitened for c in state.chosen]
-    most = [t.X.shape[2] + len(t.shapes[0]) if t.hypothesis.is_in_catalogue else 0 for t in laws]
-    most = [m if m >= MIN_COEFFICIENTS else 0 for m in most]
-    if not any(most):
-        return [()] * len(laws)
-    few = [
-        n
-        for n in state.catalogue.uncatalogued_hypotheses
-        if n.columns(n.shapes[0]).shape[2] + len(n.shapes[0]) <= max(most)
-    ]
-    forms = whiten_hypotheses(state.base, few)
-    return [tuple(t for t in forms if t.X.shape[2] + len(t.shapes[0]) <= m) for m in most]
+def remove_name(c: SelectedEffect, why: str) -> SelectedEffect:
+    """Return an effect of the same columns that is reported by its location only.
 
+    Args:
+        c: Selected effect.
+        why: Reason, as the end of a sentence.
 
-def _list_uncatalogued_at_joint(state: SearchState, k: int) -> tuple[WhitenedHypothesis, ...]:
-    """Return the uncatalogued forms at the joint of an angle-dependent torque law."""
-    h = state.chosen[k].whitened.hypothesis
-    if h.effect not in {e.file_word for e in registry.select_parallel_torque_effects()}:
-        return ()
-    return tuple(
-        whiten_hypotheses(state.base, [n for n in state.catalogue.uncatalogued_hypotheses if n.location == h.location])
-    )
-
-
-def _withhold_if_uncatalogued_fits(
-    state: SearchState, k: int, more: Sequence[WhitenedHypothesis] = ()
-) -> SelectedEffect:
-    """Return the k-th effect, withheld if an uncatalogued form with no more coefficients fits as well.
-
-    A hose between column and forearm resembles a gravity compensator. The true law is not outperformed by an
-    approximation.
+    Returns:
+        The form without a name.
     """
-    c = state.chosen[k]
-    rough = [*(t for t in state.whitened_hypotheses if t.hypothesis.is_approximate), *more]
-    if not c.whitened.hypothesis.is_in_catalogue or not rough:
-        return c
-    model_without = add_selected_effects(state.base, [o for i, o in enumerate(state.chosen) if i != k])
-    own = score_hypotheses(model_without, [c.whitened])[0]
-
-    def worth(s: ScoredHypothesis) -> float:
-        numbers = s.whitened.X.shape[2] + len(s.whitened.shapes[s.shape])
-        return float(s.gain / model_without.residual_variance - thresholds.DETECTION.per_coefficient * numbers)
-
-    # dozens of forms are tried for this purpose only: the best of many is good by chance
-    most = worth(own) + (thresholds.DETECTION.shorter if more else 0.0)
-    better = [s for s in score_hypotheses(model_without, rough) if worth(s) > most]
-    return (
-        c
-        if not better
-        else _remove_name(c, f"{UNCATALOGUED_REASON}, of something {_format_effect(max(better, key=worth))}")
-    )
-
-
-def _format_effect(s: ScoredHypothesis) -> str:
-    return f"at {s.whitened.hypothesis.location} that {s.whitened.hypothesis.law}"
-
-
-def _remove_name(c: SelectedEffect, why: str) -> SelectedEffect:
     h = c.whitened.hypothesis
     note = f"looks like {format_effect_in_sentence(*h.name)} ({h.law}) and {why}"
     unnamed: EffectHypothesis = replace(h, family=UNCATALOGUED, note=note)

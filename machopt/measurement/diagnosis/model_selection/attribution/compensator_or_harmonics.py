@@ -22,8 +22,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     compute_gain_by_shape,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import refine_law_shape
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses

@@ -18,12 +18,9 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     ScoredHypothesis,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
-    SelectedEffect,
-    add_selected_effects,
-    is_supported,
-)
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import is_supported
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 
 
 def rename_limiting_cases(state: SearchState) -> SearchState:

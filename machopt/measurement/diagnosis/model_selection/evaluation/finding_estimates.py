@@ -22,7 +22,7 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     ScoredHypothesis,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import compute_likelihood_margin
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, compute_cluster_robust_fit
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis

@@ -16,8 +16,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 from machopt.measurement.diagnosis.model_selection.screening.significance_check import (
     project_to_plausible_coefficients,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.numerics.array_types import Array
 
 FIXED = 1e9  # prior precision of an unknown at zero, relative to that of the readings

@@ -11,8 +11,8 @@ from scipy.special import ndtr
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding, MismatchShare
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import add_selected_effects
 from machopt.measurement.diagnosis.statistics import holdout_residuals
 from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model, copy_folds

@@ -6,9 +6,9 @@ import numpy as np
 
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import HoldoutProof
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.search_stages import search_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
-from machopt.measurement.diagnosis.model_selection.search.sparse_effect_selection import search_effects
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import add_selected_effects
 from machopt.measurement.diagnosis.statistics import holdout_residuals
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses

@@ -12,16 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.measurement.diagnosis import thresholds
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
-    SelectedEffect,
-    add_selected_effects,
-    compute_least_gain,
-)
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import compute_least_gain
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import (
     drop_unpredictive_effects,
     score_together,
 )
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 
 

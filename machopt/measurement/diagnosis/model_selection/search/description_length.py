@@ -32,13 +32,15 @@ from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sum
     compute_group_gains,
     eliminate_columns,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import (
+    is_supported,
+    is_supported_without_session_check,
+)
+from machopt.measurement.diagnosis.model_selection.search.law_error import compute_law_error
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import (
     BODY,
     SelectedEffect,
     add_selected_effects,
-    compute_law_error,
-    is_supported,
-    is_supported_without_session_check,
 )
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, select_shape

@@ -7,16 +7,18 @@ if none of these is accepted.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from machopt.effects.joint import joint_angle_errors
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
-from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, sparse_effect_selection
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, search_stages
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import compute_set_score, get_required_gain
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.selection_stage import SelectionStage
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 
@@ -25,10 +27,28 @@ SearchOutcome = tuple[
 ]  # hypotheses for rivals, selected effects
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExtensionProblem:
+    """Input of the extension stages."""
+
+    base: WhitenedModel
+    catalogue: HypothesisCatalogue
+    most: int
+    seed: int
+    noise_variance: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtensionStage(SelectionStage):
+    """Repeated search with more hypotheses: (problem, outcome so far) to the new outcome."""
+
+    change: Callable[[ExtensionProblem, SearchOutcome], SearchOutcome]
+
+
 def search_extended_hypotheses(
     base: WhitenedModel, catalogue: HypothesisCatalogue, found: SearchOutcome, most: int, seed: int, fits: float
 ) -> SearchOutcome:
-    """Repeat the search with the extended hypotheses.
+    """Repeat the search with the extended hypotheses, by the stages of the table.
 
     Args:
         base: Whitened base model.
@@ -41,16 +61,27 @@ def search_extended_hypotheses(
     Returns:
         The new outcome, or the regular one.
     """
-    if _has_remaining_mismatch(base, found[1], fits):
-        found = _search_again(base, catalogue.extended_hypotheses, found, most, np.random.default_rng([seed, 5]), fits)
-    several = harmonic_orders.count_parts(found[1]) > 1 and len(found[1]) <= thresholds.RESTING.crowded
-    if several or _has_remaining_mismatch(base, found[1], fits):
-        again = _search_again(
-            base, catalogue.uncatalogued_hypotheses, found, most, np.random.default_rng([seed, 6]), fits
-        )
-        if _is_shorter_description(base, again[1], found[1]):
-            found = again
+    problem = ExtensionProblem(base=base, catalogue=catalogue, most=most, seed=seed, noise_variance=fits)
+    for stage in EXTENSION_STAGES:
+        found = stage.change(problem, found)
     return found
+
+
+def _search_larger_grids(problem: ExtensionProblem, found: SearchOutcome) -> SearchOutcome:
+    if not _has_remaining_mismatch(problem.base, found[1], problem.noise_variance):
+        return found
+    return _search_again(
+        problem, problem.catalogue.extended_hypotheses, found, np.random.default_rng([problem.seed, 5])
+    )
+
+
+def _search_uncatalogued_forms(problem: ExtensionProblem, found: SearchOutcome) -> SearchOutcome:
+    several = harmonic_orders.count_parts(found[1]) > 1 and len(found[1]) <= thresholds.RESTING.crowded
+    if not several and not _has_remaining_mismatch(problem.base, found[1], problem.noise_variance):
+        return found
+    rng = np.random.default_rng([problem.seed, 6])
+    again = _search_again(problem, problem.catalogue.uncatalogued_hypotheses, found, rng)
+    return again if _is_shorter_description(problem.base, again[1], found[1]) else found
 
 
 def compute_mismatch_threshold(base: WhitenedModel) -> float:
@@ -78,22 +109,18 @@ def _has_remaining_mismatch(base: WhitenedModel, chosen: Sequence[SelectedEffect
 
 
 def _search_again(
-    base: WhitenedModel,
-    laws: Sequence[EffectHypothesis],
-    found: SearchOutcome,
-    most: int,
-    rng: np.random.Generator,
-    fits: float,
+    problem: ExtensionProblem, laws: Sequence[EffectHypothesis], found: SearchOutcome, rng: np.random.Generator
 ) -> SearchOutcome:
     """Return the outcome of a search with further laws; ``found`` if none of them is accepted.
 
     A joint selection combines the further waves of a joint with others, so that its law is none of the list. Then the
     predictive score decides.
     """
+    base = problem.base
     more = whiten_hypotheses(base, laws)
     if not more:
         return found
-    again = sparse_effect_selection.search_effects(base, (*found[0], *more), most, rng, fits)
+    again = search_stages.search_effects(base, (*found[0], *more), problem.most, rng, problem.noise_variance)
     if any(any(c.whitened is t for t in more) for c in again[1]):
         return again
     least = compute_set_score(base, found[1]) + get_required_gain()
@@ -107,3 +134,23 @@ def _is_shorter_description(base: WhitenedModel, new: Sequence[SelectedEffect], 
     numbers = [sum(len(c.scored.x) + len(c.whitened.shapes[c.scored.shape]) for c in some) for some in (new, old)]
     lengths = [m.rss / spread + n * float(np.log(len(m.y))) for m, n in zip(models, numbers, strict=True)]
     return lengths[0] < lengths[1] - thresholds.DETECTION.shorter
+
+
+EXTENSION_STAGES: tuple[ExtensionStage, ...] = (
+    ExtensionStage(
+        name="larger grids",
+        statistic="the search again, with finer and wider grids of shapes, while more than noise is left",
+        levels=("proof.restless", "proof.restless_errors", "resting.crowded"),
+        reference="χ² of whitened residuals; log predictive score",
+        rejects="a law whose shape the regular grid misses",
+        change=_search_larger_grids,
+    ),
+    ExtensionStage(
+        name="forms without a name",
+        statistic="the search again, with forms outside the catalogue; BIC of both results",
+        levels=("detection.shorter", "proof.restless", "proof.restless_errors"),
+        reference="BIC difference of 10 (Kass & Raftery 1995)",
+        rejects="several effects that together imitate one that the catalogue lacks",
+        change=_search_uncatalogued_forms,
+    ),
+)

@@ -1,8 +1,8 @@
 """Forward selection of effects by cross-validated gain; each step is tested against the chance level of the whole
 search.
 
-After every step earlier effects may be exchanged or dropped. Pairs among the best hypotheses are tried exhaustively,
-because one effect can imitate two.
+:data:`STEP_CHECKS` are the tests of a further effect. After every step :data:`GROWTH_STAGES` may exchange earlier
+effects, and at the end effects are dropped that the others make unnecessary.
 """
 
 from __future__ import annotations
@@ -12,12 +12,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from machopt.data_types.effect_locations import BASE, LINK, TOOL, parse_location
-from machopt.effects import registry
-from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
-from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     FittedHypothesis,
     ScoredHypothesis,
@@ -25,119 +22,32 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     fit_hypotheses,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.screening.session_transfer import is_consistent_between_sessions
 from machopt.measurement.diagnosis.model_selection.screening.significance_check import (
     find_insignificant_laws,
     project_to_plausible_coefficients,
 )
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import (
+    compute_least_gain,
+    is_large_enough,
+    is_supported,
+)
+from machopt.measurement.diagnosis.model_selection.search.law_error import (
+    compute_body_error_share,
+    compute_law_error,
+    has_law_deviation,
+)
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import (
+    SelectedEffect,
+    add_selected_effects,
+    is_law_deviation,
+)
+from machopt.measurement.diagnosis.model_selection.selection_stage import SelectionStage
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 from machopt.numerics.array_types import Array
 
+Flags = NDArray[np.bool_]
 PAIR_CANDIDATES = 6
-BODY = "body"  # family of compliant bodies
-SENSOR = "sensor"  # family of recording errors
-LAW_DEVIATION = "deviation from a law"  # name of the form in :mod:`law_deviation`
-RELATIVE_UNITS = {"%": 0.01, "deg": np.pi / 180.0}  # relative size of a gain, of an angle
-JOINTS_BEFORE_WRIST = 3  # number of joints before the wrist
-LAST_LINK_OF_SIX = 5  # from this link on, links count as next to the tool
-
-
-@dataclass(frozen=True)
-class SelectedEffect:
-    """One effect of the selected model."""
-
-    scored: ScoredHypothesis  # scored together with the other effects
-    p_value: float
-    law_error: float | None = None  # gain that the law may leave; None: a share of its own gain
-
-    @property
-    def whitened(self) -> WhitenedHypothesis:
-        return self.scored.whitened
-
-    @property
-    def columns(self) -> Array:
-        return self.scored.whitened.columns_at(self.scored.shape)
-
-
-def compute_least_gain(model: WhitenedModel, s: FittedHypothesis) -> float:
-    """Compute the gain that a hypothesis must reach, relative to the residual variance.
-
-    Args:
-        model: Whitened base model.
-        s: Hypothesis fitted to all readings.
-
-    Returns:
-        Required gain.
-    """
-    h = s.whitened.hypothesis
-    p = s.whitened.X.shape[2]
-    least: float = thresholds.DETECTION.gain + thresholds.DETECTION.per_coefficient * (p - 1) + h.penalty
-    return max(least, thresholds.DETECTION.share * len(model.y))
-
-
-def is_supported(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    """Return whether a hypothesis is large enough, cross-validated, and not limited to one group or session.
-
-    Args:
-        model: Whitened base model.
-        s: Scored hypothesis.
-
-    Returns:
-        True if supported.
-    """
-    return is_supported_without_session_check(model, s) and is_consistent_between_sessions(model, s)
-
-
-def is_supported_without_session_check(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    """Return whether a hypothesis is supported, without the comparison between sessions.
-
-    Args:
-        model: Whitened base model.
-        s: Scored hypothesis.
-
-    Returns:
-        True if supported.
-    """
-    return (
-        _is_large_enough(model, s)
-        and s.total > thresholds.DETECTION.generalises * s.gain
-        and project_to_plausible_coefficients(model, s.whitened, s.shape, s.x)[1]
-        <= (1.0 - thresholds.DETECTION.possible) * s.gain
-        and _is_supported_by_several_groups(model, s)
-        and not find_insignificant_laws(model.with_law(s.whitened, s.shape), [(s.whitened, s.shape)])
-    )
-
-
-def _is_large_enough(model: WhitenedModel, s: FittedHypothesis) -> bool:
-    """Return whether a law gains enough with sizes that its effect can have."""
-    return s.gain / model.residual_variance >= compute_least_gain(model, s) and has_plausible_sizes(s)
-
-
-def _is_supported_by_several_groups(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    """Return whether a law does not depend on a single group: the others contribute their share or suffice alone."""
-    others = s.total - float(s.heldout.max())
-    return (
-        others > thresholds.DETECTION.without_best * s.total
-        or others / model.residual_variance >= compute_least_gain(model, s)
-    )
-
-
-def has_plausible_sizes(s: FittedHypothesis) -> bool:
-    """Return whether the size of a fitted law is one that its effect can have.
-
-    Args:
-        s: Hypothesis fitted to all readings.
-
-    Returns:
-        True if it can.
-    """
-    h = s.whitened.hypothesis
-    size = next(iter(h.quantities(s.x * s.whitened.unit[s.shape], s.whitened.shapes[s.shape]).values()))
-    known = registry.find_effect(h.effect)
-    if abs(size.value) < h.least_size:
-        return False
-    return known is None or abs(size.value) <= known.plausible_sizes.get(size.unit, np.inf)
 
 
 def select_effects(
@@ -171,9 +81,10 @@ def select_effects(
         if step is None:
             break
         chosen.append(step)
-        if len(chosen) == 2 and not start:
-            chosen = _search_pairs(model, tried, chosen)
-        chosen = grown(search.exchange(model, chosen))
+        if len(chosen) > 1:
+            for stage in GROWTH_STAGES:
+                chosen = stage.regroup(search, model, chosen, start)
+        chosen = grown(chosen)
         first = first or list(chosen)
     # two effects that explain the same may both fail together: then the one selected alone is kept
     return _eliminate_backward(model, chosen) or _eliminate_backward(model, first)
@@ -278,19 +189,6 @@ def compute_chances(
     return [replace(c, p_value=float(p)) for c, p in zip(chosen, chance, strict=False)]
 
 
-def add_selected_effects(model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> WhitenedModel:
-    """Return the model with the columns of selected effects.
-
-    Args:
-        model: Whitened base model.
-        chosen: Selected effects, each fitted together with the others.
-
-    Returns:
-        The extended model.
-    """
-    return model.extend_by_laws([(c.whitened, c.scored.shape) for c in chosen])
-
-
 @dataclass(frozen=True)
 class _SelectionStep:
     """Data common to all steps of the search."""
@@ -313,135 +211,77 @@ class _SelectionStep:
         taken = {c.whitened.hypothesis.name for c in chosen}
         fitted = fit_hypotheses(model, [t for t in self.whitened_hypotheses if t.hypothesis.name not in taken])
         chance = compute_chance_probability(model, fitted, self.residual, self.rng)
-        good = [
-            s
-            for p_value, s in zip(chance, fitted, strict=True)
-            if p_value <= thresholds.DETECTION.chance and s.gain > compute_law_error(s, chosen, self.body_error_share)
-        ]
+        passed = np.ones(len(fitted), bool)
+        for check in STEP_CHECKS:
+            passed &= check.find_passing(fitted, chance, chosen, self.body_error_share)
+        good = [s for s, is_passed in zip(fitted, passed, strict=True) if is_passed]
         best = _select_supported_law(model, good)
         if best is None:
             return None
         return SelectedEffect(best, float(chance[[s.whitened is best.whitened for s in fitted].index(True)]))
 
-    def exchange(self, model: WhitenedModel, chosen: list[SelectedEffect]) -> list[SelectedEffect]:
-        """Re-select each effect with the others fixed.
 
-        Args:
-            model: Whitened base model.
-            chosen: Selected effects, each fitted together with the others.
-
-        Returns:
-            The effects.
-        """
-        out = list(chosen)
-        for k in range(len(out) if len(out) > 1 else 0):
-            if not any(t is out[k].whitened for t in self.whitened_hypotheses) or _has_law_deviation(out[k], out):
-                continue  # a sum of several laws, each of which would replace it, or a law with its deviation
-            others = out[:k] + out[k + 1 :]
-            again = self.find_next_effect(add_selected_effects(model, others), others)
-            if again is not None:
-                out[k] = again
-        return out
+def _has_gain_beyond_chance(
+    fitted: Sequence[FittedHypothesis], chance: Array, chosen: Sequence[SelectedEffect], body_error_share: float
+) -> Flags:
+    return chance <= thresholds.DETECTION.chance
 
 
-def is_law_deviation(c: SelectedEffect) -> bool:
-    """Return whether a selected form is the fitted deviation of another effect from its law.
-
-    Args:
-        c: Selected effect.
-
-    Returns:
-        True if so.
-    """
-    return c.whitened.hypothesis.law == LAW_DEVIATION
+def _has_gain_beyond_law_errors(
+    fitted: Sequence[FittedHypothesis], chance: Array, chosen: Sequence[SelectedEffect], body_error_share: float
+) -> Flags:
+    return np.array([s.gain > compute_law_error(s, chosen, body_error_share) for s in fitted], bool)
 
 
-def compute_law_error(s: FittedHypothesis, chosen: Sequence[SelectedEffect], of_body: float = 0.0) -> float:
-    """Compute the gain that the selected laws may leave because their form is not exact.
+@dataclass(frozen=True, kw_only=True)
+class StepCheck(SelectionStage):
+    """Check of all further effects of a step: (fitted, chance, chosen, share of body errors) to flags (K,)."""
 
-    Args:
-        s: Further law.
-        chosen: Selected effects, each fitted together with the others.
-        of_body: Least relative model error of compliant bodies under weight.
-
-    Returns:
-        Gain that is not evidence for the further law.
-    """
-
-    def share(c: SelectedEffect) -> float:
-        h = c.whitened.hypothesis
-        if h.is_exact:
-            return thresholds.DETECTION.beside_exact
-        if h.is_approximate or _is_neighbour(h, s.whitened.hypothesis):
-            return thresholds.DETECTION.beside_here
-        if h.family == SENSOR:
-            return min(thresholds.DETECTION.beside, _compute_second_order_share(c))
-        bends = h.family == BODY and not _is_behind_body(s.whitened.hypothesis, h)
-        return max(thresholds.DETECTION.beside, of_body if bends else 0.0)
-
-    def error(c: SelectedEffect) -> float:
-        if not _is_neighbour(c.whitened.hypothesis, s.whitened.hypothesis):
-            if c.law_error is not None:
-                return c.law_error
-            if _has_law_deviation(c, chosen):
-                return 0.0
-        return c.scored.gain * share(c)
-
-    return max((error(c) for c in chosen), default=0.0)
+    find_passing: Callable[[Sequence[FittedHypothesis], Array, Sequence[SelectedEffect], float], Flags]
 
 
-def _has_law_deviation(c: SelectedEffect, chosen: Sequence[SelectedEffect]) -> bool:
-    """Return whether the deviation of an effect from its law is among the selected forms."""
-    place = c.whitened.hypothesis.location
-    return not is_law_deviation(c) and any(
-        is_law_deviation(o) and o.whitened.hypothesis.location == place for o in chosen
-    )
+@dataclass(frozen=True, kw_only=True)
+class GrowthStage(SelectionStage):
+    """Exchange of selected effects after a step: (search, model, chosen, start) to the effects."""
+
+    regroup: Callable[
+        [_SelectionStep, WhitenedModel, list[SelectedEffect], Sequence[SelectedEffect]], list[SelectedEffect]
+    ]
 
 
-def _compute_second_order_share(c: SelectedEffect) -> float:
-    """Return the remainder of a gain or axis-rotation column as a share of its power: the square of its size.
-
-    A load cell with a gain error of 7 % has a large effect, but its linear law leaves only 0.5 %, less than laws of
-    gears.
-    """
-    h, s = c.whitened.hypothesis, c.scored
-    size = next(iter(h.quantities(s.x * c.whitened.unit[s.shape], c.whitened.shapes[s.shape]).values()))
-    return float((size.value * RELATIVE_UNITS[size.unit]) ** 2) if size.unit in RELATIVE_UNITS else 1.0
-
-
-def compute_body_error_share(tried: Sequence[WhitenedHypothesis]) -> float:
-    """Return the least relative model error of compliant bodies in this channel.
-
-    Args:
-        tried: All whitened hypotheses.
-
-    Returns:
-        Share of the gain.
-    """
-    poses = any(t.hypothesis.effect == as_built_joint_frames.EFFECT.name for t in tried)
-    return thresholds.DETECTION.beside_body if poses else 0.0
+STEP_CHECKS: tuple[StepCheck, ...] = (
+    StepCheck(
+        name="chance",
+        statistic="share of 499 sign flips of whole groups whose largest gain of any law and shape is as large",
+        levels=("detection.chance",),
+        reference="wild cluster bootstrap, max-T (Westfall & Young 1993)",
+        rejects="the best of many laws where nothing is concealed",
+        find_passing=_has_gain_beyond_chance,
+    ),
+    StepCheck(
+        name="law error",
+        statistic="gain per gain that the laws selected so far may leave because their form is not exact",
+        levels=("detection.beside", "detection.beside_here", "detection.beside_body", "detection.beside_exact"),
+        reference="model discrepancy as a share of the effect (Kennedy & O'Hagan 2001)",
+        rejects="an effect that is the residual of a larger one",
+        find_passing=_has_gain_beyond_law_errors,
+    ),
+)
 
 
-def _is_behind_body(a: EffectHypothesis, body: EffectHypothesis) -> bool:
-    """Return whether a law acts at one of the first three joints behind a body, which rotate with the body's weight."""
-    place, of = parse_location(a.location), parse_location(body.location)
-    return place.is_joint_location and min(place.numbers, default=0) > max(
-        n + 1 for n in (JOINTS_BEFORE_WRIST - 1, *of.numbers)
-    )
-
-
-def _is_neighbour(a: EffectHypothesis, b: EffectHypothesis) -> bool:
-    """Return whether the remainder of one law resembles the other: the same place or an adjacent body."""
-    if a.location == b.location:
-        return True
-    places = [parse_location(h.location) for h in (a, b)]
-    links = [p.numbers[0] for p in places if p.kind == LINK]
-    if len(links) == 2:
-        return abs(links[0] - links[1]) <= 1
-    kinds = {p.kind for p in places}
-    return len(links) == 1 and (
-        (kinds == {LINK, BASE} and links[0] == 1) or (kinds == {LINK, TOOL} and links[0] >= LAST_LINK_OF_SIX)
-    )
+def _exchange_effects(
+    search: _SelectionStep, model: WhitenedModel, chosen: list[SelectedEffect], start: Sequence[SelectedEffect]
+) -> list[SelectedEffect]:
+    """Re-select each effect with the others fixed."""
+    out = list(chosen)
+    for k in range(len(out)):
+        if not any(t is out[k].whitened for t in search.whitened_hypotheses) or has_law_deviation(out[k], out):
+            continue  # a sum of several laws, each of which would replace it, or a law with its deviation
+        others = out[:k] + out[k + 1 :]
+        again = search.find_next_effect(add_selected_effects(model, others), others)
+        if again is not None:
+            out[k] = again
+    return out
 
 
 def _select_supported_law(model: WhitenedModel, fitted: Sequence[FittedHypothesis]) -> ScoredHypothesis | None:
@@ -458,7 +298,7 @@ def _select_supported_law(model: WhitenedModel, fitted: Sequence[FittedHypothesi
     Returns:
         The selected hypothesis; None if none is supported.
     """
-    scored = score_hypotheses(model, [f.whitened for f in fitted if _is_large_enough(model, f)])
+    scored = score_hypotheses(model, [f.whitened for f in fitted if is_large_enough(model, f)])
     largest = next((s for s in sorted(scored, key=lambda s: -s.gain) if is_supported(model, s)), None)
     if largest is None:
         return None
@@ -474,9 +314,12 @@ def _select_supported_law(model: WhitenedModel, fitted: Sequence[FittedHypothesi
 
 
 def _search_pairs(
-    model: WhitenedModel, tried: Sequence[WhitenedHypothesis], chosen: list[SelectedEffect]
+    search: _SelectionStep, model: WhitenedModel, chosen: list[SelectedEffect], start: Sequence[SelectedEffect]
 ) -> list[SelectedEffect]:
-    """Try all pairs among the best hypotheses; accept a pair that outperforms the selection."""
+    """Try all pairs among the best hypotheses in place of the first two; accept one that clearly outperforms them."""
+    if len(chosen) != 2 or start:
+        return chosen
+    tried = search.whitened_hypotheses
     scored = sorted(score_hypotheses(model, tried), key=lambda s: -s.total)
     leading: list[ScoredHypothesis] = []
     for s in scored:
@@ -500,6 +343,26 @@ def _search_pairs(
             ):
                 best, pair = _compute_joint_gain(model, both), both
     return pair
+
+
+GROWTH_STAGES: tuple[GrowthStage, ...] = (
+    GrowthStage(
+        name="pairs",
+        statistic="cross-validated gain of each pair of the six best laws",
+        levels=("detection.pair_must_win",),
+        reference="best subsets of two (Furnival & Wilson 1974)",
+        rejects="one effect that imitates two",
+        regroup=_search_pairs,
+    ),
+    GrowthStage(
+        name="exchange",
+        statistic="gain of every law in place of each selected one",
+        levels=("detection.chance", "detection.beside"),
+        reference="stepwise regression with exchanges (Efroymson 1960)",
+        rejects="an early choice that later ones make wrong",
+        regroup=_exchange_effects,
+    ),
+)
 
 
 def _compute_joint_gain(model: WhitenedModel, chosen: Sequence[SelectedEffect]) -> float:

@@ -20,12 +20,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     fit_hypotheses,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
-    SelectedEffect,
-    add_selected_effects,
-    compute_least_gain,
-    is_supported,
-)
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import compute_least_gain, is_supported
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array

@@ -21,14 +21,14 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     ScoredHypothesis,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import is_supported
+from machopt.measurement.diagnosis.model_selection.search.forward_selection import select_effects
+from machopt.measurement.diagnosis.model_selection.search.law_error import compute_law_error
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import (
     LAW_DEVIATION,
     SelectedEffect,
     add_selected_effects,
-    compute_law_error,
     is_law_deviation,
-    is_supported,
-    select_effects,
 )
 from machopt.measurement.diagnosis.model_selection.unmodelled_slip_and_external_forces import (
     build_uncatalogued_hypothesis,

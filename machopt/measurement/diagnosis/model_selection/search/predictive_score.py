@@ -20,11 +20,8 @@ import numpy as np
 from machopt.effects.joint import joint_angle_errors
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
-    SelectedEffect,
-    add_selected_effects,
-    has_plausible_sizes,
-)
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import has_plausible_sizes
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, select_shape
 from machopt.numerics.array_types import Array, Ints

@@ -14,11 +14,11 @@ from machopt.effects.joint import joint_angle_errors
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Correction, DiagnosisProblem, HypothesisCatalogue
 from machopt.measurement.diagnosis.model_selection.search import extended_search
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import BODY, SelectedEffect
 from machopt.measurement.diagnosis.model_selection.search.progress_messages import ProgressRate
+from machopt.measurement.diagnosis.model_selection.search.search_stages import search_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import BODY, SelectedEffect
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import refine_chosen_shapes
-from machopt.measurement.diagnosis.model_selection.search.sparse_effect_selection import search_effects
 from machopt.measurement.diagnosis.statistics import outlier_rejection, replicate_noise
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise

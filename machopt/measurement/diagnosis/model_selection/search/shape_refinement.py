@@ -14,8 +14,8 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
     compute_gain_by_shape,
     score_hypotheses,
 )
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.numerics.array_types import Array

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from machopt.effects.structure import as_built_joint_frames
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
-from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sums import (
     CachedSums,
     LawColumnGroup,
@@ -25,37 +24,15 @@ from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sum
     compute_group_gains,
     eliminate_columns,
 )
-from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, law_deviation
-from machopt.measurement.diagnosis.model_selection.search.description_length import (
-    exchange_for_weight_laws,
-    find_shortest_description,
-)
-from machopt.measurement.diagnosis.model_selection.search.forward_selection import (
-    BODY,
-    SelectedEffect,
-    compute_body_error_share,
-    compute_chances,
-    compute_law_error,
-    has_plausible_sizes,
-    is_law_deviation,
-    prune_joint_effects,
-    select_effects,
-)
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import (
     FoldSums,
     compute_predictive_score,
-    compute_set_score,
-    drop_unpredictive_effects,
     get_required_gain,
-    score_together,
-    select_zero_offsets,
 )
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, whiten_hypotheses
 from machopt.numerics.array_types import Array, Ints
 
-DEFAULT_MAX_EFFECTS = 3  # default number of effects of forward selection
-MAX_RIVAL_SHAPES = 24  # most shapes of a rival of jointly selected effects
 MOST = 96  # most groups, as a safeguard
 LEADING_GROUPS = 3  # groups that are cross-validated in each step
 UNLOADED_FAMILIES = (
@@ -64,89 +41,11 @@ UNLOADED_FAMILIES = (
 )  # load-independent families: frames, harmonics, tracker frames
 
 
-def search_effects(
-    model: WhitenedModel, laws: Sequence[WhitenedHypothesis], most: int, rng: np.random.Generator, fits: float
-) -> tuple[tuple[WhitenedHypothesis, ...], tuple[SelectedEffect, ...]]:
-    """Search the effects by forward selection, or jointly if there are many.
-
-    Args:
-        model: Whitened base model.
-        laws: All whitened hypotheses.
-        most: Largest number of effects of forward selection; fewer than three requests few effects.
-        rng: Random generator of the sign flips.
-        fits: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
-
-    Returns:
-        Hypotheses for rivals (including the selected ones), and the selected effects.
-    """
-    sums = CachedSums(model, laws)
-    offsets = select_zero_offsets(model, laws) if _has_frame_laws(laws) and most >= DEFAULT_MAX_EFFECTS else []
-    found = _search_few_or_many(sums, most, rng, fits, [c.whitened.hypothesis.name for c in offsets])
-    if not offsets or len(found[1]) > thresholds.RESTING.crowded:
-        return found  # many effects are already selected jointly, by their cross-validated error
-    picked = _add_predictive_groups(sums.sum_all, [c.whitened.hypothesis.name for c in offsets], most)
-    joint = [SelectedEffect(s, 1.0) for s in score_hypotheses(model, _whiten_picked(model, picked))]
-    chosen = compute_chances(model, drop_unpredictive_effects(model, joint), laws, rng)
-    chosen = [c for c in chosen if c.p_value <= thresholds.DETECTION.chance and has_plausible_sizes(c.scored)]
-    chosen = _drop_law_errors(model, score_together(model, chosen), laws)
-    if compute_set_score(model, chosen) <= compute_set_score(model, found[1]) + get_required_gain():
-        return found
-    return _list_rivals(laws, [c.whitened for c in joint]), tuple(chosen)
-
-
-def _drop_law_errors(
-    model: WhitenedModel, chosen: Sequence[SelectedEffect], laws: Sequence[WhitenedHypothesis]
-) -> list[SelectedEffect]:
-    """Drop effects that gain no more than the law of a compliant body may leave, the smallest first."""
-    out, share = list(chosen), compute_body_error_share(laws)
-    while True:
-        bodies = [c for c in out if c.whitened.hypothesis.family == BODY]
-        weak = [
-            c for c in out if c.scored.gain <= compute_law_error(c.scored, [o for o in bodies if o is not c], share)
-        ]
-        if not bodies or not weak:
-            return out
-        least = min(weak, key=lambda c: c.scored.gain)
-        out = score_together(model, [o for o in out if o is not least])
-
-
-def _search_few_or_many(
-    sums: CachedSums, most: int, rng: np.random.Generator, fits: float, offsets: Sequence[tuple[str, str]]
-) -> tuple[tuple[WhitenedHypothesis, ...], tuple[SelectedEffect, ...]]:
-    """Search jointly, with the zero offsets at first, if there are many effects; else by forward selection."""
-    model, laws = sums.model, sums.laws
-    found = select_many_effects(model, laws, fits, sums, offsets) if most >= DEFAULT_MAX_EFFECTS else []
-    if found:
-        needed = prune_joint_effects(model, found, laws, rng)
-        is_crowded = len(needed) > thresholds.RESTING.crowded
-        return _list_rivals(laws, found), tuple(needed if is_crowded else _drop_law_errors(model, needed, laws))
-    if _has_frame_laws(laws):
-        few = find_shortest_description(model, select_effects(model, laws, most, rng), sums, most)
-        return tuple(laws), tuple(exchange_for_weight_laws(model, few, laws, rng))
-    chosen = select_effects(
-        model, laws, most, rng, lambda so_far: harmonic_orders.add_harmonic_orders(model, so_far, laws, rng)
-    )
-    chosen = law_deviation.find_masked_effects(model, chosen, laws, most, rng, fits)
-    grown = [c.whitened for c in chosen if not (is_law_deviation(c) or any(c.whitened is t for t in laws))]
-    return (*laws, *grown), tuple(chosen)
-
-
-def _list_rivals(
-    laws: Sequence[WhitenedHypothesis], found: Sequence[WhitenedHypothesis]
-) -> tuple[WhitenedHypothesis, ...]:
-    """Return the rivals of jointly selected effects, and these."""
-    names = {t.hypothesis.name for t in found}
-    return (
-        *(t for t in laws if t.hypothesis.name not in names and len(t.shapes) <= MAX_RIVAL_SHAPES),
-        *found,
-    )
-
-
-def _whiten_picked(model: WhitenedModel, picked: Sequence[LawColumnGroup]) -> list[WhitenedHypothesis]:
+def whiten_picked_groups(model: WhitenedModel, picked: Sequence[LawColumnGroup]) -> list[WhitenedHypothesis]:
     return whiten_hypotheses(model, [*_combine_joint_waves(picked), *_list_other_laws(picked)])
 
 
-def _add_predictive_groups(
+def add_predictive_groups(
     sums: NormalEquationSums, start: Sequence[tuple[str, str]], most: int
 ) -> list[LawColumnGroup]:
     """Add up to ``most`` groups to the given laws while unseen readings are predicted clearly better.
@@ -202,7 +101,7 @@ def _score_groups(sums: NormalEquationSums, taken: Sequence[LawColumnGroup]) -> 
     )
 
 
-def _has_frame_laws(laws: Sequence[WhitenedHypothesis]) -> bool:
+def has_frame_laws(laws: Sequence[WhitenedHypothesis]) -> bool:
     """Return whether frame laws are among the hypotheses, as in measured poses only."""
     return any(t.hypothesis.effect == as_built_joint_frames.EFFECT.name for t in laws)
 
@@ -226,7 +125,7 @@ def select_many_effects(
     Returns:
         One law with one shape for each effect; empty if there are few effects or none.
     """
-    if not _has_frame_laws(laws):
+    if not has_frame_laws(laws):
         return []
     if len(model.y) < thresholds.RESTING.per_column * (model.count + thresholds.RESTING.crowded * 2):
         return []
@@ -234,7 +133,7 @@ def select_many_effects(
     places = {g.law.hypothesis.name for g in picked}
     if len(places) <= thresholds.RESTING.crowded:
         return []
-    return _whiten_picked(model, picked)
+    return whiten_picked_groups(model, picked)
 
 
 def _select_groups_greedily(

@@ -1,0 +1,154 @@
+"""Stages between the search and the findings: which of the selected effects may be named, and by which law.
+
+:data:`NAMING_STAGES` is the table, in the order of execution. An effect that loses its name stays in the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from machopt.measurement.diagnosis.model_selection.attribution import (
+    attribution_guard,
+    compensator_or_harmonics,
+    limiting_case_laws,
+    uncatalogued_form_guard,
+)
+from machopt.measurement.diagnosis.model_selection.evaluation import uncertain_inputs
+from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
+from machopt.measurement.diagnosis.model_selection.selection_stage import SelectionStage
+
+DEFLECTION, POSITION, TORQUE = "deflection", "position", "torque"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamingStage(SelectionStage):
+    """Stage after the search: (state, random generator of the sign flips) to the new state."""
+
+    channel: str = ""  # the only channel of the stage; empty for all
+    change: Callable[[SearchState, np.random.Generator], SearchState]
+
+
+def apply_naming_stages(state: SearchState, rng: np.random.Generator) -> SearchState:
+    """Apply all stages to the result of a search.
+
+    Args:
+        state: State of the search.
+        rng: Random generator of the sign flips.
+
+    Returns:
+        The state with the names that the readings support.
+    """
+    for stage in NAMING_STAGES:
+        if stage.channel in ("", state.problem.channel):
+            state = stage.change(state, rng)
+    return state
+
+
+NAMING_STAGES: tuple[NamingStage, ...] = (
+    NamingStage(
+        name="uncertain inputs",
+        statistic="fit with link masses and other uncertain inputs beside the effects, each with its prior",
+        levels=("detection.as_good", "detection.generalises"),
+        reference="Bayesian least squares; inputs stay within three standard deviations",
+        rejects="an effect that the stated uncertainty of an input explains",
+        change=lambda state, rng: uncertain_inputs.include_uncertain_inputs(state),
+    ),
+    NamingStage(
+        name="compensator or waves",
+        statistic="whitened sum of squares of a compensator with refined geometry against partial waves",
+        levels=("detection.as_good",),
+        reference="likelihood ratio; amplitudes of gears as prior",
+        rejects="waves of less than one period where a gravity compensator fits as well",
+        channel=POSITION,
+        change=lambda state, rng: compensator_or_harmonics.rename_harmonics_as_compensator(state),
+    ),
+    NamingStage(
+        name="limiting case",
+        statistic="gain of the limiting law against a law at the end of its grid",
+        levels=("detection.beside",),
+        reference="nested laws",
+        rejects="a hardening gear with its knee below every load, creep slower than the record",
+        change=lambda state, rng: limiting_case_laws.rename_limiting_cases(state),
+    ),
+    NamingStage(
+        name="possible numbers",
+        statistic="coefficients against those that something built has",
+        levels=(),
+        reference="physical bounds of the catalogue",
+        rejects="a name whose numbers are impossible",
+        change=lambda state, rng: attribution_guard.withhold_implausible_coefficients(state),
+    ),
+    NamingStage(
+        name="better impossible law",
+        statistic="cross-validated gain of other laws at the place, impossible sizes included",
+        levels=("detection.beside",),
+        reference="posterior predictive check",
+        rejects="a name at a place where only an impossible size fits well",
+        change=lambda state, rng: attribution_guard.withhold_if_implausible_law_fits(state),
+    ),
+    NamingStage(
+        name="size interval",
+        statistic="95 % interval of the size",
+        levels=(),
+        reference="t quantile, cluster-robust",
+        rejects="an effect that may be of no size",
+        channel=DEFLECTION,
+        change=lambda state, rng: attribution_guard.withhold_uncertain_sizes(state),
+    ),
+    NamingStage(
+        name="forms in load tests",
+        statistic="gain less a cost per coefficient, of every form outside the catalogue",
+        levels=("detection.per_coefficient", "detection.shorter"),
+        reference="information criterion; −2 log evidence of 10 (Kass & Raftery 1995)",
+        rejects="a name that a hose, a loose seat or a soft bearing explains as well",
+        channel=DEFLECTION,
+        change=lambda state, rng: uncatalogued_form_guard.withhold_if_form_fits_displacements(state),
+    ),
+    NamingStage(
+        name="forms in poses",
+        statistic="the same, with at most as many coefficients as the effect",
+        levels=("detection.per_coefficient", "detection.shorter", "resting.crowded"),
+        reference="the same",
+        rejects="a frame that a bent line of sight or a nodding axis explains as well",
+        channel=POSITION,
+        change=lambda state, rng: uncatalogued_form_guard.withhold_if_form_fits_positions(state),
+    ),
+    NamingStage(
+        name="forms in torques",
+        statistic="the same, at the joint of the effect",
+        levels=("detection.per_coefficient", "detection.shorter"),
+        reference="the same",
+        rejects="a compensator or ripple where a hose pulls",
+        channel=TORQUE,
+        change=lambda state, rng: uncatalogued_form_guard.withhold_if_form_fits_torques(state),
+    ),
+    NamingStage(
+        name="constant in time",
+        statistic="gain of the effect times slow functions of time",
+        levels=("proof.steady", "detection.gain"),
+        reference="varying-coefficient model (Hastie & Tibshirani 1993)",
+        rejects="a frame or an offset that warms up or was knocked",
+        channel=POSITION,
+        change=lambda state, rng: attribution_guard.withhold_time_varying(state),
+    ),
+    NamingStage(
+        name="contradicting session",
+        statistic="gain of the best effect that one session supports and another contradicts",
+        levels=("proof.outweighs", "detection.another_day"),
+        reference="cross-validation by sessions",
+        rejects="a drift where the sessions differ by another cause",
+        channel=DEFLECTION,
+        change=lambda state, rng: attribution_guard.withhold_session_dependent(state),
+    ),
+    NamingStage(
+        name="remaining mismatch",
+        statistic="repeatable power that is left per power that the effect takes, on unseen groups",
+        levels=("proof.outweighs", "proof.outweighs_exact", "proof.closed_by_all", "proof.excluded_elsewhere"),
+        reference="components of variance of replicates; sign flips of groups",
+        rejects="an effect that explains less than what stays unexplained, unless its place is beyond doubt",
+        change=attribution_guard.withhold_small_gains,
+    ),
+)
