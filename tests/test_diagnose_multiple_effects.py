@@ -204,6 +204,20 @@ def test_what_is_written_is_the_fit_of_the_whole_sum() -> None:
     assert float(np.sum((rest - base.X @ x) ** 2)) == pytest.approx(whole.rss, rel=1e-4)
 
 
+def test_gains_beside_few_columns_need_no_products_between_groups() -> None:
+    """The same as with the columns eliminated from all others, for absorbed columns too."""
+    base, laws = model(MANY, 2)
+    sums = normal_equation_sums.CachedSums(base, laws).sum_all
+    for some in (sums.groups[:0], sums.groups[:1], (sums.groups[3], sums.groups[-1])):
+        columns = np.array([c for g in some for c in range(g.columns.start, g.columns.stop)], np.int64)
+        whole = normal_equation_sums.eliminate_columns(sums.total, np.array([*range(sums.base), *columns]))
+        gains = normal_equation_sums.compute_group_gains(whole, sums)
+        assert gains.max() > 0.0
+        np.testing.assert_allclose(
+            normal_equation_sums.compute_gains_beside(sums, columns), gains, rtol=1e-6, atol=1e-9 * gains.max()
+        )
+
+
 def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_leading() -> None:
     """As many loads as are looked at in a step, each a little of everything: 1.2 times the gain of the best frame."""
     base, laws = model(MANY, 1)

@@ -277,16 +277,18 @@ def build_base_model(
     return build_whitened_model(w, X * unit, w.whiten(problem.y), _build_folds(w, rng), (unit / known) ** 2), unit
 
 
-def invert_with_ridge(H: Array) -> Array:
+def invert_with_ridge(H: Array, size: Array | None = None) -> Array:
     """Invert one or many normal matrices with a small relative ridge.
 
     Args:
         H: (…, P, P) symmetric matrices.
+        size: (P,) norms of the columns that the ridge is relative to; None: those of the matrices. Of a matrix that
+            other columns were eliminated from, the norms before: an absorbed column stays absorbed.
 
     Returns:
         (…, P, P).
     """
-    d = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), MIN_COLUMN_SQUARE))
+    d = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), MIN_COLUMN_SQUARE)) if size is None else size
     scaled = H / (d[..., :, None] * d[..., None, :])
     scaled = scaled + RIDGE * np.eye(H.shape[-1])
     return np.asarray(np.linalg.inv(scaled) / (d[..., :, None] * d[..., None, :]))

@@ -42,6 +42,24 @@ class NormalEquationSums:
     base: int  # number of base columns
     rows: int
 
+    @cached_property
+    def sizes(self) -> Array:
+        """Norms (C + 1,) of all columns and of y."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.total), MIN_COLUMN_SQUARE)))
+
+    @cached_property
+    def groups_by_width(self) -> tuple[tuple[Ints, Ints], ...]:
+        """Indices (K,) and columns (K, p) of all groups with p columns, for each p."""
+        width = np.array([g.columns.stop - g.columns.start for g in self.groups])
+        start = np.array([g.columns.start for g in self.groups])
+        each = [(np.flatnonzero(width == p), p) for p in np.unique(width).tolist()]
+        return tuple((which, start[which][:, None] + np.arange(p)) for which, p in each)
+
+    @cached_property
+    def beside_base(self) -> Array:
+        """Normal equations (C + 1, C + 1) without the base columns."""
+        return eliminate_columns(self.total, np.arange(self.base))
+
 
 class CachedSums:
     """Lazily computed sums of a base and laws, with a limited number of shapes per law."""
@@ -172,14 +190,39 @@ def compute_group_gains(left: Array, sums: NormalEquationSums) -> Array:
         (G,) gains.
     """
     out = np.zeros(len(sums.groups))
-    size = np.sqrt(np.maximum(np.diag(sums.total), MIN_COLUMN_SQUARE))
-    width = np.array([g.columns.stop - g.columns.start for g in sums.groups])
-    for p in np.unique(width).tolist():
-        which = np.flatnonzero(width == p)
-        at = np.array([np.arange(sums.groups[n].columns.start, sums.groups[n].columns.stop) for n in which])
-        S = left[at[:, :, None], at[:, None, :]] / (size[at][:, :, None] * size[at][:, None, :])
-        value, V = np.linalg.eigh(S)
-        w = np.einsum("kij,ki->kj", V, left[at, -1] / size[at])
-        seen = value > thresholds.RESTING.visible
-        out[which] = np.sum(np.where(seen, w**2 / np.where(seen, value, 1.0), 0.0), axis=1)
+    for which, at in sums.groups_by_width:
+        out[which] = _compute_gains(left[at[:, :, None], at[:, None, :]], left[at, -1], sums.sizes[at])
     return out
+
+
+def compute_gains_beside(sums: NormalEquationSums, columns: Ints) -> Array:
+    """Compute the gain of each group in addition to the base and to few further columns.
+
+    The same as :func:`compute_group_gains` of the columns eliminated, without the products between groups.
+
+    Args:
+        sums: Complete normal equations.
+        columns: (k,) indices of the further columns.
+
+    Returns:
+        (G,) gains.
+    """
+    H = sums.beside_base
+    K = H[columns]
+    W = invert_with_ridge(K[:, columns], sums.sizes[columns]) @ K
+    out = np.zeros(len(sums.groups))
+    for which, at in sums.groups_by_width:
+        S = H[at[:, :, None], at[:, None, :]] - np.einsum("cki,ckj->kij", K[:, at], W[:, at])
+        out[which] = _compute_gains(S, H[at, -1] - np.einsum("cki,c->ki", K[:, at], W[:, -1]), sums.sizes[at])
+    return out
+
+
+def _compute_gains(S: Array, u: Array, size: Array) -> Array:
+    """Return gains (K,) of groups with normal equations (K, p, p), (K, p) and column norms (K, p)."""
+    if u.shape[1] == 1:
+        value, w = S[:, :, 0] / size**2, u / size
+    else:
+        value, V = np.linalg.eigh(S / (size[:, :, None] * size[:, None, :]))
+        w = np.einsum("kij,ki->kj", V, u / size)
+    seen = value > thresholds.RESTING.visible
+    return np.asarray(np.sum(np.where(seen, w**2 / np.where(seen, value, 1.0), 0.0), axis=1))

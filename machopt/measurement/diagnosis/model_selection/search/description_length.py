@@ -13,9 +13,9 @@ factors); Kass & Wasserman 1995 (unit information); Kass & Raftery 1995 (the sca
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -29,8 +29,7 @@ from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screenin
 from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sums import (
     CachedSums,
     NormalEquationSums,
-    compute_group_gains,
-    eliminate_columns,
+    compute_gains_beside,
 )
 from machopt.measurement.diagnosis.model_selection.search.candidate_checks import (
     is_supported,
@@ -44,6 +43,7 @@ from machopt.measurement.diagnosis.model_selection.search.selected_effect import
 )
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis, select_shape
+from machopt.numerics.array_types import Ints
 
 MAX_EXCHANGED = 3  # most effects exchanged at once
 MAX_CANDIDATES = 8  # laws with the largest gains whose description length is computed per step
@@ -175,6 +175,7 @@ class _DescriptionSearch:
     found_count: int  # number of selected groups, which come first
     residual_variance: float  # whitened residual variance, common to all sets
     max_effects: int  # most effects in a set
+    lengths: dict[GroupIndices, float] = field(default_factory=dict)  # of sets computed so far, by sorted indices
 
     def shortest(self, found: GroupIndices) -> GroupIndices:
         """Exchange groups as long as the description becomes clearly shorter.
@@ -202,22 +203,28 @@ class _DescriptionSearch:
         Returns:
             Description length.
         """
-        base, n = np.arange(self.sums.base), self.sums.rows
-        at = np.array([c for g in some for c in self._columns(g)], int)
-        H = self.sums.total
-        of = np.concatenate([base, at])
-        fit = float(H[-1, -1] - H[-1, of] @ invert_with_ridge(H[np.ix_(of, of)]) @ H[of, -1])
+        key = tuple(sorted(some))
+        if key not in self.lengths:
+            self.lengths[key] = self._compute_length(key)
+        return self.lengths[key]
+
+    def _compute_length(self, some: GroupIndices) -> float:
+        at = self._list_columns(some)
+        H, n = self.sums.beside_base, self.sums.rows
         if not len(at):
-            return fit / self.residual_variance
-        C = H[np.ix_(base, at)]
-        left = H[np.ix_(at, at)] - C.T @ invert_with_ridge(H[np.ix_(base, base)]) @ C
+            return float(H[-1, -1]) / self.residual_variance
+        left = H[np.ix_(at, at)]
+        fit = float(H[-1, -1] - H[-1, at] @ invert_with_ridge(left, self.sums.sizes[at]) @ H[at, -1])
         held = np.concatenate([self.sums.groups[g].law.precision(self.sums.groups[g].shape) for g in some])
-        size = 1.0 / np.sqrt(np.where(held > 0.0, held, np.diag(H)[at] / n))
-        told = np.linalg.eigvalsh(
+        size = 1.0 / np.sqrt(np.where(held > 0.0, held, np.diag(self.sums.total)[at] / n))
+        known = np.linalg.eigvalsh(
             np.eye(len(at)) + (left - np.diag(held)) * np.outer(size, size) / self.residual_variance
         )
         shapes = sum(self._orders(g) for g in some)
-        return fit / self.residual_variance + float(np.sum(np.log(np.maximum(told, 1.0)))) + shapes * float(np.log(n))
+        return fit / self.residual_variance + float(np.sum(np.log(np.maximum(known, 1.0)))) + shapes * float(np.log(n))
+
+    def _list_columns(self, some: GroupIndices) -> Ints:
+        return np.array([c for g in some for c in self._columns(g)], np.int64)
 
     def _columns(self, g: int) -> range:
         return range(self.sums.groups[g].columns.start, self.sums.groups[g].columns.stop)
@@ -249,18 +256,12 @@ class _DescriptionSearch:
         out, now = kept, self.length(kept)
         wide = np.array([len(self._columns(g)) > most for g in range(len(self.sums.groups))])
         while True:
-            left = eliminate_columns(
-                self.sums.total,
-                np.array([*range(self.sums.base), *(c for g in out for c in self._columns(g))], dtype=np.int64),
-            )
-            gained = compute_group_gains(left, self.sums)
+            gained = compute_gains_beside(self.sums, self._list_columns(out))
             taken = {self._name(g) for g in out}
             gained[wide] = 0.0
             gained[: self.found_count] = 0.0
-            near = [g for g in np.argsort(-gained, kind="stable").tolist() if self._name(g) not in taken][
-                :MAX_CANDIDATES
-            ]
-            each = [(self.length((*out, g)), g) for g in near if gained[g] > 0.0]
+            ranked = (g for g in np.argsort(-gained, kind="stable").tolist() if self._name(g) not in taken)
+            each = [(self.length((*out, g)), g) for g in islice(ranked, MAX_CANDIDATES) if gained[g] > 0.0]
             if not each or min(each)[0] >= now:
                 break
             now, out = min(each)[0], (*out, min(each)[1])
