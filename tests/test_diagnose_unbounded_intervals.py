@@ -6,11 +6,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from test_diagnose_shape_refinement import SIGMA, _bump
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue
-from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import estimate_parameters
+from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import (
+    estimate_parameters,
+    is_size_significant,
+)
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import build_two_number_refinement
@@ -67,3 +71,31 @@ def test_what_readings_hold_keeps_its_ends() -> None:
     assert all(np.isfinite(e.ci95).all() for e in both.values())
     signed = told("joint", 1.0)
     assert signed["shift"].ci95 == both["shift"].ci95
+
+
+@pytest.mark.parametrize(
+    ("constrained", "signal", "named"), [(True, 5.0, True), (False, 5.0, False), (True, 0.0, False)]
+)
+def test_a_compliance_is_of_no_size_only_if_it_has_no_coefficient(
+    constrained: bool, signal: float, named: bool
+) -> None:
+    """Each size of a soft tool of 390 sigma had an interval around zero: its coefficients were collinear."""
+    rng = np.random.default_rng(4)
+    x = rng.uniform(-1.2, 1.2, 400)
+    y = signal * SIGMA * np.exp(-0.5 * (x / 0.4) ** 2) + SIGMA * rng.normal(size=len(x))
+    columns = np.stack([np.exp(-0.5 * (x / 0.4) ** 2), np.cos(9.0 * x)], axis=1)[:, None, :]
+    finer = build_two_number_refinement(GRID)
+    assert finer is not None
+    base, bump = _bump(x, y, GRID, finer)
+    law = replace(
+        bump,
+        columns=lambda s: columns,
+        quantities=lambda c, s: {"tilt": Quantity(float(c[1]), "rad")},  # of the coefficient that is not there
+        shapes=((),),
+        refinement=None,
+        family="body",
+        project_to_plausible=(lambda values, information: values) if constrained else None,
+    )
+    (whitened,) = whiten_hypotheses(base, [law])
+    effect = SelectedEffect(score_hypotheses(base, [whitened])[0], 0.0)
+    assert is_size_significant(base, [effect], 0) is named
