@@ -40,19 +40,6 @@ TABLES = ("points.csv", "trajectory.csv", "compensation.csv", "tilt.csv", "rapid
 DAMAGES: list[Damage] = [d for part in PARTS for d in import_module(f"output_damage.{part}").DAMAGES]
 
 
-@pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Job]:
-    """Each job, planned at its first use."""
-    done: dict[str, Job] = {}
-
-    def get(name: str) -> Job:
-        if name not in done:
-            done[name] = JOBS[name](tmp_path_factory.mktemp(name))
-        return done[name]
-
-    return get
-
-
 @pytest.fixture(autouse=True)
 def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
@@ -100,9 +87,9 @@ def found_in(job: Job) -> Verification:
 
 
 @pytest.mark.parametrize("name", list(JOBS))
-def test_the_intact_plan_passes(name: str, planned: Callable[[str], Job], tmp_path: Path) -> None:
+def test_the_intact_plan_passes(name: str, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
     """Also after the forger's hand, which must change nothing where there is nothing to hide."""
-    job = copy_job(planned(name), tmp_path)
+    job = copy_job(damage_job(name), tmp_path)
     assert found_in(job).failed == ()
     update_manifest_hashes(job.out)
     assert found_in(job).failed == ()
@@ -175,13 +162,13 @@ def _says(damage: Damage) -> bool:
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda d: d.name)
-def test_a_damage_is_caught(damage: Damage, planned: Callable[[str], Job], tmp_path: Path) -> None:
+def test_a_damage_is_caught(damage: Damage, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
     """By the hashes as it is, and by what the files say where they tell, once the hashes are made to fit.
 
     The hashes are asked by the whole command where nothing else would tell; else by the checks of the manifest, which
     it gives unchanged.
     """
-    job = copy_job(planned(damage.job), tmp_path)
+    job = copy_job(damage_job(damage.job), tmp_path)
     damage.apply(job)
     checks = _of_manifest(job) if _says(damage) else found_in(job).checks
     assert damage.as_is in {c.name for c in checks if c.passed is False}
@@ -198,8 +185,8 @@ def _of_manifest(job: Job) -> list[VerificationCheck]:
     return contents.check_manifest(job.out, inputs)[1]
 
 
-def test_the_command_gives_the_checks_of_the_manifest(planned: Callable[[str], Job], tmp_path: Path) -> None:
-    job = copy_job(planned("pass"), tmp_path)
+def test_the_command_gives_the_checks_of_the_manifest(damage_job: Callable[[str], Job], tmp_path: Path) -> None:
+    job = copy_job(damage_job("pass"), tmp_path)
     with (job.out / "report.html").open("a") as page:
         page.write(" ")
     given, checks = found_in(job).checks, _of_manifest(job)

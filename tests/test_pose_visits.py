@@ -53,7 +53,7 @@ def diagnose(folder: Path, recording: Recording) -> dict[str, Any]:
     return diagnose_in_memory(CELL, recording, folder / "recording").result.to_json_types()
 
 
-@pytest.mark.parametrize("name", ["session", "cycle", "cycle, pose by pose", "no label"])
+@pytest.mark.parametrize("name", ["session", "cycle, pose by pose", "no label"])
 def test_the_answer_does_not_depend_on_the_label_of_the_repeats(name: str, tmp_path: Path) -> None:
     found = diagnose(tmp_path, relabel(two_laps(soft=True), name))
     assert [(f["effect"], f["location"]) for f in found["findings"]] == [("base_compliance", "base")]
