@@ -10,7 +10,9 @@ from typing import Any
 import pytest
 from output_damage.damage_case import (
     CELLS,
+    INVENTORY,
     JOBS,
+    MANIFEST_CHECK,
     PASS,
     Damage,
     Job,
@@ -90,7 +92,8 @@ def found_in(job: Job) -> Verification:
 def test_the_intact_plan_passes(name: str, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
     """Also after the forger's hand, which must change nothing where there is nothing to hide."""
     job = copy_job(damage_job(name), tmp_path)
-    assert found_in(job).failed == ()
+    _INTACT[name] = found_in(job)
+    assert _INTACT[name].failed == ()
     update_manifest_hashes(job.out)
     assert found_in(job).failed == ()
 
@@ -168,14 +171,21 @@ def test_a_damage_is_caught(damage: Damage, damage_job: Callable[[str], Job], tm
     The hashes are asked by the whole command where nothing else would tell; else by the checks of the manifest, which
     it gives unchanged.
     """
+    failed = _FAILED[damage.name] = set[str]()
     job = copy_job(damage_job(damage.job), tmp_path)
     damage.apply(job)
     checks = _of_manifest(job) if _says(damage) else found_in(job).checks
-    assert damage.as_is in {c.name for c in checks if c.passed is False}
+    failed |= {c.name for c in checks if c.passed is False}
+    assert damage.as_is in failed
     if _says(damage):
         update_manifest_hashes(job.out)
-        failed = [c.name for c in found_in(job).failed]
-        assert any(name.startswith(damage.caught_by) for name in failed), failed
+        found = found_in(job).failed
+        failed |= {str(c.check_name) for c in found}
+        assert any(c.name.startswith(damage.caught_by) for c in found), [c.name for c in found]
+
+
+_INTACT: dict[str, Verification] = {}  # by job
+_FAILED: dict[str, set[str]] = {}  # names of the checks by damage
 
 
 def _of_manifest(job: Job) -> list[VerificationCheck]:
@@ -192,6 +202,24 @@ def test_the_command_gives_the_checks_of_the_manifest(damage_job: Callable[[str]
     given, checks = found_in(job).checks, _of_manifest(job)
     assert [c.passed for c in checks].count(False) == 1
     assert set(checks) <= set(given)
+
+
+def test_every_check_of_the_jobs_can_fail(
+    damage_job: Callable[[str], Job], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """The tests above have verified all jobs and damages; whatever was left out by a selection is verified here."""
+    for name in JOBS.keys() - _INTACT.keys():
+        test_the_intact_plan_passes(name, damage_job, tmp_path_factory.mktemp("intact"))
+    names = {str(c.check_name) for found in _INTACT.values() for c in found.checks}
+    information = {i.check_name for found in _INTACT.values() for i in found.information}
+    assert information
+    assert not names & information
+    lacking = (names - INVENTORY - MANIFEST_CHECK).difference(*_FAILED.values())
+    for damage in DAMAGES:
+        if _says(damage) and damage.name not in _FAILED and lacking:
+            test_a_damage_is_caught(damage, damage_job, tmp_path_factory.mktemp("damaged"))
+            lacking -= _FAILED[damage.name]
+    assert lacking <= set(), lacking
 
 
 def test_names_are_unique() -> None:

@@ -44,9 +44,7 @@ def relabel(recording: Recording, name: str) -> Recording:
         every = np.arange(len(recording), dtype=np.int64)
         return replace(recording, session=none, cycle=every, stated_labels=frozenset({"pose"}))
     recording = replace(recording, cycle=lap, session=none, stated_labels=frozenset({"pose", "cycle"}))
-    if name == "cycle, pose by pose":
-        return replace(take(recording, np.lexsort((lap, recording.pose))), time=None)
-    return recording
+    return replace(take(recording, np.lexsort((lap, recording.pose))), time=None)
 
 
 def diagnose(folder: Path, recording: Recording) -> dict[str, Any]:

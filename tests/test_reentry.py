@@ -26,6 +26,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.errors import CellError
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.motion.retract_moves import RetractMoves
+from machopt.planning.reentry import reentry_planning
 from machopt.planning.reentry.closed_contours import find_reentry_points
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.planning_path import build_planning_path
@@ -180,9 +181,16 @@ def test_a_ring_is_lower_with_one_lift(tmp_path: Path, damage_job: Callable[[str
     assert max(b - a for a, b in itertools.pairwise(cut)) < 0.5  # every part of the cut is driven
 
 
+def _try_few_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plan three places of a contour instead of ten, where it need not be the best one."""
+    monkeypatch.setattr(reentry_planning, "COARSE", 3)
+    monkeypatch.setattr(reentry_planning, "HALVINGS", 0)
+
+
 @pytest.mark.slow
-def test_each_tool_of_a_job_has_its_own_lifts(tmp_path: Path) -> None:
+def test_each_tool_of_a_job_has_its_own_lifts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Points of result.json and trajectory.csv are those of the whole job."""
+    _try_few_places(monkeypatch)
     shutil.copytree(CELL, tmp_path / "cell")
     file = tmp_path / "cell" / "cell.yaml"
     cell = yaml.safe_load(file.read_text(encoding="utf-8"))
@@ -219,6 +227,7 @@ def test_what_knows_no_reentry_refuses_it(other: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_lift_without_room_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _try_few_places(monkeypatch)
     monkeypatch.setattr(RetractMoves, "gap", lambda self, row: float("nan"))
     outcome = _plan(tmp_path, STIFFER, "max_reentries=1", step_deg=30)
     assert outcome.exit_code == 0
