@@ -206,7 +206,7 @@ def test_each_tool_of_a_job_has_its_own_lifts(tmp_path: Path, monkeypatch: pytes
         toolpath=toolpath,
         out=tmp_path / "out",
         overrides=("rotation_step_deg=30", "max_reentries=1", STIFFER),  # the lift has a way point
-        posts=("krl",),
+        posts=("krl", "ros_json"),
     )
     outcome = run_optimize(request)
     assert outcome.exit_code == 0

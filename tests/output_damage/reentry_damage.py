@@ -30,7 +30,7 @@ def plan_ring(folder: Path) -> Job:
     """The ring with one re-entry permitted; tests/test_reentry.py reads the same plan."""
     write_ring(folder / "ring.csv")
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
-    posts = ("krl_pos", "rapid", "ros_json")
+    posts = ("krl_pos", "rapid")
     request = OptimizeRequest(
         cell=folder / "cell",
         toolpath=folder / "ring.csv",
