@@ -7,7 +7,7 @@
 # make coverage  all tests, counting branches: fails where a package of tests/branch_coverage.py falls below its floor
 # make lowest  the quick tests on the lowest versions that pyproject.toml allows, in .venv-lowest
 # make docs    the documentation as pages in out/docs, every link checked; built in .venv-docs, without machopt
-# make nightly all tests with twenty times as many examples of each property, drawn anew
+# make nightly all tests with twenty times as many examples of each property, drawn anew; more random jobs of the proofs
 # make slow    all tests once, one process, to write tests/slow_tests.txt and module_durations.txt anew: what `quick` leaves out, what
 #              goes first
 PYTHON ?= python3
@@ -50,6 +50,7 @@ coverage: $(VENV)/.compiled
 
 nightly: $(VENV)/.compiled
 	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m 'not proof'
+	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m proof tests/test_random_small_jobs.py tests/test_tool_axis_corners.py
 
 slow: $(VENV)/.compiled
 	$(BIN)/python -m pytest -n 0 --record-slow -m 'not proof'

@@ -12,7 +12,7 @@ from typing import Any
 from machopt.batch import job_process
 
 ROOT = Path(__file__).resolve().parents[1]
-JOBS, GATED = 30, 15  # each cell with each method twice; the jobs from the fifteenth on wait for the gate
+JOBS, GATED = 15, 8  # each cell with each method; the jobs from the ninth on wait for the gate
 CELLS = {  # and a toolpath for each, with how many of its rows make a small job
     "s420f_handling": ("castings", 4),
     "cutting_cobot": ("bone_tracks", 4),
@@ -42,7 +42,7 @@ warm = job_process.warm
 
 
 def small_jobs(place: Path) -> Path:
-    """A list of thirty jobs: five cells with a small toolpath each, different options, one crash and one that hangs."""
+    """A list of fifteen jobs of five cells: a small toolpath each, various options, one crash and one hang."""
     (place / "parts").mkdir()
     (place / "ran").mkdir()
     lines = ["machopt_batch: 1", "post: krl", "jobs:"]

@@ -10,10 +10,13 @@ import contextlib
 import hashlib
 import importlib
 import os
+import pickle
 import re
+import shutil
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar, cast
 
 # One process a core runs the tests; a second BLAS thread in each would only wait actively for its partner: of the
 # processor time of the diagnoses that was two fifths. NumPy reads this when it is imported; whoever sets it is obeyed.
@@ -23,7 +26,11 @@ import hypothesis
 import pytest
 from property_example_count import scale_example_count
 
+if TYPE_CHECKING:
+    from output_damage.damage_case import Job
+
 ROOT = Path(__file__).resolve().parents[1]
+T = TypeVar("T")
 EXPECTED_SKIPS = (
     r"(is|are) not here",  # the real data beside a development checkout
     r"is absent",
@@ -77,29 +84,67 @@ def scheduler() -> Iterator[str]:
         yield cluster.scheduler_address
 
 
-@pytest.fixture(scope="session")
-def shipped_plan(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """``shipped_plan(cell, toolpath, *options)``: OUT of ``machopt optimize``, made once for all tests and processes.
+@pytest.fixture(scope="session", autouse=True)
+def _no_wait_for_the_disk() -> Iterator[None]:
+    """No test can see whether files would be there after a power failure; a twelfth of a short command is that wait."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
 
-    ``cell`` and ``toolpath`` are names in cells/ and toolpaths/ or paths. Nobody writes into OUT: a test that damages
-    something copies it first. OUT stands beside a file ``exit_code``.
+
+@pytest.fixture(scope="session")
+def shared_result(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], T]], T]:
+    """``shared_result(key, make)``: what ``make(folder)`` returned, made once for all tests and processes of a run.
+
+    ``make`` writes into an empty folder of its own and returns something that can be pickled. Nobody writes into that
+    folder afterwards: a test that damages something copies it first.
     """
     base = tmp_path_factory.getbasetemp()
-    shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "planned"
+    shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "shared"
+
+    def get(key: str, make: Callable[[Path], T]) -> T:
+        place = shared / hashlib.sha256(key.encode()).hexdigest()[:16]
+        place.mkdir(parents=True, exist_ok=True)
+        with _alone(place / "lock"):
+            if not (place / "result").exists():
+                shutil.rmtree(place / "folder", ignore_errors=True)  # left by a run of ``make`` that failed
+                (place / "folder").mkdir()
+                found = make(place / "folder")
+                (place / "result").write_bytes(pickle.dumps(found))
+        return cast("T", pickle.loads((place / "result").read_bytes()))
+
+    return get
+
+
+@pytest.fixture(scope="session")
+def damage_job(shared_result: Callable[[str, Callable[[Path], Job]], Job]) -> Callable[[str], Job]:
+    """``damage_job(name)``: a job of the package ``output_damage``, planned once. The test imports the part with it."""
+    from output_damage.damage_case import JOBS
+
+    return lambda name: shared_result(f"job of the damages: {name}", JOBS[name])
+
+
+@pytest.fixture(scope="session")
+def shipped_plan(
+    shared_result: Callable[[str, Callable[[Path], tuple[int, Path]]], tuple[int, Path]],
+) -> Callable[..., Path]:
+    """``shipped_plan(cell, toolpath, *options)``: OUT of ``machopt optimize``, made once for all tests and processes.
+
+    ``cell`` and ``toolpath`` are names in cells/ and toolpaths/ or paths. Nobody writes into OUT.
+    """
 
     def plan(cell: Path | str, toolpath: Path | str, *options: str) -> Path:
         from machopt.cli import main
 
         words = [str(ROOT / "cells" / cell), str(ROOT / "toolpaths" / toolpath), *options]
-        place = shared / hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
-        place.mkdir(parents=True, exist_ok=True)
-        with _alone(place / "lock"):
-            if not (place / "exit_code").exists():
-                code = main(["optimize", *words[:2], "-o", str(place / "out"), "--quiet", *options])
-                (place / "exit_code").write_text(str(code), encoding="ascii")
-        code = int((place / "exit_code").read_text(encoding="ascii"))
+
+        def make(folder: Path) -> tuple[int, Path]:
+            out = folder / "out"
+            return main(["optimize", *words[:2], "-o", str(out), "--quiet", *options]), out
+
+        code, out = shared_result("\0".join(words), make)
         assert code == 0, f"machopt optimize {' '.join(words)} ended with {code}"
-        return place / "out"
+        return out
 
     return plan
 

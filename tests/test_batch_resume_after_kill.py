@@ -111,7 +111,7 @@ def test_sixty_jobs_killed_half_way_and_resumed_give_the_bytes_of_an_undisturbed
 
 
 @pytest.mark.proof
-def test_thirty_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: str, tmp_path: Path) -> None:
+def test_fifteen_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: str, tmp_path: Path) -> None:
     """Shipped cells with small toolpaths, KRL programs, one crash, one job over its time; undisturbed on a scheduler
     of its own, then killed half-way on a local cluster and resumed: the same bytes but for the times told in them."""
     jobs = small_jobs(tmp_path)
@@ -125,7 +125,7 @@ def test_thirty_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: 
     counts = undisturbed.result.to_json_types()["counts"]
     assert isinstance(counts, dict)
     assert (counts["crashed"], counts["over time"]) == (1, 1)
-    assert 3 * counts["done"] >= 2 * JOBS  # the CAM's default rotation cannot be driven everywhere
+    assert 3 * counts["done"] >= 2 * (JOBS - 2)  # the CAM's default rotation cannot be driven everywhere
     assert counts["done"] + counts.get("infeasible", 0) == JOBS - 2
     assert set(times_run(tmp_path).values()) == {1}
     for f in (gate, *(tmp_path / "ran").iterdir()):

@@ -262,7 +262,7 @@ def test_a_rail_that_moves_is_refined(
 @pytest.mark.slow
 @given(st.floats(-0.4, 0.4), st.floats(0.05, 0.4), st.sampled_from(["moving", "operation", "mixed"]))
 @settings(
-    max_examples=scale_example_count(4), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=scale_example_count(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: float, mode: str) -> None:
     modes = {"mixed": ("moving", "operation")}.get(mode, (mode, mode))
@@ -326,7 +326,7 @@ def test_a_plan_far_behind_is_not_planned_again(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "joint", "values"),
-    [({"rail": True}, "rail", (-400.0, 0.0, 500.0)), ({"table": True}, "turn", (-60.0, 0.0, 90.0))],
+    [({"rail": True}, "rail", (-400.0, 500.0)), ({"table": True}, "turn", (0.0, 90.0))],
 )
 def test_a_written_plan_is_no_worse_than_any_with_the_joint_at_one_value(
     tmp_path: FilePath, kind: dict[str, bool], joint: str, values: tuple[float, ...]

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from test_diagnose_tcp_poses import NDArray, RobotMasses, arm, build, measure
 
 from machopt.effects import prior_scales
@@ -65,9 +64,8 @@ def test_columns_are_what_a_mass_moves() -> None:
         np.testing.assert_allclose(inputs.columns[:, :3, k], moved, atol=0.05 * np.abs(moved).max())
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_masses_within_their_uncertainty_are_not_named(seed: int) -> None:
-    off = np.random.default_rng(seed).normal(0.0, prior_scales.LINK_MASS.scale, 6)
+def test_masses_within_their_uncertainty_are_not_named() -> None:
+    off = np.random.default_rng(3).normal(0.0, prior_scales.LINK_MASS.scale, 6)
     off[1:3] = np.sign(off[1:3]) * 0.06  # upper arm and forearm always show
     off[5] = 0.0
     assert diagnosed(scaled(off), inputs=False).findings

@@ -85,8 +85,7 @@ def test_the_simulator_stands_where_forward_kinematics_says(cell: str) -> None:
     [
         ("kr240_drilling", 1, False, "tool"),
         ("kr500_milling", 2, True, "base"),
-        ("irb6700_drilling", 3, True, "tool"),
-        ("cutting_cobot", 4, False, "base"),
+        ("cutting_cobot", 4, False, "base"),  # the fourth cell: test_nothing_is_named_without_labels
     ],
 )
 def test_nothing_is_named_in_a_sound_arm(tmp_path: Path, cell: str, seed: int, rotations: bool, frame: str) -> None:
@@ -97,7 +96,7 @@ def test_nothing_is_named_in_a_sound_arm(tmp_path: Path, cell: str, seed: int, r
     assert d.heldout_after < 1.15 * d.noise_floor  # fourteen poses for seven unknowns cost a few per cent
 
 
-@pytest.mark.parametrize("left_out", [("session",), ("cycle",), ("pose", "cycle", "session")])
+@pytest.mark.parametrize("left_out", [("session",), ("pose", "cycle", "session")])
 def test_nothing_is_named_without_labels(tmp_path: Path, left_out: tuple[str, ...]) -> None:
     recording, _, _ = made("irb6700_drilling", 5)
     N = len(recording)

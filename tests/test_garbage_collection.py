@@ -9,6 +9,7 @@ from machopt.cli import garbage_collection
 
 def test_what_is_loaded_is_left_out_once() -> None:
     before, frozen = gc.get_threshold(), gc.get_freeze_count()
+    garbage_collection._freeze_existing_objects.cache_clear()
     try:
         garbage_collection.pause_garbage_collection()
         assert gc.get_threshold()[0] == garbage_collection.LOADING_THRESHOLD
@@ -23,3 +24,4 @@ def test_what_is_loaded_is_left_out_once() -> None:
         gc.set_threshold(*before)
         if not frozen:
             gc.unfreeze()
+            garbage_collection._freeze_existing_objects.cache_clear()

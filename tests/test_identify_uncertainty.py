@@ -37,8 +37,9 @@ DESIGNS, DRAWS = 5, 40
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("rotations", [False, True])
-@pytest.mark.parametrize(("loads", "repeats"), [(4, 2), (1, 1)], ids=["replicates", "none"])
+@pytest.mark.parametrize(
+    ("rotations", "loads", "repeats"), [(False, 4, 2), (True, 1, 1)], ids=["replicates", "rotations"]
+)
 def test_ninety_percent_intervals_cover(rotations: bool, loads: int, repeats: int) -> None:
     rng = np.random.default_rng(100 + loads + 10 * rotations)
     _, robot, T = cell()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import pickle
@@ -315,39 +317,39 @@ def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path
     assert few.open_bound <= few.best[0].worst
 
 
+WIDE_HOLES = HOLES.replace("20,0,0,1", "60,0,0,1")
+
+
+@dataclass(frozen=True)
+class PlacedJob:
+    """What ``machopt place --json`` wrote and printed for WIDE_HOLES at four places along x."""
+
+    holes: Path
+    out: Path
+    told: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def placed(tmp_path_factory: pytest.TempPathFactory) -> PlacedJob:
+    """Searched once for all that compare with it."""
+    folder, printed = tmp_path_factory.mktemp("placed"), io.StringIO()
+    (folder / "holes.csv").write_text(WIDE_HOLES)
+    asked = ["place", str(CELLS / "kr240_drilling"), str(folder / "holes.csv"), "-o", str(folder / "out")]
+    asked += ["--places", "4", "--x-mm", "-100", "100", "--y-mm", "0", "0", "--best", "1", "--json", "--jobs", "2"]
+    with contextlib.redirect_stdout(printed):
+        assert main([*asked, "--set", "rotation_step_deg=15", "--tables", "parquet"]) == 0
+    return PlacedJob(folder / "holes.csv", folder / "out", json.loads(printed.getvalue()))
+
+
 @pytest.mark.slow
-def test_the_command_writes_verified_plans_in_moved_cells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "holes.csv").write_text(HOLES.replace("20,0,0,1", "60,0,0,1"))
-    out = tmp_path / "out"
-    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(out), "--places", "4"]
-    code = main(
-        [
-            *asked,
-            "--x-mm",
-            "-100",
-            "100",
-            "--y-mm",
-            "0",
-            "0",
-            "--best",
-            "1",
-            "--json",
-            "--jobs",
-            "2",
-            "--set",
-            "rotation_step_deg=15",
-            "--tables",
-            "parquet",
-        ]
-    )
-    told = json.loads(capsys.readouterr().out)
-    assert code == 0
+def test_the_command_writes_verified_plans_in_moved_cells(placed: PlacedJob) -> None:
+    out, told = placed.out, placed.told
     assert told["proven"]
     assert told["best"][0]["folder"] == "best-1"
     assert set(told["carried"]) >= {"frame_near", "clamp_1", "leg_4"}
     assert "pedestal" not in told["carried"]
     assert json.loads((out / "best-1" / "holes" / "result.json").read_text())["verdict"].startswith("done")
-    checked = ["verify", str(out / "best-1" / "cell"), str(tmp_path / "holes.csv"), str(out / "best-1" / "holes")]
+    checked = ["verify", str(out / "best-1" / "cell"), str(placed.holes), str(out / "best-1" / "holes")]
     assert main([*checked, "--quiet", "--set", "rotation_step_deg=15"]) == 0
     tables = {str(p.relative_to(out).with_suffix("")) for p in out.rglob("*.csv")}
     assert tables >= {"places", "best-1/holes/points", "best-1/holes/trajectory"}
@@ -355,15 +357,16 @@ def test_the_command_writes_verified_plans_in_moved_cells(tmp_path: Path, capsys
     rows = (out / "places.csv").read_text().splitlines()
     assert len(rows) == 1 + told["looked_at"]
     assert rows[1].startswith("0,0,0,0,,")
-    assert not (tmp_path / "out.progress.jsonl").exists()
+    assert not (out.parent / "out.progress.jsonl").exists()
 
 
 @pytest.mark.slow
-def test_the_library_finds_what_the_command_finds(tmp_path: Path) -> None:
-    (tmp_path / "holes.csv").write_text(HOLES.replace("20,0,0,1", "60,0,0,1"))
-    asked = {"x_mm": (-100, 100), "y_mm": (0, 0), "places": 3, "best": 1, "rotation_step_deg": 15.0}
+def test_the_library_finds_what_the_command_finds(tmp_path: Path, placed: PlacedJob) -> None:
+    (tmp_path / "holes.csv").write_text(WIDE_HOLES)
+    asked = {"x_mm": (-100, 100), "y_mm": (0, 0), "places": 4, "best": 1, "rotation_step_deg": 15.0}
     found = machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", **asked)
     assert found.proven
+    assert found.result.best[0].worst == placed.told["best"][0]["worst"]
     assert found.places.rows == found.result.looked_at
     told = found.save(tmp_path / "out")
     before = found.result
@@ -415,20 +418,17 @@ def test_a_part_out_of_reach_as_it_stands_may_be_brought_into_it(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_workers_of_a_cluster_find_what_one_process_finds(
-    tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch
+def test_workers_of_a_cluster_find_what_processes_find(
+    tmp_path: Path, scheduler: str, placed: PlacedJob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Relative paths too: the workers stand elsewhere."""
-    (tmp_path / "holes.csv").write_text(HOLES.replace("20,0,0,1", "60,0,0,1"))
+    (tmp_path / "holes.csv").write_text(WIDE_HOLES)
     monkeypatch.chdir(tmp_path)
     asked = ["place", str(CELLS / "kr240_drilling"), "holes.csv", "-o", "out", "--places", "4", "--best", "1"]
     asked += ["--x-mm", "-100", "100", "--y-mm", "0", "0", "--set", "rotation_step_deg=15", "--scheduler", scheduler]
     assert main([*asked, "--quiet"]) == 0
     told = json.loads((tmp_path / "out" / "place.json").read_text())
-    alone = machopt.place(
-        CELLS / "kr240_drilling", "holes.csv", x_mm=(-100, 100), y_mm=(0, 0), places=4, best=1, rotation_step_deg=15
-    )
-    assert told["best"][0]["worst"] == alone.result.best[0].worst
+    assert told["best"][0]["worst"] == placed.told["best"][0]["worst"]
     assert (tmp_path / "out" / "best-1" / "holes" / "report.html").exists()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv", "out"]
 

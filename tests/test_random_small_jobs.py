@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from property_example_count import NIGHTLY
 from random_small_jobs import CELLS, POSTS, ROOT, UP, Row, choose_place_above_cut, random_job, write_job
 
 from machopt.commands.optimize.request import OptimizeRequest
@@ -40,15 +41,15 @@ def random_small_job(seed: int, folder: Path) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5, 20])  # each cell once; 20 is a short job on the turntable
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 32])  # each cell of an arm alone; rail: below; turntable: the proofs
 def test_a_random_small_job_is_verified(seed: int, tmp_path: Path) -> None:
     assert random_small_job(seed, tmp_path) == 0
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize(
-    "seed", [27, *range(100, 104), *range(105, 111), 112, 113, 114]
-)  # 27 on the turntable, where a job is long
+    "seed", [27, *range(100, 104), 105, 106, *(range(107, 200) if NIGHTLY else ())]
+)  # each cell once; 27 on the turntable, where a job is long
 def test_random_small_jobs_are_verified(seed: int, tmp_path: Path) -> None:
     assert random_small_job(seed, tmp_path) == 0
 
@@ -75,6 +76,6 @@ def test_cuts_far_apart_on_a_rail_are_verified(tmp_path: Path) -> None:
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("seed", range(40, 48))
+@pytest.mark.parametrize("seed", range(40, 120 if NIGHTLY else 43))
 def test_random_cuts_on_a_rail_are_verified(seed: int, tmp_path: Path) -> None:
     assert run_cuts_along_rail(seed, tmp_path) == 0

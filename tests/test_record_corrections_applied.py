@@ -86,15 +86,11 @@ def put_right(recording: Recording, finding: dict[str, Any]) -> Recording:
     return (force_axes if effect == "force_sensor_frame" else displacement_axes)(turn)(recording)
 
 
-CASES = {
+CASES = {  # a gain of either sign; parts of either sign in offsets and angles
     "gain +": ("force_sensor_gain", axis_gain(1, 0.08)),
-    "gain -": ("force_sensor_gain", axis_gain(1, -0.08)),
     "gain of z -": ("force_sensor_gain", axis_gain(2, -0.06)),
     "offset": ("force_sensor_offset", offset((60.0, -40.0, 25.0))),
-    "offset -": ("force_sensor_offset", offset((-60.0, 40.0, -25.0))),
     "axes": ("force_sensor_frame", force_axes((2.0, -1.0, 1.5))),
-    "axes -": ("force_sensor_frame", force_axes((-2.0, 1.0, -1.5))),
-    "displacement": ("displacement_frame", displacement_axes((1.5, -1.0, 2.0))),
     "displacement -": ("displacement_frame", displacement_axes((-1.5, 1.0, -2.0))),
 }
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from output_damage.damage_case import Job, copy_job, find_single_file, plan_pass, update_manifest_hashes
+from output_damage.damage_case import Job, copy_job, find_single_file, update_manifest_hashes
 
 from machopt.cli import main
 
@@ -18,8 +18,8 @@ SECONDS = 20.0  # of one command on a loaded machine; a pipe would block for eve
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    return plan_pass(tmp_path_factory.mktemp("job"))
+def planned(damage_job: Callable[[str], Job]) -> Job:
+    return damage_job("pass")
 
 
 def _pipe(file: Path) -> None:

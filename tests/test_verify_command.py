@@ -42,8 +42,8 @@ def without_collision(tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    return plan_table(tmp_path_factory.mktemp("plain"), KR500, PASS)
+def plain(damage_job: Callable[[str], Job]) -> Job:
+    return damage_job("pass")
 
 
 def verified(job: Job, *options: str) -> int:

@@ -84,6 +84,11 @@ def plan_table(
     return job
 
 
+INVENTORY = {"bodies of the URDF", "joints and masses of the URDF", "bodies checked for contacts"}
+"""Checks that no damage of a folder makes fail: tests/test_verify_every_check_can_fail.py removes what they need."""
+MANIFEST_CHECK = {"manifest.json"}
+"""Its seal and form: the rows of MANIFESTS in folder_damage.py."""
+
 JOBS: dict[str, Callable[[Path], Job]] = {"pass": plan_pass}
 """Each is planned once a session; a part that needs another adds it here."""
 

@@ -27,10 +27,10 @@ def write_ring(file: Path) -> None:
 
 
 def plan_ring(folder: Path) -> Job:
-    """The ring with one re-entry permitted, its program in joints and in positions."""
+    """The ring with one re-entry permitted; tests/test_reentry.py reads the same plan."""
     write_ring(folder / "ring.csv")
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
-    posts = ("krl_pos",)
+    posts = ("krl_pos", "rapid")
     request = OptimizeRequest(
         cell=folder / "cell",
         toolpath=folder / "ring.csv",

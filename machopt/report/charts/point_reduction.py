@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,8 @@ def round_for_json(values: Array, digits: int = 6) -> list[float | None]:
         values: The values.
         digits: Significant digits.
     """
-    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in np.asarray(values, float).tolist()]
+    form = f".{digits}g"
+    return [float(format(v, form)) if isfinite(v) else None for v in np.asarray(values, float).tolist()]
 
 
 def pack_levels(values: Array, lowest: float, highest: float) -> str:
