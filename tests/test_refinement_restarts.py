@@ -36,3 +36,19 @@ def test_other_starts_are_refined_until_one_has_not_stalled(
     monkeypatch.setattr(refinement_restarts, "leap_to_better_sequences", lambda start, job: [start])
     starts = [plan(1.0, s) for s in sequences]
     assert refine_other_starts(starts, job=None, trust=0.2) == starts[:refined]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("points", "tried"), [(80, 2), (1000, 1)])
+def test_a_short_path_is_refined_nearer_to_the_sequence_where_the_first_refinement_fails(
+    points: int, tried: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trusts: list[float] = []
+
+    def refine(one: Any, job: None, *, trust: float, start: None) -> Any:
+        trusts.append(trust)
+        return one
+
+    monkeypatch.setattr(refinement_restarts, "refine_plan", refine)
+    one: Any = SimpleNamespace(path=SimpleNamespace(index=range(points)))
+    assert refinement_restarts._refine_from_sequence(one, None, None) is one  # type: ignore[arg-type]
+    assert trusts == sorted(refinement_restarts.TRUSTS, reverse=True)[:tried]

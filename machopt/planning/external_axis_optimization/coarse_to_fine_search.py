@@ -64,18 +64,13 @@ TRIED = 8  # where the first ones cannot
 AS_GOOD = 1.15  # times the best estimate: threshold for planning home in full, and for a second refinement
 FIXED_NEAR = 1.05  # times the best J: threshold for improving the best fixed plan by sequences
 MOVES_TRIED = 3  # the same where the joints may move along the path
-TRUSTS = (
-    TRUST,
-    np.radians(25.0),
-)  # trust regions of the refinement: each leads to another local optimum, the best is selected
+TRUSTS = TRUST, np.radians(25.0)  # rad, trust regions: each leads to another local optimum, the best is selected
 FAR = (np.radians(40.0),)  # the same for long paths, which are refined once to save time
 ONCE = 1  # passes of a long path before improvement by a sequence, which replaces the other passes
-WEIGHTS = (
-    0.3,
-    2.0,
-)  # of the travel's weight: starts that follow the tool farther, or less far, than the full weight finds
+WEIGHTS = 0.3, 2.0  # of the travel's weight: starts that follow the tool farther, or less far
 FOLLOWING = 2  # motions that follow the tool and are examined further
 AS_NEAR = 1.5  # times the least estimate: threshold for planning a curve of moving joints
+EQUAL = 1.05  # factor by which the estimate of another curve has to be better than with the objective's own weights
 
 Key = tuple[float, float]  # points lost and breaks; ranking value: less is better
 
@@ -91,6 +86,7 @@ class _SearchRequest:
     clock: StageTimings
     before: Plan | None  # of the same job with other user requests
     scale: float | None  # c₀ of a plan that this one belongs to
+    is_coarse: bool = False  # a search on a finer grid follows, with its own improvement by a sequence
 
     def planned(self, scale: float | None, setup: PlanningSetup | None = None, external: Array | None = None) -> Plan:
         """Plan in full with given external joints.
@@ -141,7 +137,7 @@ def find_best_external_axis_plan(
     )
     if not options.is_searched or options.rotation_step >= STEP or _has_fixed_joints(request):
         return _search_refined(request)
-    coarse = _search_refined(replace(request, options=replace(options, rotation_step=STEP)))
+    coarse = _search_refined(replace(request, options=replace(options, rotation_step=STEP), is_coarse=True))
     ranking = AxisPlanRanking.build(coarse.setup, axes)
     job = RefinementJob(toolpath=toolpath, groups=(), worth=ranking, clock=clock, before=before)
     found = plan_on_other_grid(coarse, options.rotation_step, job)
@@ -182,7 +178,8 @@ def _search_refined(request: _SearchRequest) -> Plan:
     led = leap_to_better_sequences(best, job)
     if passes < PASSES and len(led) == 1:  # no sequence improved the plan, so the remaining passes are still to be done
         further = refine_plan(best, job, trust=FAR[0])
-        led += [] if further is best else leap_to_better_sequences(further, job)
+        if further is not best:
+            led += [further] if request.is_coarse else leap_to_better_sequences(further, job)
     every += led
     if not long and has_stalled(led[-1]):
         other_starts = [start for start in (*starts.fixed, *starts.others) if start is not found]
@@ -336,9 +333,7 @@ class _Tries:
         """Return the plan along a curve of contact-free poses: for cells where arm or part collide at every fixed
         value.
 
-        Checking every pose of the grid costs more than the curve itself, so this is tried last. It is skipped for
-        breaks
-        without a contact, which free poses would not remove.
+        Checking every pose costs more than the curve, so this is tried last, and not for breaks without a contact.
         """
         search = self.search
         with self.request.clock.stage("external"):
@@ -353,9 +348,9 @@ class _Tries:
         (:func:`machopt.planning.external_axes.moving_axes.list_moving_subsets`), the best first.
 
         Where all of these have breaks, whole turns of the arm's joints are counted, and the other joints may keep a
-        different
-        value (:func:`machopt.planning.external_axes.moving_axes.list_partly_fixed_groups`).
-        Curves whose estimate is far from the best are not examined further, the others at 15°.
+        different value (:func:`machopt.planning.external_axes.moving_axes.list_partly_fixed_groups`). Curves whose
+        estimate is far from the best are not examined further, the others at 15°; of a long path only the best one
+        that reaches all of it, because the refinement removes small differences.
         """
         search = self.search
         with self.request.clock.stage("external"):
@@ -371,11 +366,16 @@ class _Tries:
             if len(ways) > 1:
                 estimates = [search.estimate_along(at) for at in ways]
                 near = AS_NEAR * min(estimates)
-                ways = [at for at, estimate in zip(ways, estimates, strict=True) if estimate <= near]
+                order = np.argsort([estimates[0] / EQUAL, *estimates[1:]], kind="stable").tolist()
+                ways = [ways[k] for k in order if estimates[k] <= near]
         looks = replace(self.request.options, rotation_step=max(self.request.options.rotation_step, STEP))
         if len(ways) > 1:
-            assessed = [self._plan_with_values(at, looks) for at in ways]
-            order = sorted(range(len(ways)), key=lambda k: assessed[k][0])
+            assessed: list[tuple[Key, Plan]] = []
+            for at in ways:
+                assessed.append(self._plan_with_values(at, looks))
+                if len(self.path.index) > SHORT and not assessed[-1][0][0]:
+                    break
+            order = sorted(range(len(assessed)), key=lambda k: assessed[k][0])
             if looks.rotation_step == self.request.options.rotation_step:
                 return [assessed[k] for k in order]
             ways = [ways[order[0]]]

@@ -165,16 +165,19 @@ class BoundSearch:
             onward: result of its :meth:`~ValueGridSequences.onward`.
             of: (V,) vertices of the original grid; None: it is the original one.
         """
-        found = lattice.best(GAP, onward, self.own)
-        for _ in range(STRUCK):
+        found, limit, free = lattice.best(GAP, onward, self.own), -np.inf, np.zeros(lattice.node.shape, bool)
+        through = np.empty(0)
+        for n in range(STRUCK):
             if found is None:
                 return None
             vertex = found[2] if of is None else of[found[2]]
             hit = self.touching(np.arange(len(vertex)), vertex)
             if not hit.any():
                 break
-            most = found[0] + SEARCHED * max(self.own - found[0], 0.0)
-            self._exclude_vertices(lattice, of, np.flatnonzero(hit), found[2][hit], lattice.through(onward, most))
+            if found[0] > limit:  # excluded vertices only raise it, so that it stays a lower bound
+                limit = found[0] + SEARCHED * max(self.own - found[0], 0.0)
+                through = lattice.through(onward, limit)
+            self._exclude_vertices(lattice, of, (np.flatnonzero(hit), found[2][hit]), through, free, LOOKED_AT << n)
             found = lattice.best(GAP, onward, self.own)
         return None if found is None else BoundSequence(*found)
 
@@ -248,21 +251,30 @@ class BoundSearch:
         self,
         lattice: ValueGridSequences,
         of: NDArray[np.int64] | None,
-        stations: NDArray[np.int64],
-        vertex: NDArray[np.int64],
+        touching: tuple[NDArray[np.int64], NDArray[np.int64]],
         through: Array,
+        free: Bools,
+        most: int,
     ) -> None:
-        """Exclude vertices (n,) at stations (n,), and other colliding ones there, those of the best sequences first.
+        """Exclude colliding vertices and others that collide at the same stations, those of the best sequences first.
 
-        ``through`` (S, V) is the least J of a sequence through each vertex.
+        Args:
+            lattice: sequences; vertices are excluded in place.
+            of: (V,) vertices of the original grid; None: it is the original one.
+            touching: (n,) stations and (n,) vertices that collide.
+            through: (S, V) lower bound of J of a sequence through each vertex.
+            free: (S, V) vertices that were checked and have no contact; those found are added.
+            most: maximum number of vertices to check.
         """
-        through = through[stations]
-        s, others = np.nonzero(np.isfinite(through))
-        first = np.argsort(through[s, others], kind="stable")[:LOOKED_AT]
-        s, others = stations[s[first]], others[first]
+        stations, vertex = touching
+        lattice.node[stations, vertex] = np.inf
+        s, others = np.nonzero(np.isfinite(through[stations]) & np.isfinite(lattice.node[stations]) & ~free[stations])
+        s = stations[s]
+        first = np.argsort(through[s, others], kind="stable")[:most]
+        s, others = s[first], others[first]
         hit = self.touching(s, others if of is None else of[others])
         lattice.node[s[hit], others[hit]] = np.inf
-        lattice.node[stations, vertex] = np.inf
+        free[s[~hit], others[~hit]] = True
 
 
 def _compute_station_objective(plan: Plan, part: PlanningPath) -> float:

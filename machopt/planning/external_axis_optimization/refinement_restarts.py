@@ -11,13 +11,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from machopt.planning.continuous_refinement.plan_improvement import RefinementJob, refine_plan
+from machopt.planning.continuous_refinement.refinement import TRUST
+from machopt.planning.continuous_refinement.starting_point import RefinementStart
 from machopt.planning.external_axis_optimization.external_axis_bound import BoundSearch
 from machopt.planning.external_axis_optimization.value_grid import VALUES
 from machopt.planning.pipeline.plan import Plan
 
 SHORT = 600  # planning points: a longer path counts as long
 LEAPS = 4, 1  # maximum number, for short paths and for long ones
+# rad, trust regions of the refinement from a sequence, tried in turn on short paths: the sequence is free of contacts
+# at the stations, and a curve that stays near it is more often free between them
+TRUSTS = TRUST, np.radians(5.0)
 WORTH_IT = 1e-3  # share of J: a sequence that saves less is not used as a start
 STALLED = 0.01  # share of J that a known sequence would save; benchmarks/external_axis_gap.py aims at this
 OTHERS = 1  # further starts that are refined: a second one saved 0.3 % of J for a fifth of the time, in one cell
@@ -45,11 +52,20 @@ def leap_to_better_sequences(best: Plan, job: RefinementJob) -> list[Plan]:
             if found is None or leap == most or found.total > (1.0 - WORTH_IT) * around.own:
                 break
             start = around.start(found.vertex, out[-1])
-        further = refine_plan(out[-1], job, start=start)
+        further = _refine_from_sequence(out[-1], job, start)
         if further is out[-1]:
             break
         out.append(further)
     return out
+
+
+def _refine_from_sequence(plan: Plan, job: RefinementJob, start: RefinementStart) -> Plan:
+    """Return the refinement of a plan from a better sequence; the plan itself where none is better."""
+    for trust in TRUSTS if len(plan.path.index) <= SHORT else TRUSTS[:1]:
+        further = refine_plan(plan, job, trust=trust, start=start)
+        if further is not plan:
+            return further
+    return plan
 
 
 def has_stalled(plan: Plan) -> bool:
