@@ -25,6 +25,7 @@ LEAST_NODES = 8  # a window with fewer has nothing to optimise
 SPACING = 4e-3  # m of the metric, least distance of nodes that no fixed rotation needs
 LEAST_WAY = 1e-6  # m, shortest segment between two nodes
 LEAST_LENGTH = 1e-7  # m, a segment whose tip moves less has no feed limit
+JOINT_RESERVE = 1e-5  # rad or m, a hundred times the change of a joint within the solver's tolerance of a pose (1e-8 m)
 SPIN = 0.5  # m/s along the metric: limit where only the axis turns
 
 
@@ -141,8 +142,8 @@ def build_window_data(
         velocity=scale * limits.velocity,
         acceleration=scale * limits.acceleration,
         jerk=scale * limits.jerk,
-        lower=np.minimum(lower, x.min(axis=0)),
-        upper=np.maximum(upper, x.max(axis=0)),
+        lower=np.minimum(lower + JOINT_RESERVE, x.min(axis=0)),
+        upper=np.maximum(upper - JOINT_RESERVE, x.max(axis=0)),
         phi_lower=low,
         phi_upper=high,
         is_fixed=fixed,

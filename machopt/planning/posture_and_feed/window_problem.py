@@ -85,6 +85,7 @@ def solve_window(machine: SymbolicMachine, data: WindowData) -> WindowSolution:
     _add_poses(found, machine, data, v)
     tau = ca.DM(data.way / data.cap).T / v.speed
     _add_motion_limits(found, data, v, tau)
+    _add_joint_ranges(found, data, v)
     _add_errors(found, machine, data, v)
     _add_local_limits(found, data, v)
     _add_plunges(found, data, v)
@@ -151,6 +152,18 @@ def _add_motion_limits(found: _Constraints, data: WindowData, v: _Variables, tau
     between = times[:, 1:-1]
     jerk = (change[:, 1:] - change[:, :-1]) / ca.repmat(between, len(axes), 1)
     found.add(jerk / ca.DM(np.tile(data.jerk[axes][:, None], jerk.shape[1])), -1.0, 1.0)
+
+
+def _add_joint_ranges(found: _Constraints, data: WindowData, v: _Variables) -> None:
+    """Joints keep their range between nodes: a parabola through three nodes leaves them by an eighth of its bend."""
+    bend, present = v.x[:, 2:] - 2.0 * v.x[:, 1:-1] + v.x[:, :-2], np.diff(data.x, n=2, axis=0)
+    inner, now = v.x[:, 1:-1] - bend / 8.0, data.x[1:-1] - present / 8.0
+    axes = np.r_[np.ones(6, bool), data.is_free]
+    rows = np.flatnonzero(~data.is_fixed[1:-1])
+    at = rows.tolist()
+    for n in np.flatnonzero(axes).tolist():
+        low, high = np.minimum(data.lower[n], now[rows, n]), np.maximum(data.upper[n], now[rows, n])
+        found.add(inner[n, at], low[None], high[None])
 
 
 def _add_errors(found: _Constraints, machine: SymbolicMachine, data: WindowData, v: _Variables) -> None:

@@ -15,14 +15,14 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair, Tip
 
-THIN = 5e-6  # m; material that stands less than this above the tip is none
+THIN = 5e-6  # m; material that stands less than this above the tip is none: CAM files state 1 to 10 µm
 MOST_LEVELS = 8  # heights of the stock around a point that get slices of their own
 CORNER_SLICES = 12  # of the rounded corner
 SOFT = 0.25  # cells of height over which a smooth surface passes from material to air
 THIN_CHIP = 0.1  # cells: a contact less deep than this is none
 SPACING = 2.0  # cells between two samples along the circle; a narrower contact may be missed
-_HALVINGS = 5
-SEARCH = 48  # steps along the circle in which the boundary is followed
+_HALVINGS = 5  # of a sampling interval, to 1/16 of a cell before the linear interpolation
+SEARCH = 48  # steps along the circle in which the boundary is followed: 24 cells, a tangent within 2.4° of the circle
 CLOSE = (0.25, 0.75)  # cells outside of the cutter where its tangent is checked, and found anew
 FITS = 0.5  # cells; a tangent that is nearer there fits
 _SAME_LEVEL = 5e-3  # of the largest height
@@ -30,7 +30,16 @@ _SAME_LEVEL = 5e-3  # of the largest height
 
 @jit_compile
 def measure_material(grid: Grid, origin: Pair, cell: Pair, u: float, v: float, w: float) -> float:
-    """Material at a place, by the four cells around it: 1 inside, −1 outside, 0 on the boundary."""
+    """Material at a place, by the four cells around it: 1 inside, −1 outside, 0 on the boundary.
+
+    Args:
+        grid: (nv, nu, 4) high, low, share, bottom.
+        origin: m, u and v of the corner of cell (0, 0).
+        cell: m, size of a cell.
+        u: m, of the place.
+        v: m.
+        w: m, height.
+    """
     nv, nu = grid.shape[:2]
     x, y = (u - origin[0]) / cell[0] - 0.5, (v - origin[1]) / cell[1] - 0.5
     i, j = int(np.floor(x)), int(np.floor(y))
@@ -205,7 +214,14 @@ def _follow_boundary(
 
 @jit_compile
 def measure_line(phi: float, reach: float, far: float, outer: float) -> float:
-    """Distance from the centre of the straight line through two places in polar coordinates."""
+    """Distance from the centre of the straight line through two places in polar coordinates, m.
+
+    Args:
+        phi: rad, angle of the first place.
+        reach: m, its radius.
+        far: rad, angle of the second place.
+        outer: m, its radius.
+    """
     x, y = reach * cos(phi), reach * sin(phi)
     dx, dy = outer * cos(far) - x, outer * sin(far) - y
     return abs(x * dy - y * dx) / sqrt(dx * dx + dy * dy)
@@ -213,7 +229,15 @@ def measure_line(phi: float, reach: float, far: float, outer: float) -> float:
 
 @jit_compile
 def extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
-    """Angle on the circle ``radius`` of the straight line through two places in polar coordinates."""
+    """Angle at which the straight line through two places meets a circle, near the first place, rad.
+
+    Args:
+        phi: rad, angle of the first place.
+        reach: m, its radius.
+        far: rad, angle of the second place.
+        outer: m, its radius.
+        radius: m, of the circle.
+    """
     x, y = reach * cos(phi), reach * sin(phi)
     dx, dy = outer * cos(far) - x, outer * sin(far) - y
     length = sqrt(dx * dx + dy * dy)

@@ -63,13 +63,24 @@ def find_end_cuts(
         end: (N,) m³ that each move removes beneath the flat end at its start.
         radius: m, of the cutter.
     """
-    down, across, total = measure_descents(position, axis, cutting)
+    _, across, total = measure_descents(position, axis, cutting)
     side = np.zeros(len(position))
     np.add.at(side, found.point, (found.high - found.low) * radius * (np.cos(found.start) - np.cos(found.end)))
     descends = total > THIN + ROUNDING
     ramps = descends & (end > np.maximum(THROUGH, END_SHARE * (end + side * across)))
-    steep = (across <= SHORT) | (descends & (down >= across - ROUNDING))
-    return found.is_computed & (ramps | (steep & (found.volume > THROUGH)))
+    return found.is_computed & (ramps | (find_plunges(position, axis, cutting) & (found.volume > THROUGH)))
+
+
+def find_plunges(position: Array, axis: Array, cutting: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (N,) whether a cut does not travel across its axis, or descends at least as far as it travels.
+
+    Args:
+        position: (N, 3) m, the tip.
+        axis: (N, 3) unit.
+        cutting: (N,) cut moves.
+    """
+    down, across, total = measure_descents(position, axis, cutting)
+    return cutting & ((across <= SHORT) | ((total > THIN + ROUNDING) & (down >= across - ROUNDING)))
 
 
 @jit_compile

@@ -36,7 +36,10 @@ from machopt.process.stock.field_types import (
 )
 
 CLOSE = (0.35, 0.85)  # cells outside of the cutter where a tangent is checked, and found anew: nearer, edges are round
-HALVINGS = 6
+GAP = (
+    0.2  # cells of distance from the material at the nearer circle; interpolation lays an edge up to 0.3 cells inwards
+)
+HALVINGS = 6  # of an interval of two cells: to 1/32 of a cell, below the accuracy of the field
 
 Axes = Array  # (4, 3) tip, normal, travel, tool axis
 
@@ -166,8 +169,29 @@ def _carry_back(
 
 
 @jit_compile
+def _add_arc(start: float, end: float, radius: float, h: float, arcs: Array, count: int) -> int:
+    """Write an arc whose chip is not too thin; returns the number of arcs."""
+    is_side = start <= 0.0 or end >= pi
+    depth = radius * (1.0 - cos(min(end - start if is_side else 0.5 * (end - start), pi))) if end > start else 0.0
+    if depth > THIN_CHIP * h and count < len(arcs):
+        arcs[count, 0], arcs[count, 1] = start, end
+        count += 1
+    return count
+
+
+@jit_compile
 def add_arcs(arrays: FieldArrays, frame: Frame, axes: Axes, radius: float, w: float, circle: Array, arcs: Array) -> int:
-    """Write start and end of each arc of a slice; returns their number."""
+    """Write start and end of each arc of a slice; returns their number.
+
+    Args:
+        arrays: The field after the move.
+        frame: Corner of cell (0, 0, 0) and side of a cell.
+        axes: (4, 3) tip, normal, travel, tool axis.
+        radius: m, of the slice.
+        w: m, height of the slice above the tip.
+        circle: (n, 2) sine and cosine of even angles from 0 to π.
+        arcs: (n, 2) rad, start and end of each arc, which are written.
+    """
     h = frame[1]
     reach = radius + h
     last = len(circle) - 1
@@ -190,11 +214,51 @@ def add_arcs(arrays: FieldArrays, frame: Frame, axes: Axes, radius: float, w: fl
             if phi_before < pi:
                 end = _find_crossing(arrays, frame, axes, reach, w, phi_before, phi)
                 end = _carry_back(arrays, frame, axes, end, -1.0, radius, w)
-            a, b = max(start, 0.0), min(end, pi)
-            is_side = a <= 0.0 or b >= pi
-            depth = radius * (1.0 - cos(min(b - a if is_side else 0.5 * (b - a), pi))) if b > a else 0.0
-            if depth > THIN_CHIP * h and count < len(arcs):
-                arcs[count, 0], arcs[count, 1] = a, b
-                count += 1
+            count = _add_arc(max(start, 0.0), min(end, pi), radius, h, arcs, count)
         is_before, phi_before = is_inside, phi
+    return count
+
+
+@jit_compile
+def leave_out_gaps(
+    arrays: FieldArrays, frame: Frame, axes: Axes, radius: float, w: float, circle: Array, arcs: Array, number: int
+) -> int:
+    """Keep the parts of arcs where the material reaches the cutter; returns the number of arcs.
+
+    A wall that was cut before, less than a cell away from the cutter, lies within the circle outside and not within a
+    nearer one. Within a cell of the ends of an arc, edges are round.
+
+    Args:
+        arrays: The field after the move.
+        frame: Corner of cell (0, 0, 0) and side of a cell.
+        axes: (4, 3) tip, normal, travel, tool axis.
+        radius: m, of the slice.
+        w: m, height of the slice above the tip.
+        circle: (n, 2) sine and cosine of even angles from 0 to π.
+        arcs: (n, 2) rad, start and end of each arc, which change.
+        number: Of the arcs.
+    """
+    h, last = frame[1], len(circle) - 1
+    close, room = radius + CLOSE[0] * h, h / radius
+    spacing = max(int(last * SPACING * h / (pi * (radius + h))), 1)
+    count, kept = 0, arcs.copy()
+    for n in range(number):
+        start, end, is_open = arcs[n, 0], arcs[n, 1], True
+        for m in range(int((start + room) * last / pi) + 1, last + 1, spacing):
+            phi = pi * m / last
+            if phi >= end - room:
+                break
+            s, c = close * circle[m, 0], close * circle[m, 1]
+            x = axes[0, 0] + c * axes[1, 0] + s * axes[2, 0] + w * axes[3, 0]
+            y = axes[0, 1] + c * axes[1, 1] + s * axes[2, 1] + w * axes[3, 1]
+            z = axes[0, 2] + c * axes[1, 2] + s * axes[2, 2] + w * axes[3, 2]
+            touches = measure_field(arrays, frame, x, y, z) < GAP
+            if is_open and not touches:
+                before = phi - spacing * pi / last
+                count = _add_arc(start, before, radius, h, kept, count) if before > start + room else count
+            elif touches and not is_open:
+                start = phi
+            is_open = touches
+        count = _add_arc(start, end, radius, h, kept, count) if is_open else count
+    arcs[:count] = kept[:count]
     return count

@@ -1,26 +1,35 @@
 """Contact of a cutter with a stock of signed distances: arcs of engagement at slices along the tool axis.
 
 Slices lie between the lowest and the highest material that was removed: beyond it, a wall that was cut before touches
-the cutter over the whole length of the outline. Where arcs of two slices differ, their boundary is found.
+the cutter over the whole length of the outline. Where arcs of two slices differ, heights between them are measured: an
+edge across the axis is found, and a slope, as an axis that sways leaves it, is followed. A wall that was cut before,
+nearer than a cell, is no contact.
 """
 
 from __future__ import annotations
 
-from math import acos, cos, sqrt
+from math import acos, cos, pi, sqrt
 
 import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.contact_kernels import CORNER_SLICES
-from machopt.process.stock.field_arcs import HALVINGS, Axes, add_arcs
+from machopt.process.stock.field_arcs import HALVINGS, Axes, add_arcs, leave_out_gaps
 from machopt.process.stock.field_types import Cutter, FieldArrays, Frame
 
-SLICES = 24  # of the cylindrical part, at most
-THICKNESS = 2.0  # cells, of a slice, at least
+SLICES = 24  # of the cylindrical part, at most, where no arcs change: an even wall needs one
+THICKNESS = 2.0  # cells, of a slice where no arcs change: the sampling distance of a field without aliasing
 SAME_ANGLE = 0.004  # rad; neighbouring slices whose arcs differ by less become one
-STEP_ANGLE = 0.1  # rad of all arcs of a slice; at a larger difference of neighbours their boundary is found
-RISING = 1e-3  # of the largest removed volume of a bin; bins with less are left out
+STEP_ANGLE = 0.1  # rad of all arcs of a slice; where neighbours differ by more, arcs are measured between them
+SHORTEST = 0.5  # cells between such heights, at least: the field is known at every cell
+EDGE_HEIGHT = 1.0  # cells over which an edge across the axis is rounded
+NARROWER = (
+    0.8  # of the width a cell from the end; at a slope it falls to 0.5, at a round one to 0.71 half a cell from it
+)
+NEAR = 0.25  # cells from an end of the contact that is no edge
+NODES = 64  # heights at which arcs are measured, at most
+RISING = 1e-3  # of the largest removed volume of a bin; less is the rounding of stored distances (EQUAL cells)
 
 
 @jit_compile
@@ -121,47 +130,157 @@ def _measure_width(
 
 
 @jit_compile
-def _choose_height(low: float, high: float, ends: tuple[float, float], corner: float, h: float) -> float:
-    """Height at which a slice is measured, for contact between ``ends``.
-
-    A field rounds the edges of the stock within a cell of where the contact ends.
-    """
-    w = 0.5 * (low + high)
-    if low < corner:
-        return w
-    margin = min(h, 0.5 * (ends[1] - ends[0]))
-    return min(max(w, ends[0] + margin if ends[0] > 0.0 else 0.0), ends[1] - margin)
+def _measure_node(
+    arrays: FieldArrays, frame: Frame, axes: Axes, cutter: Cutter, w: float, circle: Array, node: Array
+) -> None:
+    """Write a height, the number of its arcs and the arcs to the rows of a node."""
+    node[0, 0] = w
+    radius, arcs = _compute_radius(cutter, w), node[1:]
+    number = add_arcs(arrays, frame, axes, radius, w, circle, arcs)
+    node[0, 1] = leave_out_gaps(arrays, frame, axes, radius, w, circle, arcs, number) if number else 0
 
 
 @jit_compile
-def _refine_boundaries(
+def _sum_arcs(node: Array) -> float:
+    """Sum of the arcs of a node, rad."""
+    total = 0.0
+    for m in range(1, int(node[0, 1]) + 1):
+        total += node[m, 1] - node[m, 0]
+    return total
+
+
+@jit_compile
+def _compare_nodes(a: Array, b: Array) -> float:
+    """Return how far the arcs of two nodes differ, rad; π where their numbers differ."""
+    if a[0, 1] != b[0, 1]:
+        return pi
+    total = 0.0
+    for m in range(1, int(a[0, 1]) + 1):
+        total += abs(a[m, 0] - b[m, 0]) + abs(a[m, 1] - b[m, 1])
+    return total
+
+
+@jit_compile
+def _find_margins(
     arrays: FieldArrays,
     frame: Frame,
     axes: Axes,
     cutter: Cutter,
-    slices: Array,
-    has: tuple[int, int],
+    ends: tuple[float, float],
     circle: Array,
-    arcs: Array,
-) -> None:
-    """Move the boundary of two slices above the corner to where the arcs change."""
-    ends = (slices[has[0], 0], slices[has[1], 1])
-    for m in has:
-        w = _choose_height(slices[m, 0], slices[m, 1], ends, cutter[1], frame[1])
-        slices[m, 2], slices[m, 3] = _measure_width(arrays, frame, axes, cutter, w, circle, arcs), w
-    for m in range(has[0], has[1]):
-        first, last = slices[m, 2], slices[m + 1, 2]
-        if slices[m, 0] < cutter[1] or abs(last - first) < STEP_ANGLE:
+    nodes: Array,
+) -> tuple[float, float]:
+    """Distances from the ends of the contact at which its arcs are measured first and last.
+
+    A field rounds the edges of the stock within a cell of where the contact ends. Where the contact is much narrower
+    half a cell from there than a cell from there, it ends at a slope and is measured up to it. ``nodes`` is work space.
+    """
+    h, half = frame[1], 0.5 * (ends[1] - ends[0])
+    near = NEAR * min(h, half)
+    margins = (near, near)
+    for is_top in (False, True):
+        if not is_top and ends[0] <= cutter[1]:
             continue
-        a, b = slices[m, 3], slices[m + 1, 3]
-        for _ in range(HALVINGS):
-            w = 0.5 * (a + b)
-            width = _measure_width(arrays, frame, axes, cutter, w, circle, arcs)
-            if abs(width - first) < abs(width - last):
-                a = w
-            else:
-                b = w
-        slices[m, 1] = slices[m + 1, 0] = 0.5 * (a + b)
+        sign = -1.0 if is_top else 1.0
+        for n in range(2):
+            at = ends[1 if is_top else 0] + sign * (1.0 - 0.5 * n) * min(h, half)
+            _measure_node(arrays, frame, axes, cutter, at, circle, nodes[n])
+        if _sum_arcs(nodes[1]) > NARROWER * _sum_arcs(nodes[0]):
+            margins = (margins[0], min(h, half)) if is_top else (min(h, half), margins[1])
+    return margins
+
+
+@jit_compile
+def _find_boundary(
+    arrays: FieldArrays, frame: Frame, axes: Axes, cutter: Cutter, circle: Array, a: Array, b: Array, work: Array
+) -> float:
+    """Height between two nodes where the arcs change from those of the first to those of the second."""
+    low, high = a[0, 0], b[0, 0]
+    first, last = _sum_arcs(a), _sum_arcs(b)
+    if abs(first - last) < STEP_ANGLE:
+        return float(0.5 * (low + high))
+    for _ in range(HALVINGS):
+        w = 0.5 * (low + high)
+        _measure_node(arrays, frame, axes, cutter, w, circle, work)
+        if abs(_sum_arcs(work) - first) < abs(_sum_arcs(work) - last):
+            low = w
+        else:
+            high = w
+    return float(0.5 * (low + high))
+
+
+@jit_compile
+def _sample_heights(
+    arrays: FieldArrays,
+    frame: Frame,
+    axes: Axes,
+    cutter: Cutter,
+    ends: tuple[float, float],
+    circle: Array,
+    nodes: Array,
+) -> int:
+    """Measure the arcs at heights above the corner, denser where they change; returns the number of nodes."""
+    h = frame[1]
+    below, above = _find_margins(arrays, frame, axes, cutter, ends, circle, nodes)
+    low, high = ends[0] + below, ends[1] - above
+    count = min(max(int((high - low) / (THICKNESS * h)) + 1, 2), SLICES)
+    for n in range(count):
+        w = low + (high - low) * n / (count - 1)
+        _measure_node(arrays, frame, axes, cutter, w, circle, nodes[n])
+    n = 0
+    while n < count - 1:
+        a, b = nodes[n, 0, 0], nodes[n + 1, 0, 0]
+        if count == len(nodes) - 1 or b - a <= SHORTEST * h or _compare_nodes(nodes[n], nodes[n + 1]) < STEP_ANGLE:
+            n += 1
+            continue
+        for m in range(count, n + 1, -1):
+            nodes[m] = nodes[m - 1]
+        _measure_node(arrays, frame, axes, cutter, 0.5 * (a + b), circle, nodes[n + 1])
+        count += 1
+    return count
+
+
+@jit_compile
+def _place_boundaries(
+    arrays: FieldArrays,
+    frame: Frame,
+    axes: Axes,
+    cutter: Cutter,
+    circle: Array,
+    nodes: Array,
+    number: int,
+    tops: Array,
+) -> int:
+    """Write the upper end of the slice of each node but the last; returns the number of nodes.
+
+    Arcs that change within a cell of height change at an edge across the axis, which the field rounds: the nodes within
+    are left out, and the place of the edge is found. Arcs that change over more follow a slope.
+    """
+    h, n, count = frame[1], 0, 1
+    while n < number - 1:
+        m = n
+        while m < number - 1 and _compare_nodes(nodes[m], nodes[m + 1]) >= STEP_ANGLE:
+            m += 1
+        if m > n and nodes[m, 0, 0] - nodes[n, 0, 0] <= EDGE_HEIGHT * h:
+            edge = _find_boundary(arrays, frame, axes, cutter, circle, nodes[n], nodes[m], nodes[len(nodes) - 1])
+            while (
+                count > 1
+                and edge - nodes[count - 1, 0, 0] < EDGE_HEIGHT * h
+                and _compare_nodes(nodes[count - 2], nodes[count - 1]) < STEP_ANGLE
+            ):
+                count -= 1
+            while (
+                m < number - 1
+                and nodes[m, 0, 0] - edge < EDGE_HEIGHT * h
+                and _compare_nodes(nodes[m], nodes[m + 1]) < STEP_ANGLE
+            ):
+                m += 1
+            tops[count - 1], n = edge, m
+        else:
+            tops[count - 1], n = 0.5 * (nodes[n, 0, 0] + nodes[n + 1, 0, 0]), n + 1
+        nodes[count] = nodes[n]
+        count += 1
+    return count
 
 
 @jit_compile
@@ -178,6 +297,16 @@ def _merge(rows: Array, before: tuple[int, int], found: int) -> bool:
     for n in range(number):
         rows[first + n, 1] = rows[second + n, 1]
     return True
+
+
+@jit_compile
+def _add_rows(rows: Array, found: int, low: float, high: float, node: Array) -> int:
+    """Write the arcs of a node for a range of heights; returns the number of rows."""
+    for m in range(1, min(int(node[0, 1]), len(rows) - found) + 1):
+        rows[found, 0], rows[found, 1] = low, high
+        rows[found, 2], rows[found, 3] = node[m, 0], node[m, 1]
+        found += 1
+    return found
 
 
 @jit_compile
@@ -215,6 +344,7 @@ def find_field_contact(
         if heights[n] > RISING * most:
             first, last = (n if first < 0 else first), n
     slices = np.zeros((CORNER_SLICES + SLICES, 4))  # low, high, width of the arcs at a height, that height
+    nodes = np.zeros((NODES, 1 + len(arcs), 2))  # height and number of arcs, then the arcs
     low, high = max((first - 1) * h, span[0], 0.0), min((last + 1) * h, span[1], cutter[3])
     if low >= high:
         return 0
@@ -228,19 +358,22 @@ def find_field_contact(
     if lowest < 0:
         return 0
     _refine_ends(arrays, frame, axes, cutter, slices, (lowest, highest, count), (low, high), circle, arcs)
-    _refine_boundaries(arrays, frame, axes, cutter, slices, (lowest, highest), circle, arcs)
-    ends = (slices[lowest, 0], slices[highest, 1])
-    found, before = 0, (0, 0)
+    found = 0
     for n in range(lowest, highest + 1):
-        low, high = slices[n, 0], slices[n, 1]
-        w = _choose_height(low, high, ends, cutter[1], h)
-        number = add_arcs(arrays, frame, axes, _compute_radius(cutter, w), w, circle, arcs) if high > low else 0
+        if slices[n, 0] < cutter[1] and slices[n, 1] > slices[n, 0]:
+            w = 0.5 * (slices[n, 0] + slices[n, 1])
+            _measure_node(arrays, frame, axes, cutter, w, circle, nodes[0])
+            found = _add_rows(rows, found, slices[n, 0], slices[n, 1], nodes[0])
+    ends = (max(slices[lowest, 0], cutter[1]), slices[highest, 1])
+    count = _sample_heights(arrays, frame, axes, cutter, ends, circle, nodes) if ends[1] > ends[0] else 0
+    tops = np.zeros(NODES)
+    count = _place_boundaries(arrays, frame, axes, cutter, circle, nodes, count, tops) if count else 0
+    before = (0, 0)
+    for n in range(count):
+        low, high = tops[n - 1] if n > 0 else ends[0], tops[n] if n + 1 < count else ends[1]
         second = found
-        for m in range(min(number, len(rows) - found)):
-            rows[found, 0], rows[found, 1] = low, high
-            rows[found, 2], rows[found, 3] = arcs[m, 0], arcs[m, 1]
-            found += 1
-        if low >= cutter[1] and _merge(rows, (before[0], second), found):
+        found = _add_rows(rows, found, low, high, nodes[n])
+        if n > 0 and _merge(rows, (before[0], second), found):
             found = second
         else:
             before = (second, found)

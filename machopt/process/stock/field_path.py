@@ -12,13 +12,13 @@ from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.contact_kernels import CORNER_SLICES, SPACING
 from machopt.process.stock.distance_field import MOST_BLOCKS, DistanceField, build_memory_error
 from machopt.process.stock.end_cutting import SHORT, measure_field_end
-from machopt.process.stock.field_contact import SLICES, find_field_contact
+from machopt.process.stock.field_contact import NODES, find_field_contact
 from machopt.process.stock.field_removal import remove_step
 from machopt.process.stock.field_types import Cutter, FieldArrays, Frame, Step
 from machopt.process.stock.path_removal import ARCS, IDLE, LEAST_SAMPLES, NOTHING
 
 STEP = 2.0  # cells that a place of the cutter moves in one step at most
-_ROWS = ARCS * (CORNER_SLICES + SLICES)
+_ROWS = ARCS * (CORNER_SLICES + NODES)
 
 
 def remove_field_path(

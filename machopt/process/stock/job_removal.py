@@ -18,7 +18,7 @@ from machopt.errors import CuttingInputError
 from machopt.numerics.array_types import Array
 from machopt.process.stock.contact_kernels import THIN
 from machopt.process.stock.distance_field import DistanceField, build_distance_field
-from machopt.process.stock.end_cutting import ROUNDING, THROUGH, find_end_cuts, measure_descents
+from machopt.process.stock.end_cutting import ROUNDING, THROUGH, find_end_cuts, find_plunges, measure_descents
 from machopt.process.stock.field_path import remove_field_path
 from machopt.process.stock.height_map import HeightMap, build_height_map
 from machopt.process.stock.path_removal import NOTHING, remove_path
@@ -120,7 +120,14 @@ def _remove_segment(
         edge_sigma=_UNIFORM * cell_size,
     )
     found = replace(found, is_end_cut=find_end_cuts(path.position, path.axis, path.cutting, found, by_end, tip[0]))
+    found = _leave_out_plunges(found, find_plunges(path.position, path.axis, path.cutting))
     return replace(found, notes=tuple(_list_notes(path, found, stock)))
+
+
+def _leave_out_plunges(found: StockEngagement, plunges: NDArray[np.bool_]) -> StockEngagement:
+    """Return the contact without arcs of plunges, whose side has no feed across the axis to speak of."""
+    keep = ~plunges[found.point]
+    return replace(found, **{name: getattr(found, name)[keep] for name in ("point", "low", "high", "start", "end")})
 
 
 def _build_tip(cutter: CutterGeometry) -> tuple[float, float, float]:

@@ -31,7 +31,14 @@ _REACH = 0.7072  # half the diagonal of a cell, in cells
 
 @jit_compile
 def compute_profile(r: float, radius: float, corner: float, cone: float) -> float:
-    """Height of the cutter's surface above its tip at a distance from its axis, m."""
+    """Height of the cutter's surface above its tip at a distance from its axis, m.
+
+    Args:
+        r: m, distance from the axis.
+        radius: m, of the cutter.
+        corner: m, corner radius.
+        cone: Slope of the cone of its tip.
+    """
     out = cone * r
     inner = radius - corner
     if corner > 0.0 and r > inner:

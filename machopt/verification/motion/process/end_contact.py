@@ -20,6 +20,7 @@ LEAST_DESCENT, LEAST_VOLUME, LEAST_SHARE = 5e-6, 1e-12, 0.01  # m, m³, of what 
 DOUBT = 2.0  # factor of the share within which either statement may follow
 NO_TRAVEL, ROUNDING = 1e-9, 1e-9  # m
 RADII, DIRECTIONS = 9, 40
+SHARES = (1.0, 0.75, 0.5, 0.25)  # of a plunge, where the cutter is compared: an axis that turns may touch on the way
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,14 @@ class EndDisc:
     """Disc beneath the end at the start of a move, or the whole cutter at its end."""
 
     radius: float  # m
-    is_whole: bool  # the cutter at the end of the move
+    is_whole: bool  # the cutter along the move
+    share: float = 1.0  # of the move, where the whole cutter stands
+
+    @property
+    def areas(self) -> Array:
+        """Return (P,) m² of the places."""
+        edges = _list_ring_edges()
+        return np.repeat(np.diff(edges), DIRECTIONS) * math.pi * self.radius**2 / DIRECTIONS
 
     def locate(self, path: Toolpath, k: int) -> tuple[Array, Array, Array]:
         """Return tip (3,), axis (3,) and the places on the disc (P, 3), m in the CAM frame.
@@ -45,8 +53,15 @@ class EndDisc:
             path: The toolpath.
             k: Point at which the move ends.
         """
-        tip, axis = path.position[k if self.is_whole else max(k - 1, 0)], path.axis[k]
+        last = max(k - 1, 0)
         _, travel = _split_move(path, k)
+        tip, axis = path.position[last], path.axis[k]
+        if self.is_whole:
+            tip = tip + self.share * (path.position[k] - tip)
+            axis = (1.0 - self.share) * path.axis[last] + self.share * axis
+            axis = axis / np.linalg.norm(axis)
+            travel = travel - (travel @ axis) * axis
+            travel = travel / np.linalg.norm(travel)
         x, y = self._list_places()
         return tip, axis, tip + x[:, None] * travel + y[:, None] * np.cross(axis, travel)
 
@@ -69,10 +84,16 @@ class EndDisc:
         return np.stack([-down * share, np.zeros(len(x))])
 
     def _list_places(self) -> tuple[Array, Array]:
-        """Return places along travel and across it, of equal area, (P,) m each."""
-        r = self.radius * np.sqrt((np.arange(RADII) + 0.5) / RADII)
+        """Return places along travel and across it, (P,) m each, in rings that are narrow near the outline."""
+        edges = _list_ring_edges()
+        r = self.radius * np.sqrt(0.5 * (edges[:-1] + edges[1:]))
         turn = (np.arange(DIRECTIONS) + 0.5) * 2.0 * math.pi / DIRECTIONS
         return np.outer(r, np.sin(turn)).ravel(), np.outer(r, np.cos(turn)).ravel()
+
+
+def _list_ring_edges() -> Array:
+    """Return (RADII + 1,) shares of the area of a disc within the edges of its rings."""
+    return np.asarray(1.0 - (1.0 - np.arange(RADII + 1) / RADII) ** 2)
 
 
 Measure = Callable[[int, EndDisc], Array]
@@ -146,10 +167,16 @@ def _measure_share(
     """Return what the end removes over the least that makes the force unknown."""
     found, R = path.engagement, 0.5 * cutter.diameter
     assert found is not None
-    disc = EndDisc((R if some.is_steep[k] else R - cutter.corner) + moved, bool(some.is_steep[k]))
-    end = float(measure(k, disc).mean()) * math.pi * disc.radius**2 if disc.radius > 0.0 else 0.0
     if some.is_steep[k]:
-        return end / LEAST_VOLUME
+        most = 0.0
+        for share in SHARES:
+            disc = EndDisc(R + moved, is_whole=True, share=share)
+            most = max(most, float(measure(k, disc) @ disc.areas) / LEAST_VOLUME)
+            if most > DOUBT:
+                break
+        return most
+    disc = EndDisc(R - cutter.corner + moved, is_whole=False)
+    end = float(measure(k, disc) @ disc.areas) if disc.radius > 0.0 else 0.0
     mine = found.take_range(k, k + 1)
     arcs = float(np.sum((mine.high - mine.low) * R * (np.cos(mine.start) - np.cos(mine.end))))
     return end / max(LEAST_VOLUME, LEAST_SHARE * (end + arcs * float(some.across[k])))

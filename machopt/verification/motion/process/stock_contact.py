@@ -27,7 +27,8 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.process.contact_load import compute_contact_load, find_slice_shapes
-from machopt.verification.motion.process.end_contact import EndDisc, list_wrong_forces
+from machopt.verification.motion.process.end_contact import EndDisc, find_descents, list_wrong_forces
+from machopt.verification.motion.process.lines_through_mesh import build_axis_frame, find_mesh_heights
 from machopt.verification.motion.process.turning_contact import (
     TurningCut,
     TurningPoses,
@@ -116,7 +117,7 @@ def _measure_material(segment: ToolSegment, scene: _Scene, k: int, disc: EndDisc
         ranges = disc.list_ranges(path, k, cutter)
         return measure_turning_material(axis, places, ranges, (poses, before), triangles)
     flat = places @ frame.T
-    bottom, top = _find_stock_heights(flat[:, :2], triangles)
+    bottom, top = find_mesh_heights(flat[:, :2], triangles)
     top = _cut_by_poses(flat[:, :2], top, poses, before, ((tip @ frame.T)[:2], disc.radius))
     low, high = disc.list_ranges(path, k, cutter) + float(tip @ frame[2])
     return np.asarray(np.maximum(np.minimum(top, high) - np.maximum(bottom, low), 0.0))
@@ -126,19 +127,18 @@ def _build_scene(segments: Sequence[ToolSegment], stock: StockBody) -> _Scene:
     axes = np.concatenate([s.toolpath.axis[s.toolpath.move == MoveKind.CUT] for s in segments])
     if (axes @ axes[0]).min() < ONE_AXIS:
         return list_turning_poses(segments), stock.vertices[stock.faces], np.eye(3)
-    frame = _build_frame(axes[0])
+    frame = build_axis_frame(axes[0])
     return _list_poses(segments, frame), (stock.vertices @ frame.T)[stock.faces], frame
 
 
 def _list_wanted(segment: ToolSegment) -> np.ndarray:
+    """Return the points whose contact is compared: cuts, without plunges that have no force and state no arcs."""
     found = segment.toolpath.engagement
-    return np.flatnonzero(found.is_computed) if found is not None else np.zeros(0, int)
-
-
-def _build_frame(axis: Array) -> Array:
-    x = np.cross(axis, [0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0])
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(axis, x), axis])
+    if found is None:
+        return np.zeros(0, int)
+    has_arcs = np.bincount(found.point, minlength=len(segment.toolpath)) > 0
+    is_plunge = find_descents(segment.toolpath).is_steep & found.is_end_cut
+    return np.flatnonzero(found.is_computed & (has_arcs | ~is_plunge))
 
 
 def _list_poses(segments: Sequence[ToolSegment], frame: Array) -> _Poses:
@@ -307,7 +307,7 @@ def _find_arcs(
     turn = math.pi / BINS
     phi = (np.arange(BINS) + 0.5) * turn
     outline = tip[:2] + radius * (np.cos(phi)[:, None] * left + np.sin(phi)[:, None] * travel)
-    bottom, top = _find_stock_heights(outline, triangles)
+    bottom, top = find_mesh_heights(outline, triangles)
     top = _cut_by_poses(outline, top, poses, counted, (tip[:2], radius))
     out = []
     least = min(TOUCHED, 0.5 * (heights[1] - heights[0]))  # the lowest slices of a corner are thinner
@@ -334,25 +334,3 @@ def _cut_by_poses(places: Array, top: Array, poses: _Poses, counted: slice, disc
             left_over = w[some] + rc[some] - np.sqrt(rc[some] ** 2 - beyond**2) + cone[some] * d
             out[m] = min(out[m], float(left_over.min()))
     return out
-
-
-def _find_stock_heights(places: Array, triangles: Array) -> tuple[Array, Array]:
-    """Return lowest and highest height at which a line along the axis meets the mesh, (n,) each; none: 0 and −inf."""
-    bottom, top = np.zeros(len(places)), np.full(len(places), -np.inf)
-    flat = triangles[:, :, :2]
-    low, high = flat.min(axis=1), flat.max(axis=1)
-    inside = (low <= places.max(axis=0)).all(axis=1) & (high >= places.min(axis=0)).all(axis=1)
-    for t in triangles[inside]:
-        a, b, c = t
-        e, f = b[:2] - a[:2], c[:2] - a[:2]
-        area = e[0] * f[1] - e[1] * f[0]
-        if abs(area) < 1e-18:
-            continue
-        g = places - a[:2]
-        s = (g[:, 0] * f[1] - g[:, 1] * f[0]) / area
-        u = (e[0] * g[:, 1] - e[1] * g[:, 0]) / area
-        hit = (s >= -1e-12) & (u >= -1e-12) & (s + u <= 1 + 1e-12)
-        z = a[2] + s * (b[2] - a[2]) + u * (c[2] - a[2])
-        bottom = np.where(hit & (np.isneginf(top) | (z < bottom)), z, bottom)
-        top = np.where(hit, np.maximum(top, z), top)
-    return bottom, top

@@ -16,11 +16,12 @@ import numpy as np
 from machopt.data_types.cell import CutterGeometry
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.numerics.array_types import Array
+from machopt.verification.motion.process.lines_through_mesh import build_axis_frame, find_mesh_heights
 
 STEP = 0.25e-3  # m, between poses, at the tip and at the upper end of the cutter
 ANGLES = 90
 PASSES = ((40, 32), (80, 80))  # slices of the corner and of the cylindrical part
-HEIGHTS = 24  # along the axis, where the material beneath the end is measured
+HEIGHTS = 24  # along the axis, where the material is measured that a plunge or ramp removes; closer near the tip
 BATCH = 64  # poses at a time
 PAIRS = 200_000  # of a triangle and a place, at a time
 TOUCHED = 1e-9  # m
@@ -145,12 +146,22 @@ def measure_turning_material(
         removed: Poses, and which of them were removed before.
         triangles: (F, 3, 3) m, corners of the stock.
     """
-    share = (np.arange(HEIGHTS) + 0.5) / HEIGHTS
-    heights = ranges[0] + share[:, None] * (ranges[1] - ranges[0])  # (H, P)
+    low, high = _clip_to_mesh(axis, places, ranges, triangles)
+    edges = (np.arange(HEIGHTS + 1) / HEIGHTS) ** 2
+    heights = low + (0.5 * (edges[:-1] + edges[1:]))[:, None] * (high - low)  # (H, P)
     at = (places + heights[..., None] * axis).reshape(-1, 3)
     inside = _find_inside(at, triangles)
     inside[inside] = _find_uncut(at[inside], *removed)
-    return np.asarray(inside.reshape(heights.shape).mean(axis=0) * (ranges[1] - ranges[0]))
+    return np.asarray(np.diff(edges) @ inside.reshape(heights.shape) * (high - low))
+
+
+def _clip_to_mesh(axis: Array, places: Array, ranges: Array, triangles: Array) -> tuple[Array, Array]:
+    """Return (P,) m each, the ends of lines along an axis without what lies below or above a mesh."""
+    frame = build_axis_frame(axis)
+    flat = places @ frame.T
+    bottom, top = find_mesh_heights(flat[:, :2], triangles @ frame.T)
+    low = np.maximum(ranges[0], bottom - flat[:, 2])
+    return low, np.maximum(np.minimum(ranges[1], top - flat[:, 2]), low)
 
 
 def _sample(
