@@ -5,10 +5,9 @@
     python benchmarks/diagnosis_stage_ablation.py out/energy                 # all stages
     python benchmarks/diagnosis_stage_ablation.py out/energy --only chance exchange
 
-Each case is diagnosed again in this process, with
-all tables of stages (docs/diagnosis-stages.md) and without each stage. A stage that rejected and changed
-nothing in the whole run is not left out, since the answer would be the same. A search that only later stages follow is
-made once for each case. The table counts wrong names, right names and verdicts that change.
+Each case is diagnosed again in this process, with all stages (docs/diagnosis-stages.md) and without each stage. A stage
+that rejected and changed nothing in the whole run is not left out, since the answer would be the same. A search that
+only later stages follow is made once for each case. The table counts wrong names, right names and verdicts that change.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ FUNCTIONS = ("change", "is_passed", "find_passing", "regroup", "find_doubt")  # 
 
 @dataclass(frozen=True)
 class CaseAnswer:
-    """What one diagnosis says of one case."""
+    """Result of one diagnosis of one case."""
 
     verdict: str
     right: frozenset[tuple[str, str]]  # names that are concealed
@@ -78,7 +77,11 @@ def list_selection_stages() -> Iterator[tuple[str, SelectionStage]]:
 
 @contextmanager
 def leave_out(name: str) -> Iterator[None]:
-    """Remove a stage from its table for the duration of a block; an empty name removes none."""
+    """Remove a stage from its table for the duration of a block.
+
+    Args:
+        name: Name of the stage; empty: none.
+    """
     kept = [(module, table, getattr(module, table)) for _, module, table in STAGE_TABLES]
     for module, table, stages in kept:
         setattr(module, table, tuple(s for s in stages if s.name != name))
@@ -91,7 +94,11 @@ def leave_out(name: str) -> Iterator[None]:
 
 @contextmanager
 def record_active_stages(active: set[str]) -> Iterator[None]:
-    """Add the names of all stages that reject or change something during a block."""
+    """Record the stages that reject or change something during a block.
+
+    Args:
+        active: Receives their names.
+    """
     kept = [(module, table, getattr(module, table)) for _, module, table in STAGE_TABLES]
     for module, table, stages in kept:
         setattr(module, table, tuple(_record(s, active) for s in stages))
@@ -188,16 +195,16 @@ def diagnose_case(folder: Path, case: str) -> CaseAnswer:
     """
     from machopt.cli import main as run_command
 
-    with tempfile.TemporaryDirectory() as room:
+    with tempfile.TemporaryDirectory() as folder_of_answer:
         given = [str(folder / case / part) for part in ("cell", "recording")]
-        out = Path(room) / case / "out"
+        out = Path(folder_of_answer) / case / "out"
         out.parent.mkdir()
-        shutil.copy(folder / f"{case}.truth.json", room)
+        shutil.copy(folder / f"{case}.truth.json", folder_of_answer)
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             code = run_command(["diagnose", *given, "-o", str(out), "--quiet"])
         run = {"seconds": 0.0, "exit_code": code, "problem": ""}
         (out.parent / "run.json").write_text(json.dumps(run), encoding="utf-8")
-        (answer,) = score_diagnoses.read(Path(room))
+        (answer,) = score_diagnoses.read(Path(folder_of_answer))
     right: set[tuple[str, str]] = set()
     wrong: set[tuple[str, str]] = set()
     for finding in answer.findings:

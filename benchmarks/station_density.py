@@ -25,8 +25,8 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.cost.objective import AssignmentCosts, compute_objective
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.stations import station_selection
+from machopt.planning.pipeline.plan_data_types import Plan
+from machopt.planning.stations import path_station_selection
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = File(__file__).resolve().parents[1]
@@ -74,8 +74,8 @@ class Density:
     even: int = 0  # so many at equal distances instead
 
     def planned(self, toolpath: Toolpath, options: PlanOptions) -> Plan:
-        detail, even = station_selection._accumulate_detail, self.even
-        limits = station_selection.ALL_STATIONS, station_selection.MAX_STATIONS
+        detail, even = path_station_selection._accumulate_detail, self.even
+        limits = path_station_selection.ALL_STATIONS, path_station_selection.MAX_STATIONS
 
         def by_length(position: np.ndarray, axis: np.ndarray, runs: tuple[tuple[int, int], ...]) -> np.ndarray:
             step = np.r_[0.0, np.linalg.norm(np.diff(position, axis=0), axis=1)]
@@ -86,14 +86,14 @@ class Density:
             return self.fine * detail(position, axis, runs)
 
         if self.fine or even:
-            station_selection.ALL_STATIONS = 10**9 if self.fine == np.inf else 0
-            station_selection.MAX_STATIONS = 10**9
-            station_selection._accumulate_detail = by_length if even else finer
+            path_station_selection.ALL_STATIONS = 10**9 if self.fine == np.inf else 0
+            path_station_selection.MAX_STATIONS = 10**9
+            path_station_selection._accumulate_detail = by_length if even else finer
         try:
             return plan_path(load_cell(CELL), toolpath, options)
         finally:
-            station_selection._accumulate_detail = detail
-            station_selection.ALL_STATIONS, station_selection.MAX_STATIONS = limits
+            path_station_selection._accumulate_detail = detail
+            path_station_selection.ALL_STATIONS, path_station_selection.MAX_STATIONS = limits
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.tool_tilt import compute_tilted_axis
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
 from machopt.planning.job.job_planner import JobPlan, plan_job
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.stations.tilt_curve import tilt_path

@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.model_discrepancy import compute_reported_std
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.uncertainty.stiffness_uncertainty import _compute_point_costs, build_compliance_covariance
 
 

@@ -8,7 +8,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.output.tables.plan_tables import write_points_csv, write_rapid_corners_csv, write_trajectory_csv
 from machopt.planning.compensation.driven_margins import apply_driven_rotation
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.point_table import build_point_table
 from machopt.program_export.program_moves import MotionProgram
 from machopt.programs.program_writer import format_program_name, write_program

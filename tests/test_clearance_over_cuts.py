@@ -18,7 +18,7 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.data_types.cell import CollisionShape
 from machopt.kinematics.urdf_loading import load_chain
 from machopt.planning.motion import blocked_rapid_break, segment_planner
-from machopt.planning.motion.clearance_over_cuts import MOST, SAME_SIDE, CutSurface
+from machopt.planning.motion.depth_below_cuts import MOST, SAME_SIDE, CutSurface
 from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, FreeSpace, RapidMove, RapidTiming, plan_rapid
 
 RADIUS = 5e-3

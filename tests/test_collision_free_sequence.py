@@ -20,7 +20,7 @@ from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
 from machopt.planning.collision_handling.path_check import PathCollisionChecker
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.collision_map import compute_collision_map
 from machopt.planning.plan_output.infeasibility_reasons import explain_points
 from machopt.planning.sampling.candidate_enumeration import enumerate_candidates

@@ -24,9 +24,9 @@ from machopt.planning.compensation.plan_compensation import add_corner_points, c
 from machopt.planning.compensation.shifted_path import STEEPEST, compute_offset_slope, compute_residual, shift_path
 from machopt.planning.cost.process_force_direction import compute_engaged_force, compute_sideways_directions
 from machopt.planning.job.joined_plan import ToolSegmentPlan, join_plans
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.infeasibility_reasons import explain_points
-from machopt.planning.tolerance.error_columns import locate_poses
+from machopt.planning.tolerance.error_sensitivities import locate_poses
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 from machopt.verification.motion.checks.compensation_shift import FORCE_TOLERANCE

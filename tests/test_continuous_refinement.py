@@ -39,7 +39,7 @@ from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import coarse_to_fine_search, refinement_restarts
 from machopt.planning.external_axis_optimization.coarse_to_fine_search import _search_coarse_to_fine, _SearchRequest
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.sampling.joint_path import JointAssignment
 

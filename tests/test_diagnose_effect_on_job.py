@@ -24,7 +24,7 @@ from machopt.measurement.diagnosis.outputs.effect_on_toolpath import (
 )
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
 from machopt.report.page_data.diagnosis import build_job_effect
 from machopt.stiffness.arm_stiffness import ArmElasticity

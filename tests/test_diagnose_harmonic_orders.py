@@ -150,9 +150,9 @@ def test_chance_of_twins_is_that_of_their_products() -> None:
     rng = np.random.default_rng(3)
     pairs = np.array([(a, b) for a in range(9) for b in range(a + 1, 9)], float).T
     products: Array = rng.normal(size=pairs.shape[1]) + 0.4
-    signs = np.random.default_rng(4).choice([-1.0, 1.0], (repeatable_mismatch.FLIPS, 9))
+    signs = np.random.default_rng(4).choice([-1.0, 1.0], (repeatable_mismatch.MISMATCH_FLIPS, 9))
     drawn = (signs[:, pairs[0].astype(int)] * signs[:, pairs[1].astype(int)]) @ products / 5.0
-    expected = (1 + np.sum(drawn >= products.sum() / 5.0)) / (repeatable_mismatch.FLIPS + 1)
+    expected = (1 + np.sum(drawn >= products.sum() / 5.0)) / (repeatable_mismatch.MISMATCH_FLIPS + 1)
     assert (
         repeatable_mismatch._compute_sign_flip_chance(pairs, products, 5.0, np.random.default_rng(4)).p_value
         == expected

@@ -31,7 +31,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoeffi
 from machopt.measurement.diagnosis.static import loaded_equilibrium_terms
 from machopt.measurement.diagnosis.verdict.cell_stiffness_comparison import describe_deviating_springs
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
-from machopt.measurement.identification.data_quality.record_fault import RecordFault as Problem
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault as Problem
 
 CELL = "kr240_drilling"
 

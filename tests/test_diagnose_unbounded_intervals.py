@@ -99,3 +99,26 @@ def test_a_compliance_is_of_no_size_only_if_it_has_no_coefficient(
     (whitened,) = whiten_hypotheses(base, [law])
     effect = SelectedEffect(score_hypotheses(base, [whitened])[0], 0.0)
     assert is_size_significant(base, [effect], 0) is named
+
+
+def test_a_size_that_is_sure_suffices_where_no_coefficient_is() -> None:
+    """Two nearly collinear columns: their sum is known, and neither of them."""
+    rng = np.random.default_rng(4)
+    x = rng.uniform(-1.2, 1.2, 400)
+    column, other = np.exp(-0.5 * (x / 0.4) ** 2), 0.03 * np.cos(9.0 * x)
+    y = 1.5 * SIGMA * column + SIGMA * rng.normal(size=len(x))
+    columns = np.stack([column + other, column - other], axis=1)[:, None, :]
+    finer = build_two_number_refinement(GRID)
+    assert finer is not None
+    base, bump = _bump(x, y, GRID, finer)
+    law = replace(
+        bump,
+        columns=lambda s: columns,
+        quantities=lambda c, s: {"tilt": Quantity(float(c[0] + c[1]), "rad")},
+        shapes=((),),
+        refinement=None,
+        family="body",
+        project_to_plausible=lambda values, information: values,
+    )
+    (whitened,) = whiten_hypotheses(base, [law])
+    assert is_size_significant(base, [SelectedEffect(score_hypotheses(base, [whitened])[0], 0.0)], 0)

@@ -123,6 +123,7 @@ IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's 
     ("model_selection/finding_validation.py", 1e-4): "a share of nothing is no number",
     ("model_selection/finding_validation.py", 0.9): "of which quantile that share is",
     ("model_selection/evaluation/finding_estimates.py", 0.975): "both tails of 95 %",
+    ("model_selection/evaluation/finding_estimates.py", 0.025): "a tail of 95 %, shared by all coefficients",
     ("verdict/transmission_error_naming.py", 1e-6): "rounding of a wave's order",
     ("verdict/verdict_text.py", 0.5): "millimetres or micrometres",
     ("verdict/verdict_text.py", 1e3): "digits",

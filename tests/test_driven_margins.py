@@ -22,7 +22,7 @@ from machopt.planning.compensation.driven_margins import apply_driven_rotation, 
 from machopt.planning.job.job_planner import JobPlan, plan_job
 from machopt.planning.motion.trajectory_builder import plan_motion
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.verification.motion.checks.requested_choices import MARGIN_TOLERANCE_DEG
 

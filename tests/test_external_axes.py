@@ -24,7 +24,7 @@ from machopt.planning.motion.rapid_moves import FreeSpace, RapidMove, RapidTimin
 from machopt.planning.motion.trajectory_builder import build_timeline
 from machopt.planning.optimality_certificate import compute_certificate
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import prepare_planning
 from machopt.planning.plan_output.infeasibility_reasons import explain_points
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy

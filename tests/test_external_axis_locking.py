@@ -27,7 +27,7 @@ from machopt.planning.motion.search_budget import (
     limit_search,
 )
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 

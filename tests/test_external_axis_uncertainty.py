@@ -17,7 +17,7 @@ from machopt.data_types.plan_options import ExternalJointOptions, ProcessForce, 
 from machopt.data_types.stiffness import ArmStiffness, ExternalJointSpring
 from machopt.planning.cost.stiffness_index import compute_configuration_cost, compute_load_directions
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, fix_external_axes, prepare_planning
 from machopt.planning.stations.planning_path import PlanningPath as Planned
 from machopt.planning.stations.planning_path import build_planning_path

@@ -35,7 +35,7 @@ from machopt.planning.external_axis_optimization.value_grid_construction import 
     unwrap_to_lower_limits,
 )
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import ExternalAxisBound
+from machopt.planning.pipeline.plan_data_types import ExternalAxisBound
 from machopt.planning.pipeline.planning_setup import StageTimings, fix_external_axes, prepare_planning
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 from machopt.planning.stations.planning_path import build_planning_path

@@ -20,7 +20,7 @@ from machopt.data_types.plan_options import StiffnessIndex
 from machopt.data_types.stiffness import ArmStiffness, StiffnessGrid, StiffnessTerm
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.point_table import build_point_table
 from machopt.planning.uncertainty.stiffness_uncertainty import (
     NINETY,

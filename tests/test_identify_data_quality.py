@@ -17,7 +17,7 @@ from machopt.measurement.identification.data_quality.load_test_checks import (
     check_experiment,
     refuse_record_faults,
 )
-from machopt.measurement.identification.data_quality.record_fault import RecordFault
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault
 from machopt.measurement.identification.identification_pipeline import identify_stiffness
 from machopt.measurement.identification.options import IdentifyOptions
 

@@ -21,7 +21,7 @@ from machopt.kinematics.machine import load_machine
 from machopt.kinematics.urdf_loading import load_robot
 from machopt.numerics.array_types import Array
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import prepare_planning
 from machopt.planning.posture_and_feed.linearized_constraints import LimitSources
 from machopt.planning.posture_and_feed.node_curves import interpolate_naturally

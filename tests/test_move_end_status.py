@@ -20,7 +20,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import MoveKind
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.sequence_breaks import Code, SequenceBreak
 from machopt.planning.plan_output.infeasibility_reasons import explain_points, list_breaks
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy

@@ -27,7 +27,7 @@ from machopt.planning.pipeline import nested_grids, path_planner
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch
 from machopt.planning.pipeline.nested_grids import list_nested_strides, thin_grid
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sequence_search.dynamic_programming import choose_sequence
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 

@@ -17,7 +17,7 @@ from machopt.report.page_types.optimize_page_data import FeedDipRow
 from machopt.report.pages.optimize.optimize_page import build_report_html
 from machopt.report.pages.placement_page import PlacementPageData, build_placement_html
 from machopt.report.svg.placement_map import PlaceMark
-from machopt.verification.checks import VerificationCheck
+from machopt.verification.check_results import VerificationCheck
 
 
 def dip(time: float, lowest: float = 0.01) -> FeedDipRow:

@@ -15,13 +15,13 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.stiffness import ModelDiscrepancy, PositionError
-from machopt.planning.pipeline.plan import PathCompensation, Plan
+from machopt.planning.pipeline.plan_data_types import PathCompensation, Plan
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
 from machopt.planning.plan_output.infeasibility_reasons import _describe_lost_by_shift, explain_points, list_breaks
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 from machopt.planning.plan_output.plan_remarks import describe_model_misfit, list_hints
 from machopt.planning.plan_output.point_table import build_point_table, find_reason
-from machopt.planning.uncertainty.position_error import predict_position_error
+from machopt.planning.uncertainty.measured_tcp_error import predict_position_error
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
 ROWS: Rows = []

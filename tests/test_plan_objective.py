@@ -28,8 +28,8 @@ from machopt.planning.smoothing.corridor import REACH, SmoothingStretch, Stretch
 from machopt.planning.smoothing.cost_interpolation import CostInterpolation
 from machopt.planning.smoothing.cubic_curves import CubicSpline
 from machopt.planning.smoothing.newton_solver import SplineBasis, SplineObjective
+from machopt.planning.smoothing.rotation_angle_spline import build_spline_solutions
 from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation
-from machopt.planning.smoothing.rotation_spline import build_spline_solutions
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 
 UP = (0.0, 0.0, 1.0)

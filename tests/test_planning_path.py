@@ -10,8 +10,8 @@ from property_example_count import NIGHTLY, scale_example_count
 
 from machopt.data_types.toolpath import MoveKind, Toolpath, ToolpathOperation
 from machopt.numerics.rigid_transforms import compute_tool_rotation, normalise_vectors, wrap_angle
+from machopt.planning.stations import path_station_selection
 from machopt.planning.stations import planning_path as path_module
-from machopt.planning.stations import station_selection
 from machopt.planning.stations.planning_path import (
     SEGMENT,
     SEGMENT_AXIS,
@@ -121,8 +121,8 @@ def test_length_and_time_count_what_is_not_rapid() -> None:
 
 @pytest.mark.parametrize("stations", [1500, 60])
 def test_weights_are_the_length_cut(stations: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(station_selection, "ALL_STATIONS", stations)
-    monkeypatch.setattr(station_selection, "MAX_STATIONS", stations)
+    monkeypatch.setattr(path_station_selection, "ALL_STATIONS", stations)
+    monkeypatch.setattr(path_station_selection, "MAX_STATIONS", stations)
     rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0.0), UP, A)]
     rows += [((x, 0, 0), UP, C) for x in (0.001, 0.002, 0.003, 0.5)] + [((0.5, 0, 0.05), UP, MoveKind.RETRACT)]
     rows += [((0.7, 0, 0.05), UP, R), ((0.7, 0, 0.045), UP, A), ((0.7, 0, 0.015), UP, C), ((0.7, 0, 0.05), UP, R)]
@@ -282,8 +282,8 @@ def test_a_reference_along_the_tool_axis_does_not_spoil_the_path() -> None:
 
 
 def test_dense_paths_are_decimated_evenly_with_the_ends_of_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(station_selection, "ALL_STATIONS", 60)
-    monkeypatch.setattr(station_selection, "MAX_STATIONS", 60)
+    monkeypatch.setattr(path_station_selection, "ALL_STATIONS", 60)
+    monkeypatch.setattr(path_station_selection, "MAX_STATIONS", 60)
     rows: Rows = []
     for k in range(4):
         rows += [((0, 0.1 * k, 0.02), UP, R)] + [((x, 0.1 * k, 0.0), UP, C) for x in np.linspace(0, 0.1 * (k + 1), 200)]
@@ -311,7 +311,7 @@ def test_stations_follow_detail_and_not_a_count() -> None:
         return len(build_planning_path(toolpath(rows)).stations)
 
     once = stations(straight(1.0, 3000))
-    assert once == pytest.approx(1.0 / station_selection.SPACING, abs=10)  # and the bend where the tool comes
+    assert once == pytest.approx(1.0 / path_station_selection.SPACING, abs=10)  # and the bend where the tool comes
     assert stations(straight(1.0, 30_000)) == pytest.approx(once, abs=10)  # denser points are no detail
     assert stations(straight(2.0, 3000)) == pytest.approx(2 * once, abs=10)
     circle = [((0, 0, 0.02), UP, R)]  # a millimetre of radius: less than SPACING around
@@ -319,7 +319,7 @@ def test_stations_follow_detail_and_not_a_count() -> None:
     assert stations(circle) > 50
     tilting = [((0, 0, 0.02), UP, R)]
     tilting += [((1e-3 * a, 0, 0.0), (np.sin(a), 0, np.cos(a)), C) for a in np.linspace(0, 1.0, 3000)]
-    assert stations(tilting) == pytest.approx(1.0 / station_selection.TILT, abs=10)
+    assert stations(tilting) == pytest.approx(1.0 / path_station_selection.TILT, abs=10)
 
 
 def test_rounded_coordinates_are_no_bends() -> None:
@@ -335,7 +335,7 @@ def test_a_path_with_more_detail_than_there_is_room_for_keeps_its_proportions(mo
     rows: Rows = [((0, 0, 0.02), UP, R)] + [((x, 0, 0.0), UP, C) for x in np.linspace(0, 1.0, 3000)]
     rows += [((1.0 + 0.005 * np.sin(a), 0.005 - 0.005 * np.cos(a), 0.0), UP, C) for a in np.linspace(0, 6, 3000)]
     every = build_planning_path(toolpath(rows)).stations
-    monkeypatch.setattr(station_selection, "MAX_STATIONS", 100)
+    monkeypatch.setattr(path_station_selection, "MAX_STATIONS", 100)
     few = build_planning_path(toolpath(rows)).stations
     assert len(few) <= 110
     assert (few > 3000).mean() == pytest.approx((every > 3000).mean(), abs=0.05)

@@ -22,7 +22,7 @@ from machopt.errors import InputError
 from machopt.planning.cost.stiffness_index import resolve_index
 from machopt.planning.motion.rapid_moves import retime_straight_segments
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings, prepare_planning
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, compute_reach_shortfall, explain_points
 from machopt.planning.plan_output.plan_remarks import list_hints

@@ -19,7 +19,7 @@ from machopt.data_types.robot_program import ExternalAxisMap, RobotController
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.trajectory_builder import MotionTimeline, build_timeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.program_export.program_moves import build_robot_program, build_sampled_program
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.verification.folder.programs.program_comparison_result import ProgramComparison

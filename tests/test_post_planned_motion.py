@@ -17,7 +17,7 @@ from machopt.data_types.robot_program import LIN, PTP, RobotProgram
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.planning.motion.trajectory_builder import MotionTimeline, build_timeline
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.program_export.program_moves import build_robot_program, build_sampled_program
 from machopt.programs.program_writer import has_sampled_output, list_post_names
 from machopt.programs.writing.target_insertion import ProgramTolerance

@@ -16,7 +16,7 @@ from machopt.planning.job import rapid_rerouting
 from machopt.planning.job.rapid_rerouting import reroute_blocked_rapids
 from machopt.planning.motion.rapid_moves import BlockedRapid
 from machopt.planning.motion.trajectory_builder import MotionTimeline, build_timeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 

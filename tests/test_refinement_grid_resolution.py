@@ -23,7 +23,7 @@ from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import refinement_restarts
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 ROUNDED = 1e-9  # of J
 

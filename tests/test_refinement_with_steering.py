@@ -23,7 +23,7 @@ from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.baseline_comparison import is_assignment_allowed
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 E_PIN = SteeringRule(points=(4, 6), joint="rail", at=0.35, unit="mm")
 E_ZONE = SteeringRule(points=(9, 16), joint="rail", away=(-0.05, 0.15), unit="mm")

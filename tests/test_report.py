@@ -24,7 +24,7 @@ from machopt.report.page_types.display_units import ANGLE, FEED, FINE_LENGTH, ST
 from machopt.report.page_types.optimize_page_data import STATUS_NAMES, GainOverBaseline, ReportData, ShiftSummary
 from machopt.report.pages.optimize.optimize_page import build_report_html
 from machopt.report.wording.result_verdict import build_key_figures, build_verdict
-from machopt.verification.checks import VerificationCheck
+from machopt.verification.check_results import VerificationCheck
 
 VOID = {"meta", "br", "link", "img", "input"}
 

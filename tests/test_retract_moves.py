@@ -10,7 +10,7 @@ from test_planning_pipeline import FREE, pass_over_block, small_job
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.planning.motion.retract_moves import GAP_LIFTS, LIFTS, RetractMoves
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 ROW = 4
 

@@ -19,7 +19,7 @@ from machopt.planning.sampling.candidate_grid import CandidateGrid
 from machopt.planning.sequence_search.dynamic_programming import SequenceChoice, choose_sequence
 from machopt.planning.smoothing.corridor import compute_corridor
 from machopt.planning.smoothing.rotation_smoothing import follow_grid_rotation, smooth_rotation
-from machopt.planning.stations import station_selection
+from machopt.planning.stations import path_station_selection
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path
 from machopt.toolpath.toolpath_reader import read_toolpath
 
@@ -96,7 +96,7 @@ def test_finds_the_known_optimum_between_the_grid_steps(turn_at: float) -> None:
 
 def test_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPatch) -> None:
     """Convergence order: half the spacing halves the jumps of the second difference quotient; kinks double them."""
-    monkeypatch.setattr(station_selection, "MAX_STATIONS", 150)
+    monkeypatch.setattr(path_station_selection, "MAX_STATIONS", 150)
     path = straight(1201, feed=0.1)
     target = 0.3 + 0.5 * np.sin(5 * path.s[path.stations] / path.s[-1])
     candidates, scores = valley(path, target)

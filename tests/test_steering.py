@@ -47,13 +47,13 @@ from machopt.planning.job.constraint_conflicts import (
 from machopt.planning.motion.trajectory_builder import build_timeline
 from machopt.planning.optimality_certificate import compute_certificate
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
 from machopt.planning.plan_output.plan_remarks import list_hints
 from machopt.planning.stations.planning_path import build_planning_path
-from machopt.verification.checks import VerificationCheck
+from machopt.verification.check_results import VerificationCheck
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 

@@ -13,7 +13,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.planning.motion import blocked_rapid_break, segment_planner, trajectory_builder
 from machopt.planning.motion.rapid_moves import BlockedRapid
 from machopt.planning.motion.trajectory_builder import build_timeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.retiming.run_retiming import RunFailure
 

@@ -10,7 +10,7 @@ import pytest
 from machopt.cli.check_failures import format_failures, sort_causes_first
 from machopt.data_types.manifest import CheckCoverage
 from machopt.verification import VerificationCheck
-from machopt.verification.checks import CheckName, build_file_check
+from machopt.verification.check_results import CheckName, build_file_check
 from machopt.verification.folder.result_json.comparison_inputs import format_json_value
 
 OK = VerificationCheck(name="path", passed=True, value=0.006, limit=0.02, unit="mm", where="sample 3")

@@ -15,7 +15,7 @@ from machopt.collision.gouge_depth import build_cutter_points
 from machopt.collision.gouge_depth import compute_gouge_depth as planners
 from machopt.data_types.cell import CollisionShape, CutterGeometry
 from machopt.data_types.plan_options import PlanOptions
-from machopt.verification.checks import VerificationCheck
+from machopt.verification.check_results import VerificationCheck
 from machopt.verification.motion.collision.bodies import CoalBody, _build_body
 from machopt.verification.motion.collision.gouge_check import (
     build_cutter_points as verification_build_cutter_points,

@@ -19,7 +19,7 @@ from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_sha
 from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
 from machopt.planning.optimality_certificate import compute_certificate
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.sequence_search.dynamic_programming import SequenceGrid

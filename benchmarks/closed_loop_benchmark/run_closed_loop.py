@@ -47,7 +47,7 @@ from machopt.measurement.identification.request import IdentifyRequest
 from machopt.planning.compensation.expected_deflection_reduction import predict_removals
 from machopt.planning.compensation.plan_compensation import compensate_plan
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.uncertainty.stiffness_uncertainty import NINETY, compute_gains
 from machopt.toolpath.toolpath_reader import read_toolpath
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from machopt.verification import VerificationCheck
-from machopt.verification.checks import CheckName
+from machopt.verification.check_results import CheckName
 from machopt.verification.folder.result_json.result_checks import RESULT_FILE
 
 _FOLLOWS = (CheckName.VERDICT, CheckName.OUTPUTS, CheckName.VERIFICATION)  # of result.json: tell of the other checks

@@ -25,7 +25,7 @@ from machopt.planning.external_axis_optimization.single_toolpath_planning import
 from machopt.planning.job.job_planner import drive_tool_segment
 from machopt.planning.job.joined_plan import ToolSegmentPlan, compute_length_shares, join_plans
 from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_tools
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings, fix_external_axes, prepare_planning
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.infeasibility_reasons import explain_points, list_breaks

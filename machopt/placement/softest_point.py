@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 RIGID_FACTOR = 1e9  # times a joint's stiffness: practically rigid
 

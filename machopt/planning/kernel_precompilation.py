@@ -88,8 +88,8 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     ("planning.retiming.taylor_series", "_twists", f"{_F3},f8[:,:,:,::1]"),
     ("planning.retiming.joint_derivatives", "_refine", f"{_F2},{_F2},{_F2},{_F3},{_F2}"),
     ("planning.retiming.joint_derivatives", "_chain", f"{_F2},{_F2},{_F2},{_F1},{_F3},{_F3},{_F2},{_F1}"),
-    ("planning.motion.clearance_over_cuts", "_find_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
-    ("planning.motion.clearance_over_cuts", "_find_higher", f"{_F3},{_F2},{_F2},f8"),
+    ("planning.motion.depth_below_cuts", "_find_deepest", f"{_F3},{_F2},{_F2},f8,f8"),
+    ("planning.motion.depth_below_cuts", "_find_higher", f"{_F3},{_F2},{_F2},f8"),
     ("planning.retiming.time_law_kernels", "find_next_corners", f"{_F1},{_F1},{_F1}"),
     (
         "planning.retiming.time_law_kernels",

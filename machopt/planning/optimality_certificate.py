@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from machopt.planning.cost.objective import ObjectiveTerms
-from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
+from machopt.planning.pipeline.plan_data_types import ExternalAxisBound, Plan
 from machopt.planning.sequence_search.worst_index_across_swings import compute_worst_index, find_hidden_points
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from machopt.data_types.documents.program_entries import RobotProgramEntry
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.program_export.program_moves import MotionProgram, build_robot_program, build_sampled_program
 from machopt.program_export.selected_posts import SelectedPost
 from machopt.programs.program_writer import (
@@ -25,7 +25,7 @@ from machopt.programs.program_writer import (
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.report.page_types import optimize_page_data as page
 from machopt.verification import Verification
-from machopt.verification.checks import CheckName
+from machopt.verification.check_results import CheckName
 from machopt.verification.folder.programs.post_lookup import select_controller
 from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
 

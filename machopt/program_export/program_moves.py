@@ -15,7 +15,7 @@ from machopt.kinematics.machine import load_machine
 from machopt.numerics.array_types import Array
 from machopt.planning.motion.motion_segment import MotionSegment
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.programs.writing.rapid_zones import compute_rapid_zone_limits
 from machopt.programs.writing.target_insertion import ProgramTolerance, insert_targets
 from machopt.programs.writing.target_thinning import find_needed_targets

@@ -1,7 +1,8 @@
 """Unknown words of a toolpath file, which stop a plan because they may move points or frames.
 
 Each dialect has one reviewed list of words that cannot move anything (:mod:`machopt.toolpath.readers.harmless_words`,
-:mod:`machopt.programs.reading.harmless_words`). Every other word stops the plan, unless the user accepts it by name.
+:mod:`machopt.programs.reading.harmless_word_reasons`). Every other word stops the plan, unless the user accepts it
+by name.
 """
 
 from __future__ import annotations

@@ -7,6 +7,6 @@ unit conversions is detected here. :mod:`machopt.verification.motion.tool_change
 without a verification, so neither is imported here.
 """
 
-from machopt.verification.checks import Verification, VerificationCheck, VerificationInformation
+from machopt.verification.check_results import Verification, VerificationCheck, VerificationInformation
 
 __all__ = ["Verification", "VerificationCheck", "VerificationInformation"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.commands.optimize.job_result import OptimizeJobResult
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.report.page_types.steering_panel_data import PlanComparison
 
 MISSING_VALUE = float("nan")

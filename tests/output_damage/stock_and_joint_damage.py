@@ -66,6 +66,13 @@ def fill_plunges(rows: Rows) -> None:
             row[name] = row[name] or "0.000"
 
 
+def limit_plunges(rows: Rows) -> None:
+    """Points without contact get a largest stable depth."""
+    for row in rows:
+        if not row["a_lim_mm"] and not row["f_travel_N"]:
+            row["a_lim_mm"] = "0.1234"
+
+
 def drop_first_point(rows: Rows) -> None:
     rows[:] = [row for row in rows if row["point"] != rows[0]["point"]]
 
@@ -97,6 +104,13 @@ DAMAGES = [
         "0 N",
         in_points(fill_plunges),
         "points.csv forces of plunges and ramps",
+        "stock",
+    ),
+    Damage(
+        "stock: a largest stable depth of plunges",
+        "0.12 mm",
+        in_points(limit_plunges),
+        "points.csv a_lim_mm is reached",
         "stock",
     ),
     Damage("stock: a point without its arcs", "1 point", in_arcs(drop_first_point), "points.csv ae_mm", "stock"),

@@ -10,7 +10,7 @@ import pytest
 
 from machopt.data_types.cutting_coefficients import DrillingCoefficients, convert_spread_to_sigma
 from machopt.errors import CuttingInputError
-from machopt.process.drilling.breakthrough import (
+from machopt.process.drilling.breakthrough_velocity import (
     compute_axial_compliance,
     compute_axial_mass,
     compute_breakthrough_velocity,

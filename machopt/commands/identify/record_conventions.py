@@ -11,7 +11,7 @@ from machopt.measurement.diagnosis.data_quality.joint_conventions import correct
 from machopt.measurement.diagnosis.data_quality.load_and_length_units import find_displacement_unit_fault
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.identification.data_quality.load_test_checks import refuse_record_faults
-from machopt.measurement.identification.data_quality.record_fault import RecordFault
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault
 from machopt.measurement.identification.data_quality.sensor_axes import CODE as SENSOR_AXES
 from machopt.measurement.identification.data_quality.sensor_axes import check_sensor_axes
 from machopt.measurement.identification.data_quality.unit_checks import estimate_reach

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from machopt.commands.optimize.request import OptimizeInputs
 from machopt.commands.optimize.stock_summary import summarise_stock
 from machopt.planning.job.job_planner import plan_job
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.collision_map import compute_collision_map
 

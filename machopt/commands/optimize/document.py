@@ -15,7 +15,7 @@ from machopt.options.plan_option_reader import find_options_without_effect, form
 from machopt.output.file_hashes import compute_sha256
 from machopt.output.manifest_file import list_folder_files
 from machopt.planning.job.pareto_front import describe_better_plans, describe_missing_plans
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.document_sections import (
     build_break_entry,
     build_compensation_section,

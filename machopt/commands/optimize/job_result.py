@@ -14,7 +14,7 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.job.pareto_front import FrontPlan
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.program_export.exported_programs import ExportedProgram, add_read_back_results

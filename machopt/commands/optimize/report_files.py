@@ -22,7 +22,7 @@ from machopt.output.tables.plan_tables import (
     write_trajectory_csv,
 )
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.program_export.exported_programs import remove_programs

@@ -22,7 +22,7 @@ from machopt.planning.job.pareto_front import (
     mark_dominated_plans,
     measure_front_plan,
 )
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.verification.folder.folder_checks import check_contents
 

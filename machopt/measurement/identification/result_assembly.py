@@ -16,7 +16,7 @@ from machopt.measurement.identification.assessment.subset_and_monte_carlo_studie
     MonteCarloResult,
     SubsetStudyResult,
 )
-from machopt.measurement.identification.data_quality.record_fault import RecordFault
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault
 from machopt.measurement.identification.fitting.reading_weights import set_term_coefficients
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.measurement.identification.grid_stiffness.grid_fit import GridFit

@@ -16,7 +16,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.compensation.shifted_path import rescore_plan
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.sampling.joint_path import solve_joint_path
 from machopt.planning.sampling.planning_arm import PlanningArm

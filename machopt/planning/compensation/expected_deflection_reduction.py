@@ -26,7 +26,7 @@ from machopt.planning.compensation.shifted_path import SHARES, get_segment_force
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel
 from machopt.planning.error_probability.random_draws import UncertaintyDraws, build_draws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.process.binding.point_loads import compute_mean_wear
 from machopt.stiffness.arm_stiffness import ElasticState
 

@@ -13,7 +13,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.planning.compensation.shifted_path import LENGTHS, STEEPEST, compute_offset_slope, rescore_plan, shift_path
 from machopt.planning.cost.process_force_direction import compute_engaged_share
 from machopt.planning.cost.stiffness_index import compute_load_directions
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path

@@ -34,7 +34,7 @@ from machopt.planning.cost.lost_feed_time import compute_lost_time
 from machopt.planning.cost.objective import AssignmentCosts, PlanObjective, compute_objective
 from machopt.planning.cost.process_force_direction import compute_engaged_force
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
-from machopt.planning.pipeline.plan import PathCompensation, Plan
+from machopt.planning.pipeline.plan_data_types import PathCompensation, Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.pipeline.tolerance_and_stability_prices import price_places
 from machopt.planning.sampling.joint_path import JointAssignment, solve_joint_path

@@ -29,7 +29,7 @@ from machopt.planning.motion.trajectory_builder import has_motion
 from machopt.planning.pipeline.baseline_comparison import is_assignment_allowed
 from machopt.planning.pipeline.path_planner import PathVariant
 from machopt.planning.pipeline.path_planner import plan_path as planned
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings, fix_external_axes
 from machopt.planning.sampling.joint_path import solve_joint_path
 from machopt.planning.stations.planning_path import PlanningPath

@@ -48,7 +48,7 @@ from machopt.planning.cost.stiffness_index import compute_configuration_cost, co
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axes.plan_ranking import PREFERRED, AxisPlanRanking
 from machopt.planning.external_axes.position_constraints import compute_allowed_side
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sampling.joint_path import JointAssignment, interpolate_between_stations, solve_joint_path
 from machopt.planning.stations.fixed_rotations import find_fixed_rotations
 from machopt.planning.stations.path_subset import select_path_runs

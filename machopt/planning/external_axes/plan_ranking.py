@@ -16,7 +16,7 @@ import numpy as np
 from machopt.data_types.plan_options import ExternalJointOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import ObjectiveTerms
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 
 PREFERRED = 0.1  # price in J per squared equivalent rad from a preferred value

@@ -54,7 +54,7 @@ from machopt.planning.external_axis_optimization.refinement_restarts import (
 )
 from machopt.planning.motion.trajectory_builder import has_motion
 from machopt.planning.pipeline.path_planner import PathVariant, plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings, prepare_planning
 from machopt.planning.stations.path_subset import list_run_points
 from machopt.planning.stations.planning_path import PlanningPath, build_planning_path

@@ -44,7 +44,7 @@ from machopt.planning.external_axis_optimization.value_grid_construction import 
 )
 from machopt.planning.external_axis_optimization.value_grid_sequences import ValueGridSequences
 from machopt.planning.external_axis_optimization.whole_turns import compute_run_turns
-from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
+from machopt.planning.pipeline.plan_data_types import ExternalAxisBound, Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, StageTimings
 from machopt.planning.sampling.joint_path import interpolate_between_stations
 from machopt.planning.sequence_search.worst_value_constraint import GAP

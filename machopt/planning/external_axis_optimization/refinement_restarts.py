@@ -18,7 +18,7 @@ from machopt.planning.continuous_refinement.refinement import TRUST
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
 from machopt.planning.external_axis_optimization.external_axis_bound import BoundSearch
 from machopt.planning.external_axis_optimization.value_grid import VALUES
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 SHORT = 600  # planning points: a longer path counts as long
 LEAPS = 4, 1  # maximum number, for short paths and for long ones

@@ -11,7 +11,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.position_constraints import check_known_axes_and_places
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import ExternalAxisBound, Plan
+from machopt.planning.pipeline.plan_data_types import ExternalAxisBound, Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.tilt.tilt_planning import plan_with_tilt
 

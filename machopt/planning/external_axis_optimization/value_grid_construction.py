@@ -17,7 +17,7 @@ from machopt.planning.cost.stiffness_index import compute_load_directions, score
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axis_optimization.value_grid import GroupValueGrid
 from machopt.planning.external_axis_optimization.value_grid_sequences import ValueGridSequences
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.sampling.candidate_grid import CandidateGrid

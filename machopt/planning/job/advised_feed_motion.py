@@ -18,7 +18,7 @@ from machopt.data_types.posture_feed_result import AdvisedFeedResult, PostureFee
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.posture_and_feed.advised_feeds import (
     AdvisedFeeds,

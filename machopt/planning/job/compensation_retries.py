@@ -19,7 +19,7 @@ from machopt.data_types.tool_segments import ToolSegment
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.compensation.driven_margins import restore_requested_margins
 from machopt.planning.compensation.plan_compensation import compensate_plan
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
 

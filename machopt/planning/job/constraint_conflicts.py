@@ -19,7 +19,7 @@ from machopt.data_types.plan_options import ExternalJointOptions, FixedRotation,
 from machopt.data_types.steering_rules import format_steering_rule, list_steered_stretches
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 

@@ -34,7 +34,7 @@ from machopt.planning.job.worst_index_over_tools import plan_worst_index_over_to
 from machopt.planning.motion.search_budget import SearchBudget, limit_search
 from machopt.planning.motion.trajectory_builder import MotionTimeline, plan_motion
 from machopt.planning.pipeline.gaps import mark_gaps
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.plan_output.move_results import add_slowdown_notes, mark_undriven_points
 from machopt.planning.plan_output.point_table import PointResults, build_point_table

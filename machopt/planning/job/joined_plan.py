@@ -25,7 +25,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import PlanObjective, compute_total
 from machopt.planning.cost.stiffness_index import CandidateScores, LoadDirections
-from machopt.planning.pipeline.plan import PathCompensation, Plan, ToolPlanPart
+from machopt.planning.pipeline.plan_data_types import PathCompensation, Plan, ToolPlanPart
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import CHANGE, HOME, SequenceBreak
 from machopt.planning.sampling.candidate_grid import CandidateGrid, spread_branches
@@ -53,7 +53,7 @@ def join_plans(
 
     Args:
         stretches: plans in order.
-        bound: as in :class:`~machopt.planning.pipeline.plan.Plan`.
+        bound: as in :class:`~machopt.planning.pipeline.plan_data_types.Plan`.
         options: of the whole job; None: those of the first stretch.
     """
     plans = [_place_in_job(s) for s in stretches]

@@ -16,7 +16,7 @@ from machopt.errors import CellError
 from machopt.planning.cost.objective import PlanObjective, compute_total
 from machopt.planning.cost.rapid_time import count_changes
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.reentry.closed_contours import find_reentry_points
 from machopt.planning.sequence_search.worst_value_constraint import GAP

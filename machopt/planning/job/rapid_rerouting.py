@@ -23,7 +23,7 @@ from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, FreeSpace, 
 from machopt.planning.motion.retract_moves import compute_rest_poses
 from machopt.planning.motion.search_budget import is_used_up
 from machopt.planning.motion.trajectory_builder import SEARCHED, MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.repeated_search import search_without_branch_changes
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak

@@ -23,7 +23,7 @@ import numpy as np
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import PlanObjective
 from machopt.planning.optimality_certificate import compute_external_travel_cost
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.repeated_search import search_with_worst_price
 from machopt.planning.sequence_search.dynamic_programming import SequenceGrid

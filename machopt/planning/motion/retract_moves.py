@@ -12,7 +12,7 @@ from machopt.kinematics.inverse.solver import refine_by_newton
 from machopt.numerics.array_types import Array
 from machopt.planning.motion.straight_rapid_collisions import EndContacts, Way, find_free_rapids
 from machopt.planning.pipeline.gaps import Stretch
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.stations.planning_path import compute_tcp_poses
 
 LIFTS = (0.02, 0.05, 0.1, 0.2, 0.4)  # m along the tool axis, tried in this order around obstacles

@@ -15,7 +15,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cache import compute_cached
 from machopt.planning.motion.blocked_rapid_break import RestPose, build_blocked_break
-from machopt.planning.motion.clearance_over_cuts import BELOW, CutSurface
+from machopt.planning.motion.depth_below_cuts import BELOW, CutSurface
 from machopt.planning.motion.motion_segment import (
     MotionSegment,
     count_rest_samples,
@@ -33,7 +33,7 @@ from machopt.planning.motion.rapid_moves import (
 from machopt.planning.motion.retract_moves import RetractMoves
 from machopt.planning.motion.straight_rapid_collisions import Way, build_rapid_key
 from machopt.planning.motion.tilted_motion import compute_tip_speed_share, limit_tilted_rounding
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak, build_undriven_break
 from machopt.planning.retiming.path_curve import SPIN_TOLERANCE
 from machopt.planning.retiming.run_retiming import RunFailure, RunInput, RunTrajectory, retime_run

@@ -33,7 +33,7 @@ from machopt.planning.motion.retract_moves import RetractMoves, compute_rest_pos
 from machopt.planning.motion.segment_planner import SegmentPlanner
 from machopt.planning.motion.tilted_motion import SampleTilts, limit_cut_tilts, measure_sample_tilts
 from machopt.planning.pipeline.gaps import Stretch, find_driven_stretches, find_uncut_points, is_worth_driving
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
 from machopt.planning.retiming.slowdowns import FeedSlowdown

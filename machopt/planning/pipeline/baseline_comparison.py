@@ -16,7 +16,7 @@ from machopt.planning.baselines import plan_cam_default, plan_jiao2022
 from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
 from machopt.planning.cost.stiffness_index import LoadDirections
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSequence
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup, ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps
 from machopt.planning.sampling.joint_path import JointAssignment

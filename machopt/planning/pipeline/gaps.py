@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Bools
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.stations.planning_path import PlanningPath
 

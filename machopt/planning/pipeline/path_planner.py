@@ -1,4 +1,4 @@
-"""Pipeline of the plan of one path; every step's result is stored (:mod:`machopt.planning.pipeline.plan`).
+"""Pipeline of the plan of one path; every step's result is stored (:mod:`machopt.planning.pipeline.plan_data_types`).
 
 ::
 
@@ -41,7 +41,7 @@ from machopt.planning.pipeline.baseline_comparison import (
 )
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSearch, CollisionFreeSequence
 from machopt.planning.pipeline.nested_grids import choose_best_nested_grid
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import (
     PlanningSetup,
     ScoredAssignment,

@@ -16,7 +16,7 @@ from machopt.numerics.array_types import Bools
 from machopt.planning.cost.stiffness_index import CandidateScores
 from machopt.planning.pipeline.collision_free_search import CollisionFreeSequence
 from machopt.planning.pipeline.path_planner import PathProblem, mark_contacts
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.pipeline.sequence_breaks import find_sequence_breaks
 from machopt.planning.sampling.candidate_grid import CandidateGrid

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array, Bools, compute_any_last
 from machopt.planning.collision_handling.contact_lookahead import ContactLookahead
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sampling.candidate_grid import CandidateGrid, spread_branches
 
 SECONDS = 30.0  # time limit for the unchecked configurations

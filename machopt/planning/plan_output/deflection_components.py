@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.model_discrepancy import NINETY, DiscrepancyModel
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.uncertainty.stiffness_uncertainty import build_compliance_covariance
 
 Interval = tuple[float, float]

@@ -14,7 +14,7 @@ from machopt.planning.compensation.expected_deflection_reduction import Deflecti
 from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.error_probability.model_discrepancy import NINETY
 from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.deflection_components import split_deflection
@@ -22,7 +22,7 @@ from machopt.planning.plan_output.infeasibility_remedies import describe_remedy
 from machopt.planning.plan_output.point_table import PointResults, find_reason
 from machopt.planning.plan_output.stability_section import build_best_stability_entry
 from machopt.planning.retiming.slowdowns import FeedSlowdown
-from machopt.planning.uncertainty.position_error import predict_position_error
+from machopt.planning.uncertainty.measured_tcp_error import predict_position_error
 from machopt.planning.uncertainty.stiffness_uncertainty import IndexGain
 
 

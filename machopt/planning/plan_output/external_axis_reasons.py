@@ -14,7 +14,7 @@ from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import invert_transform
 from machopt.planning.external_axes.axis_modes import compute_axis_range, resolve_axis_options
 from machopt.planning.external_axes.position_constraints import MET
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.stations.planning_path import compute_tcp_poses
 
 VALUES = 13  # number of values tried of one joint, over its whole range

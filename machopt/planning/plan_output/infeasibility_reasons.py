@@ -8,7 +8,7 @@ from machopt.collision.collision_pairs import CollisionPair, suggest_remedy
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.plan_output.external_axis_reasons import explain_external_axes
 from machopt.planning.plan_output.infeasibility_remedies import describe_remedy, find_missed_limit

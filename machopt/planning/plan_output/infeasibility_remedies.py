@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.external_axis_reasons import explain_external_axes
 from machopt.planning.plan_output.reach_advice import compute_reach_shift
 from machopt.planning.plan_output.unit_check import compute_maximum_reach

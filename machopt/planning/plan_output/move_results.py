@@ -15,7 +15,7 @@ import numpy as np
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.plan_points_table import PointsTable
 from machopt.data_types.slow_moves import SlowStretch, describe_slow_points
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.sequence_breaks import CHANGE, HOME, SequenceBreak
 from machopt.planning.plan_output.infeasibility_reasons import list_breaks
 from machopt.planning.plan_output.point_table import find_reason

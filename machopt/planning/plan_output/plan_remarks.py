@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.external_axis_reasons import list_overruled_pins
 from machopt.planning.plan_output.reentry_section import list_reentry_points
 from machopt.planning.uncertainty.external_axis_settlement import describe_settlement
-from machopt.planning.uncertainty.position_error import predict_position_error
+from machopt.planning.uncertainty.measured_tcp_error import predict_position_error
 
 NEARLY_PARALLEL = np.radians(8.0)
 

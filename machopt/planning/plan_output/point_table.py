@@ -14,7 +14,7 @@ from machopt.data_types.process_columns import ProcessSummary
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.model_discrepancy import DiscrepancyModel, compute_reported_std
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, explain_points
 from machopt.planning.uncertainty.stiffness_uncertainty import (
     build_compliance_covariance,

@@ -6,7 +6,7 @@ import math
 
 from machopt.data_types.documents import optimize_document
 from machopt.data_types.posture_feed_result import PostureFeedResult
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 
 def build_joint_section(plan: Plan) -> tuple[optimize_document.JointMethodEntry, ...] | None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 MOST = 64  # maximum number of points, evenly selected
 ROUNDS = 200  # maximum number of projections; each corrects the most violated point

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from machopt.data_types.documents.optimize_document import ReentryEntry
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 
 def build_reentry_section(plan: Plan) -> tuple[ReentryEntry, ...] | None:

@@ -11,7 +11,7 @@ from machopt.data_types.documents.process_entries import StabilitySection
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.process_columns import ProcessColumns
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sampling.candidate_enumeration import solve_station
 
 

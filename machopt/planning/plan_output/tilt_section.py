@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.data_types.documents import optimize_document
-from machopt.planning.pipeline.plan import Plan, TiltBound
+from machopt.planning.pipeline.plan_data_types import Plan, TiltBound
 from machopt.planning.plan_output.point_table import PointResults
 
 

@@ -20,7 +20,7 @@ from machopt.data_types.process_columns import (
     merge_process_summaries,
 )
 from machopt.data_types.stock import StockComparison, StockSummary
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.plan_output.stability_section import build_stability_section
 

@@ -12,7 +12,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.random_draws import HOLE_DRAWS
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.planning.tilt.tilt_planning import return_to_cam_axes
 from machopt.planning.tolerance.cutting_dynamics import compute_cutting_dynamics

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array, Bools
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
 from machopt.planning.posture_and_feed.window_data import LocalLimits
 from machopt.planning.sampling.joint_path import MARGINS, solve_joint_path

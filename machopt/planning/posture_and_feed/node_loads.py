@@ -18,7 +18,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.error_probability.toleranced_points import SurfaceTargets, list_surface_targets
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.posture_and_feed.advised_feeds import AdvisedFeeds
 from machopt.planning.posture_and_feed.symbolic_machine import SymbolicMachine
 from machopt.planning.posture_and_feed.window_data import NodeLoads

@@ -8,7 +8,7 @@ from machopt.data_types.posture_feed_result import WindowOutcome
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Bools
 from machopt.planning.external_axes.axis_modes import resolve_axis_options
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.posture_and_feed.linearized_constraints import LimitSources
 from machopt.planning.posture_and_feed.node_loads import MilledTargets
 from machopt.planning.posture_and_feed.symbolic_machine import SymbolicMachine, build_symbolic_machine

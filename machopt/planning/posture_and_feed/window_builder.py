@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array, Bools
 from machopt.numerics.rigid_transforms import compute_tool_rotation, wrap_angle
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.posture_and_feed.advised_feeds import AdvisedFeeds
 from machopt.planning.posture_and_feed.linearized_constraints import LimitSources, build_local_limits
 from machopt.planning.posture_and_feed.node_loads import MilledTargets, build_node_loads

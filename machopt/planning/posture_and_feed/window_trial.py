@@ -16,7 +16,7 @@ from machopt.planning.cost.stiffness_index import compute_load_directions
 from machopt.planning.motion.retract_moves import RetractMoves
 from machopt.planning.motion.segment_planner import SegmentPlanner
 from machopt.planning.pipeline.baseline_comparison import is_assignment_allowed
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
 from machopt.planning.pipeline.sequence_breaks import SequenceBreak
 from machopt.planning.posture_and_feed.advised_feeds import advise_feeds, apply_advised_feeds

@@ -13,7 +13,7 @@ from machopt.data_types.reentry_result import ReentryResult
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.motion.trajectory_builder import has_motion
 from machopt.planning.pipeline.path_planner import PathVariant, plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.reentry.closed_contours import find_reentry_points
 from machopt.planning.stations.planning_path import SAME_INDEX
 

@@ -27,7 +27,7 @@ from machopt.planning.smoothing.corridor import (
     compute_corridors,
     compute_turning_length,
 )
-from machopt.planning.smoothing.rotation_spline import build_spline_solutions
+from machopt.planning.smoothing.rotation_angle_spline import build_spline_solutions
 from machopt.planning.stations.planning_path import PlanningPath
 
 SWEEPS = 2  # over the runs

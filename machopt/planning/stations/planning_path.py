@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import interpolate_axis, normalise_vectors, wrap_angle
+from machopt.planning.stations.path_station_selection import select_stations
 from machopt.planning.stations.reference_transport import transport_reference
-from machopt.planning.stations.station_selection import select_stations
 
 ARM = 0.15  # m per rad: equivalent path length of an axis change, about a tool's length
 PARALLEL = np.cos(np.radians(1.0))  # a plunge runs along the tool axis within this

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.planning.cost.objective import ObjectiveTerms
-from machopt.planning.pipeline.plan import Plan, TiltBound
+from machopt.planning.pipeline.plan_data_types import Plan, TiltBound
 from machopt.planning.sequence_search.search_kernels import compute_joint_jump_limit
 from machopt.planning.tilt.tilt_and_rotation_search_kernel import find_joint_sequence
 from machopt.planning.tilt.tilt_grid import TiltGrid

@@ -11,7 +11,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sampling.joint_path import solve_joint_path
 from machopt.planning.stations.tilt_curve import tilt_path
 from machopt.planning.tilt.tilt_grid import TiltNodes

@@ -15,7 +15,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.cost.stiffness_index import compute_configuration_cost
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sampling.candidate_enumeration import enumerate_candidates
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.planning.stations.tilt_curve import tilt_path

@@ -14,7 +14,7 @@ from machopt.numerics.rigid_transforms import normalise_vectors
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.cost.objective import compute_total
 from machopt.planning.pipeline.path_planner import PathVariant, plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.planning.stations.planning_path import PlanningPath
 from machopt.planning.stations.tilt_curve import TiltCurve

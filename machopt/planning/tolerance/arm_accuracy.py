@@ -16,8 +16,8 @@ from machopt.data_types.cell import Cell
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.random_draws import UncertaintyDraws
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.tolerance.error_columns import TargetPoses
+from machopt.planning.pipeline.plan_data_types import Plan
+from machopt.planning.tolerance.error_sensitivities import TargetPoses
 
 UNDECIDED = 0.5  # N·m; below this torque the side of arrival is not decided
 

@@ -16,9 +16,9 @@ from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import Toolpath
 from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, load_dynamics
 from machopt.numerics.array_types import Array
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.stability.tool_mode_depth_limit import compute_tool_limit
-from machopt.planning.tolerance.error_columns import TargetPoses, locate_poses
+from machopt.planning.tolerance.error_sensitivities import TargetPoses, locate_poses
 from machopt.planning.tolerance.wall_force import FEEDS, SIDES, compute_wall_forces
 from machopt.process.binding.cutting_tools import build_milling_cutter
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear

@@ -6,8 +6,8 @@ import numpy as np
 
 from machopt.data_types.effect_locations import format_joint_location
 from machopt.numerics.array_types import Array
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.tolerance.error_columns import TargetPoses
+from machopt.planning.pipeline.plan_data_types import Plan
+from machopt.planning.tolerance.error_sensitivities import TargetPoses
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 

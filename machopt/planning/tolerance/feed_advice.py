@@ -21,8 +21,8 @@ from machopt.data_types.process import ProcessOperation
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.random_draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.tolerance.error_columns import compute_twist_columns
+from machopt.planning.pipeline.plan_data_types import Plan
+from machopt.planning.tolerance.error_sensitivities import compute_twist_columns
 from machopt.planning.tolerance.hole_errors import HoleErrorModel, HoleTerms
 from machopt.planning.tolerance.surface_errors import (
     BLOCK,

@@ -11,8 +11,8 @@ import numpy as np
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.pipeline.plan import Plan
-from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_columns, locate_poses
+from machopt.planning.pipeline.plan_data_types import Plan
+from machopt.planning.tolerance.error_sensitivities import TargetPoses, compute_twist_columns, locate_poses
 from machopt.planning.tolerance.hole_errors import build_sideways
 from machopt.process.binding.point_loads import PointLoads
 from machopt.process.drilling.pressure_foot import compute_skid_margin

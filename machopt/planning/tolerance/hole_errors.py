@@ -16,7 +16,7 @@ from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.error_probability.random_draws import UncertaintyDraws, build_nominal_draw
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.error_probability.toleranced_points import HoleTargets
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.arm_accuracy import (
     PositionScatter,
@@ -25,7 +25,7 @@ from machopt.planning.tolerance.arm_accuracy import (
     has_position_draws,
 )
 from machopt.planning.tolerance.draws_in_tolerance import count_good_draws
-from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_columns, locate_poses
+from machopt.planning.tolerance.error_sensitivities import TargetPoses, compute_twist_columns, locate_poses
 from machopt.process.binding.point_loads import compute_mean_wear
 
 ENTRY, EXIT = 0, 1

@@ -18,7 +18,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.compensation.shifted_points import shift_points
 from machopt.planning.error_probability.toleranced_points import compute_tip_length, list_hole_targets
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sampling.joint_path import solve_joint_path
 from machopt.planning.tolerance.cutting_dynamics import compute_cutting_dynamics
 from machopt.planning.tolerance.point_errors import PointErrors, compute_point_errors

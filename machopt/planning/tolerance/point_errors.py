@@ -29,10 +29,10 @@ from machopt.planning.error_probability.toleranced_points import (
     list_hole_targets,
     list_surface_targets,
 )
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.error_causes import compute_contributions, name_largest
-from machopt.planning.tolerance.error_columns import find_stated_spread
+from machopt.planning.tolerance.error_sensitivities import find_stated_spread
 from machopt.planning.tolerance.feed_advice import FeedLimits, HoleFeedSearch, find_load_scale, find_surface_feeds
 from machopt.planning.tolerance.hole_errors import (
     ENTRY,

@@ -14,7 +14,7 @@ from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.error_probability.random_draws import HOLE_DRAWS, has_unknown_chisel_edge
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import fix_external_axes
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.planning.tolerance.cutting_dynamics import CuttingDynamics, compute_cutting_dynamics

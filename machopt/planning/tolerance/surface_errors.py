@@ -20,10 +20,10 @@ from machopt.numerics.tall_products import multiply_tall
 from machopt.planning.error_probability.random_draws import UncertaintyDraws
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
 from machopt.planning.error_probability.toleranced_points import SurfaceTargets
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.tolerance.arm_accuracy import PositionScatter, compute_position_scatter
-from machopt.planning.tolerance.error_columns import TargetPoses, compute_twist_columns, locate_poses
+from machopt.planning.tolerance.error_sensitivities import TargetPoses, compute_twist_columns, locate_poses
 from machopt.process.binding.point_loads import PointLoads, compute_mean_wear
 
 BLOCK = 512  # points at a time

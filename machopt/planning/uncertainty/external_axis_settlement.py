@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.kinematics.robot import ArmState, RobotMasses
 from machopt.numerics.array_types import Array
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 
 TOLD = 1e-6  # m: smaller displacements are not reported

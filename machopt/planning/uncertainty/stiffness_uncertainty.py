@@ -33,7 +33,7 @@ from machopt.planning.error_probability.model_discrepancy import (
     compute_reported_std,
     compute_unshared_variance,
 )
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment, fix_external_axes
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.joint_stiffness import find_grid_cells

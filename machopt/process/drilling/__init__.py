@@ -1,6 +1,6 @@
 """Thrust and torque of drills, countersinks and reamers, and what the arm bears of them."""
 
-from machopt.process.drilling.breakthrough import (
+from machopt.process.drilling.breakthrough_velocity import (
     compute_axial_compliance,
     compute_axial_mass,
     compute_breakthrough_velocity,

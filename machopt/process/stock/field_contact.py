@@ -223,7 +223,7 @@ def _sample_heights(
     h = frame[1]
     below, above = _find_margins(arrays, frame, axes, cutter, ends, circle, nodes)
     low, high = ends[0] + below, ends[1] - above
-    count = min(max(int((high - low) / (THICKNESS * h)) + 1, 2), SLICES)
+    count = min(max(int(np.ceil((high - low) / (THICKNESS * h))) + 1, 2), SLICES)
     for n in range(count):
         w = low + (high - low) * n / (count - 1)
         _measure_node(arrays, frame, axes, cutter, w, circle, nodes[n])
@@ -343,7 +343,7 @@ def find_field_contact(
     for n in range(len(heights)):
         if heights[n] > RISING * most:
             first, last = (n if first < 0 else first), n
-    slices = np.zeros((CORNER_SLICES + SLICES, 4))  # low, high, width of the arcs at a height, that height
+    slices = np.zeros((CORNER_SLICES + SLICES, 3))  # low, high, width of the arcs in the middle
     nodes = np.zeros((NODES, 1 + len(arcs), 2))  # height and number of arcs, then the arcs
     low, high = max((first - 1) * h, span[0], 0.0), min((last + 1) * h, span[1], cutter[3])
     if low >= high:
@@ -352,7 +352,7 @@ def find_field_contact(
     lowest, highest = -1, -1
     for n in range(count):
         w = 0.5 * (slices[n, 0] + slices[n, 1])
-        slices[n, 2], slices[n, 3] = _measure_width(arrays, frame, axes, cutter, w, circle, arcs), w
+        slices[n, 2] = _measure_width(arrays, frame, axes, cutter, w, circle, arcs)
         if slices[n, 2] > 0.0:
             lowest, highest = (n if lowest < 0 else lowest), n
     if lowest < 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.programs.reading.harmless_words import CHECKS, LOAD, NUMBER, SPEED, TEXT
+from machopt.programs.reading.harmless_word_reasons import CHECKS, LOAD, NUMBER, SPEED, TEXT
 
 RAPID: dict[str, str] = {
     **dict.fromkeys(("CONFL", "CONFJ"), "whether the robot checks its configuration; targets stay"),

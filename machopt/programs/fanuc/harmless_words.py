@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.programs.reading.harmless_words import CHECKS, LOAD, NUMBER, OUTPUT, SPEED, TEXT
+from machopt.programs.reading.harmless_word_reasons import CHECKS, LOAD, NUMBER, OUTPUT, SPEED, TEXT
 
 FANUC: dict[str, str] = {
     "PAYLOAD": LOAD,

@@ -20,7 +20,7 @@ from machopt.programs.fanuc.move_speed import (
     refuse_duration,
 )
 from machopt.programs.reading.called_files import find_called_file
-from machopt.programs.reading.harmless_words import compile_beginning_pattern
+from machopt.programs.reading.harmless_word_reasons import compile_beginning_pattern
 from machopt.programs.reading.move_attributes import MoveAttributes, ProgramEnd, parse_number
 from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram, ProgramFrame
 from machopt.programs.reading.program_builder import STANDING_TOOL, ProgramBuilder

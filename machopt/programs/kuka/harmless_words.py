@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.programs.reading.harmless_words import (
+from machopt.programs.reading.harmless_word_reasons import (
     CHECKS,
     LOAD,
     NUMBER,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.programs.reading.harmless_words import NUMBER, TEXT
+from machopt.programs.reading.harmless_word_reasons import NUMBER, TEXT
 
 VAL3: dict[str, str] = {
     **dict.fromkeys(

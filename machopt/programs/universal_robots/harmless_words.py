@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.programs.reading.harmless_words import CHECKS, LOAD, OUTPUT, TEXT
+from machopt.programs.reading.harmless_word_reasons import CHECKS, LOAD, OUTPUT, TEXT
 
 URSCRIPT: dict[str, str] = {
     **dict.fromkeys(("set_gravity", "set_payload", "set_target_payload"), LOAD),

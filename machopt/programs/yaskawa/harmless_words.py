@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.programs.reading.harmless_words import CHECKS, NUMBER, OUTPUT, TEXT
+from machopt.programs.reading.harmless_word_reasons import CHECKS, NUMBER, OUTPUT, TEXT
 
 JBI: dict[str, str] = {
     **dict.fromkeys(("NOP", "END", "SFTOF"), "does nothing, or ends what is refused when it begins"),

@@ -19,7 +19,7 @@ from machopt.planning.compensation.shifted_path import compute_residual
 from machopt.planning.job.pareto_front import FrontPlan
 from machopt.planning.motion.trajectory_builder import MotionTimeline
 from machopt.planning.optimality_certificate import compute_certificate, find_external_axis_bound
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.plan_output.collision_map import CollisionMap
 from machopt.planning.plan_output.document_sections import build_worst_point_entry
@@ -39,7 +39,7 @@ from machopt.report.page_data.optimize_tolerances import build_tolerance_data
 from machopt.report.page_data.optimize_worst_points import list_worst_points
 from machopt.report.page_types import optimize_page_data as page
 from machopt.verification import Verification
-from machopt.verification.checks import VerificationCheck
+from machopt.verification.check_results import VerificationCheck
 from machopt.version import __version__
 
 ROUNDING_SHARE = 1e-3  # of what a check allows: 5.7e−14 s tells a reader nothing

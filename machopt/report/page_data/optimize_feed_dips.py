@@ -9,7 +9,7 @@ import numpy as np
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 from machopt.report.page_data.optimize_series import interpolate_path_length
 from machopt.report.page_types import optimize_page_data as page

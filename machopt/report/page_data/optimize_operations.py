@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.report.page_types import optimize_page_data as page
 from machopt.report.wording.result_verdict import format_count

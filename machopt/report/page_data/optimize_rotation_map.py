@@ -7,7 +7,7 @@ import numpy as np
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.planning.plan_output.collision_map import CollisionMap, find_best_branch, find_cut_stations
 from machopt.report.page_data.optimize_series import interpolate_path_length

@@ -15,7 +15,7 @@ from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.motion.trajectory_builder import MotionTimeline
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import PlanningSetup
 from machopt.planning.plan_output.collision_map import CollisionMap, find_cut_stations
 from machopt.planning.plan_output.point_table import PointResults

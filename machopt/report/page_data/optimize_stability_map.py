@@ -8,7 +8,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sampling.candidate_enumeration import solve_stations
 from machopt.planning.stability.depth_ratio import StabilityModel
 from machopt.report.page_data.optimize_series import interpolate_path_length

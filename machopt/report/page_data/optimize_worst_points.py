@@ -8,7 +8,7 @@ from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma
 from machopt.planning.plan_output.point_table import PointResults
 from machopt.report.page_types import optimize_page_data as page

@@ -20,7 +20,7 @@ from machopt.file_formats.parquet_tables import find_parquet_difference
 from machopt.numerics.parallel_map import run_two_in_threads
 from machopt.output.manifest_file import MANIFEST, find_differences, read_manifest
 from machopt.verification import Verification, VerificationCheck
-from machopt.verification.checks import CheckName, VerificationRow, build_skipped_check
+from machopt.verification.check_results import CheckName, VerificationRow, build_skipped_check
 from machopt.verification.folder.allowed_files import PARQUET_COPIES, find_unreadable_files, find_wrong_roles
 from machopt.verification.folder.options_in_force import build_failed_check
 from machopt.verification.folder.programs.post_lookup import build_tolerance, find_post

@@ -18,7 +18,7 @@ from machopt.programs.program_to_toolpath import ProgramRobot
 from machopt.toolpath.reading_options import format_reading_options, parse_reading_options
 from machopt.toolpath.unknown_words import read_for_plan
 from machopt.verification import VerificationCheck
-from machopt.verification.checks import CheckName
+from machopt.verification.check_results import CheckName
 
 MISSING_VALUE = float("nan")
 

@@ -16,7 +16,7 @@ from machopt.data_types.manifest import CheckCoverage
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.verification import VerificationCheck
-from machopt.verification.checks import CheckName
+from machopt.verification.check_results import CheckName
 from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, PATH_MM
 
 _MAX_NAMED = 3  # pairs that may touch are named in the verdict; all stand in the report

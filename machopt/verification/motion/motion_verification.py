@@ -16,7 +16,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.numerics.array_types import Array
 from machopt.numerics.heap_release import release_free_memory
-from machopt.verification.checks import (
+from machopt.verification.check_results import (
     CheckName,
     Verification,
     VerificationCheck,
@@ -33,10 +33,10 @@ from machopt.verification.motion.checks.compensation_shift import (
 )
 from machopt.verification.motion.checks.dwells_and_stops import check_dwells_and_stops
 from machopt.verification.motion.checks.feed_rate import check_feed
+from machopt.verification.motion.checks.force_and_error_columns import check_process_columns
 from machopt.verification.motion.checks.move_labels import check_move_labels
 from machopt.verification.motion.checks.path_following import check_path
 from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
-from machopt.verification.motion.checks.process_columns import check_process_columns
 from machopt.verification.motion.checks.rapid_corners import (
     CORNER_CHECKS,
     CORNERS_CLEAR,

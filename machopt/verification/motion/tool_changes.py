@@ -15,7 +15,7 @@ import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.tool_segments import ToolSegment
-from machopt.verification.checks import (
+from machopt.verification.check_results import (
     CheckName,
     Verification,
     VerificationInformation,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.data_types.robot_program import LIN
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import CheckName, VerificationCheck, build_file_check
+from machopt.verification.check_results import CheckName, VerificationCheck, build_file_check
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.motion_polyline import MotionPolyline
 from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, AXIS_LEVER_M, PATH_MM

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.data_types.robot_program import LIN
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import CheckName, VerificationCheck
+from machopt.verification.check_results import CheckName, VerificationCheck
 from machopt.verification.motion.path_geometry.sample_location import AXIS_LEVER_M
 from machopt.verification.programs.target_matching import (
     TargetTolerances,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from machopt.data_types.program_in_cell import ProgramInCell
-from machopt.verification.checks import VerificationCheck, build_file_check
+from machopt.verification.check_results import VerificationCheck, build_file_check
 
 MAX_NAMED = 3
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import CheckName, VerificationCheck, build_file_check
+from machopt.verification.check_results import CheckName, VerificationCheck, build_file_check
 from machopt.verification.programs.difference_list import MAX_NAMED, build_list_check
 from machopt.verification.programs.expected_cuts import INDEX_TOLERANCE, ExpectedCuts
 from machopt.verification.programs.repeated_points import count_repeats_after, count_repeats_before

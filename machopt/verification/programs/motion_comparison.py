@@ -15,7 +15,7 @@ from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.data_types.robot_program import LIN
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import CheckName, VerificationCheck, build_file_check
+from machopt.verification.check_results import CheckName, VerificationCheck, build_file_check
 from machopt.verification.motion.checks.points_columns import JOINT_TOLERANCE_DEG
 from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath
 from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, PATH_MM

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from machopt.data_types.program_in_cell import ProgramInCell
 from machopt.data_types.robot_program import LIN
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_file_check
+from machopt.verification.check_results import VerificationCheck, build_file_check
 from machopt.verification.motion.path_geometry.motion_polyline import CommandedPath, build_motion_polyline
 from machopt.verification.motion.path_geometry.sample_location import AXIS_DEG, AXIS_LEVER_M, PATH_MM
 from machopt.verification.programs.ordered_matching import match_targets_in_order

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_count_check
+from machopt.verification.check_results import VerificationCheck, build_count_check
 from machopt.verification.tables.exported_tables import ExportedPoints
 
 ADVISED = "feed_advised_mm_min"

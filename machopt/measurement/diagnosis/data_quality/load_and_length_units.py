@@ -8,7 +8,7 @@ from machopt.effects.recording.record_faults import FORCES, LENGTHS
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
-from machopt.measurement.identification.data_quality.record_fault import RecordFault as Problem
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault as Problem
 from machopt.measurement.identification.data_quality.unit_checks import GENERIC_REACH, GENERIC_STIFFNESS
 from machopt.numerics.array_types import Array
 

@@ -27,7 +27,7 @@ from machopt.measurement.diagnosis.data_types.record_findings import build_exact
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment, build_load_test_experiment
 from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
 from machopt.measurement.identification.data_quality.load_test_checks import check_experiment
-from machopt.measurement.identification.data_quality.record_fault import RecordFault as Problem
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault as Problem
 from machopt.measurement.identification.data_quality.sensor_axes import CODE as SENSOR_AXES
 from machopt.measurement.identification.data_quality.sensor_axes import find_rotated_axes
 from machopt.measurement.identification.data_quality.unit_checks import estimate_reach

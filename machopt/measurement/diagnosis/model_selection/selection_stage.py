@@ -1,4 +1,4 @@
-"""Description of one stage of the model selection, as docs/concepts/diagnosis.md lists it."""
+"""Description of one stage of the model selection, as docs/diagnosis-stages.md lists it."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
 from machopt.planning.pipeline.path_planner import plan_path
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.plan_output.infeasibility_reasons import compute_gamma, explain_points
 from machopt.stiffness.arm_stiffness import ArmElasticity
 

@@ -18,7 +18,7 @@ from machopt.measurement.identification.data_quality.alternative_conventions imp
     ConventionCandidate,
     build_convention_candidates,
 )
-from machopt.measurement.identification.data_quality.record_fault import RecordFault, format_row_locations
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault, format_row_locations
 from machopt.measurement.identification.data_quality.unit_checks import (
     check_displacement_units,
     check_moment_units,

@@ -21,7 +21,7 @@ from machopt.kinematics.robot import Robot
 from machopt.measurement.estimation.convention_score import compute_description_cost, compute_pose_errors
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.identification import thresholds
-from machopt.measurement.identification.data_quality.record_fault import RecordFault
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_to_rotation_vector, convert_vector_to_rotation
 

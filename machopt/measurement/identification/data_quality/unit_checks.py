@@ -13,7 +13,7 @@ from machopt.measurement.estimation.load_test_equations import LoadTestExperimen
 from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
 from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.data_quality.alternative_conventions import ConventionCandidate
-from machopt.measurement.identification.data_quality.record_fault import RecordFault, format_row_locations
+from machopt.measurement.identification.data_quality.record_fault_type import RecordFault, format_row_locations
 from machopt.numerics.array_types import Array
 
 GENERIC_STIFFNESS, GENERIC_REACH = 1e6, 2.5  # typical joint stiffness N·m/rad at this reach (m); proportional to reach³

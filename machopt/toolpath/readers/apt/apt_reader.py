@@ -19,13 +19,13 @@ from machopt.path_building.drilling_cycles import DrillingCycleError
 from machopt.toolpath.readers import harmless_words
 from machopt.toolpath.readers.apt.cam_dialect import CamDialect
 from machopt.toolpath.readers.apt.cycle_statements import (
-    FEED_UNITS,
     NO_SPEED,
     HsmDrillingCycle,
     build_drilling_cycle,
     parse_cycle,
 )
 from machopt.toolpath.readers.apt.fast_goto_reader import is_plain_goto_mode, read_plain_gotos
+from machopt.toolpath.readers.apt.feed_units import FEED_UNITS
 from machopt.toolpath.readers.apt.operation_statements import OperationStatementReader
 from machopt.toolpath.readers.apt.refused_words import REFUSED
 from machopt.toolpath.readers.apt.statement_parser import (

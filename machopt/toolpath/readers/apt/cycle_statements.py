@@ -12,17 +12,10 @@ import numpy as np
 
 from machopt.path_building.drilling_cycles import DrillingCycle, DrillingCycleError
 from machopt.path_building.point_collector import Vector
+from machopt.toolpath.readers.apt.feed_units import FEED_UNITS
 from machopt.toolpath.readers.apt.statement_parser import parse_number
 
 NO_SPEED = frozenset(("INVERS", "INVERSE", "INVTIM", "DPM", "DEGPM"))  # inverse time, degrees a minute of a rotary axis
-FEED_UNITS = {  # word → (mm per length unit, None: the file's), per revolution
-    "MMPM": (1.0, False),
-    "MMPR": (1.0, True),
-    "IPM": (25.4, False),
-    "IPR": (25.4, True),
-    "PERMIN": (None, False),
-    "PERREV": (None, True),
-}
 _DEPTH = ("FEDTO", "DEPTH")
 _CLEAR = ("RAPTO", "CLEAR", "RPOINT")
 _RETRACT = ("RTRCTO", "RETURN")

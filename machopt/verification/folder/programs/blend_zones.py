@@ -12,7 +12,7 @@ from machopt.programs.checking.program_checks import ZONE_STEP_RATIO, ZoneCase
 from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram
 from machopt.programs.writing.blend_zones import HALF, SHORTEST, STRAIGHT, BlendZones
-from machopt.verification.checks import VerificationCheck, build_file_check
+from machopt.verification.check_results import VerificationCheck, build_file_check
 
 TOLERANCE_FACTOR = 1.2  # of the tolerance: coordinates are printed, so a zone may fall to its neighbour
 PRINTED_DISTANCE_M = 1e-6  # m, of a distance

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from machopt.data_types.documents.program_entries import ReadBackSection
-from machopt.verification.checks import CheckName, Verification, VerificationCheck, VerificationInformation
+from machopt.verification.check_results import CheckName, Verification, VerificationCheck, VerificationInformation
 
 
 @dataclass(frozen=True)

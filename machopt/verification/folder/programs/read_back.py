@@ -30,7 +30,7 @@ from machopt.programs.checking.configuration_check import find_first_difference
 from machopt.programs.maker_registry import find_language, load_checks
 from machopt.programs.program_reader import ParsedProgram, is_program_file, read_program
 from machopt.programs.writing.target_insertion import ProgramTolerance
-from machopt.verification.checks import CheckName, VerificationCheck, VerificationInformation, build_file_check
+from machopt.verification.check_results import CheckName, VerificationCheck, VerificationInformation, build_file_check
 from machopt.verification.folder.programs.exported_motion_tables import read_program_tables
 from machopt.verification.folder.programs.frames_and_axes import (
     compute_toolpath_index,
@@ -39,17 +39,17 @@ from machopt.verification.folder.programs.frames_and_axes import (
     convert_to_controller_axes,
     find_wrong_frames,
 )
-from machopt.verification.folder.programs.post_lookup import select_listed_controller
-from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
-from machopt.verification.folder.programs.program_conversion import convert_to_cell_frames
-from machopt.verification.folder.programs.rapid_zone_table import RapidZoneTable
-from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
-from machopt.verification.folder.programs.target_corrections import (
+from machopt.verification.folder.programs.kinematic_and_tilt_corrections import (
     compute_corrections,
     tilt_commanded_path,
     turn_samples_back,
     turn_targets_back,
 )
+from machopt.verification.folder.programs.post_lookup import select_listed_controller
+from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
+from machopt.verification.folder.programs.program_conversion import convert_to_cell_frames
+from machopt.verification.folder.programs.rapid_zone_table import RapidZoneTable
+from machopt.verification.folder.programs.rewritten_program import RewrittenProgram, build_failed_program_check
 from machopt.verification.folder.programs.target_joints import (
     compute_external_joints,
     find_target_joints,

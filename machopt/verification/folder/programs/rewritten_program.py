@@ -25,7 +25,7 @@ from machopt.programs.writing.post_file import PostKeys
 from machopt.programs.writing.target_insertion import ProgramTolerance
 from machopt.programs.writing.template_fields import ROUNDED
 from machopt.programs.writing.text_comparison import find_text_difference, find_undecodable_bytes, find_wrong_line_end
-from machopt.verification.checks import VerificationCheck, build_file_check
+from machopt.verification.check_results import VerificationCheck, build_file_check
 from machopt.verification.folder.programs.blend_zones import check_blend_zones
 from machopt.verification.folder.programs.post_lookup import (
     compute_workpiece_in_base,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from machopt.errors import InputError
 from machopt.programs.program_reader import is_program_file
-from machopt.verification.checks import build_file_check
+from machopt.verification.check_results import build_file_check
 from machopt.verification.folder.programs.program_comparison_result import ListedProgram, ProgramComparison
 
 NON_PROGRAM_FILES = frozenset(

@@ -25,7 +25,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
 from machopt.output.manifest_file import list_folder_files
 from machopt.verification import Verification
-from machopt.verification.checks import CheckName
+from machopt.verification.check_results import CheckName
 from machopt.verification.motion.motion_verification import read_tables
 from machopt.verification.motion.process.recomputed_segment_forces import attach_recomputed_forces
 from machopt.verification.motion.stiffness.spring_terms import UnknownTermError

@@ -29,7 +29,7 @@ from machopt.output.file_roles import BATCH_ROLES, TABLES
 from machopt.output.json_files import convert_to_json_types, read_json
 from machopt.output.manifest_file import MANIFEST, list_folder_files
 from machopt.verification import Verification, VerificationCheck
-from machopt.verification.checks import CheckName, build_file_check
+from machopt.verification.check_results import CheckName, build_file_check
 from machopt.verification.folder.options_in_force import get_error_file
 from machopt.verification.folder.result_json.comparison_inputs import (
     CHECK_VALUE_TOLERANCE,

@@ -8,7 +8,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import CutSide
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.process.contact_load import find_slice_shapes
 from machopt.verification.motion.process.point_loads import RecomputedLoads
 from machopt.verification.motion.process.stability import find_given_arc

@@ -11,7 +11,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
-from machopt.verification.checks import VerificationCheck, build_count_check
+from machopt.verification.check_results import VerificationCheck, build_count_check
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 

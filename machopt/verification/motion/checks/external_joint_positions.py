@@ -21,7 +21,7 @@ from machopt.data_types.steering_rules import (
 )
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_worst_value_check
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
 POSITION_TOLERANCE = {

@@ -8,7 +8,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import CheckName, VerificationCheck, build_worst_value_check
+from machopt.verification.check_results import CheckName, VerificationCheck, build_worst_value_check
 from machopt.verification.motion.path_geometry.axis_interpolation import interpolate_axis
 from machopt.verification.motion.path_geometry.reference_direction import INDEX_TOLERANCE
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations

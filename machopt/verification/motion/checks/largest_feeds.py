@@ -16,7 +16,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.process.hole_strokes import HoleVisit
 from machopt.verification.motion.process.point_loads import RecomputedLoads
 from machopt.verification.tables.exported_tables import ExportedPoints

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array, Bools
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.path_geometry import reference_direction
 from machopt.verification.motion.path_geometry.reference_direction import INDEX_TOLERANCE
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations

@@ -7,7 +7,7 @@ import numpy as np
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array, Bools
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.path_geometry.reference_direction import (
     INDEX_TOLERANCE as VERIFICATION_INDEX_TOLERANCE,
 )

@@ -25,7 +25,7 @@ import numpy as np
 from machopt.data_types.rapid_corners import RapidCorners
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.collision.bodies import CoalBody
 from machopt.verification.motion.collision.contact_search import find_polyline_contacts
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

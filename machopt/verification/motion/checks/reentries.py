@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
-from machopt.verification.checks import VerificationCheck, build_count_check
+from machopt.verification.check_results import VerificationCheck, build_count_check
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 CLOSED_M, STILL_M = 0.0021, 1e-9  # ends of a closed contour lie within 2 mm; a shorter move has no direction

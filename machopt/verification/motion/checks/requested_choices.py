@@ -14,7 +14,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.steering_rules import resolve_steering, select_steered_rows
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_worst_value_check
 from machopt.verification.motion.checks.external_joint_positions import check_external_joint_positions
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 

@@ -24,7 +24,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.process import ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import (
+from machopt.verification.check_results import (
     VerificationCheck,
     build_count_check,
     build_skipped_check,

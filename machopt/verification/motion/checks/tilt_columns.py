@@ -17,7 +17,7 @@ from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.path_geometry.reference_direction import interpolate_directions
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations
 from machopt.verification.motion.path_geometry.tool_tilt import (

@@ -7,7 +7,7 @@ import numpy as np
 from machopt.data_types.cell import Cell
 from machopt.data_types.plan_options import PlanOptions
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import CheckName, VerificationCheck, build_worst_value_check
+from machopt.verification.check_results import CheckName, VerificationCheck, build_worst_value_check
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 VELOCITY, ACCELERATION, JERK = 1.01, 1.03, 1.10  # differences over the limits: rounding grows with the order

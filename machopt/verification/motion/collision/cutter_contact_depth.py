@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools
-from machopt.verification.checks import VerificationCheck, VerificationInformation, build_skipped_check
+from machopt.verification.check_results import VerificationCheck, VerificationInformation, build_skipped_check
 from machopt.verification.motion.collision.bodies import CoalBody, invert_transforms, is_near
 from machopt.verification.motion.collision.contact_search import ContactInterval
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

@@ -17,7 +17,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array, Bools, Ints
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.verification.checks import VerificationCheck
+from machopt.verification.check_results import VerificationCheck
 from machopt.verification.motion.collision.bodies import CoalBody, invert_transforms
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 from machopt.verification.motion.path_geometry.sample_location import SampleLocations

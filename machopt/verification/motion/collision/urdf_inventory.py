@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from machopt.data_types.cell import Cell
-from machopt.verification.checks import VerificationCheck, build_count_check
+from machopt.verification.check_results import VerificationCheck, build_count_check
 from machopt.verification.motion.collision.bodies import CoalBody, list_allowed_contacts, list_checked_pairs
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

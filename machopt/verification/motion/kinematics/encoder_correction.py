@@ -12,7 +12,7 @@ import numpy as np
 from machopt.data_types.effect_locations import parse_joint_location
 from machopt.data_types.kinematic_corrections import KinematicCorrections
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_skipped_check
+from machopt.verification.check_results import VerificationCheck, build_skipped_check
 from machopt.verification.motion.kinematics.as_built_frames import GEOMETRY_EFFECT
 
 FADE_OUT_DEG = 5.0  # beyond its range a transmission error is gone

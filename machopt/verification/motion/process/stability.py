@@ -118,7 +118,10 @@ class DelayLaw:
         assert process is not None
         assert process.damping is not None
         zeta = np.array([process.damping.get_ratio(n) for n in range(6)], float)
-        H = np.sum([share * _average_directional_matrix(cell, one, start, end) for share, start, end in arcs], axis=0)
+        k = modes.shape.shape[1]
+        H = np.zeros((k, k))  # without contact: no force that a chip of the tooth before could change
+        for share, start, end in arcs:
+            H += share * _average_directional_matrix(cell, one, start, end)
         return cls(zeta, modes.omega, modes.shape @ H @ modes.shape.T, 1.0 / (speed * cutter.teeth))
 
     def find_eigenvalues(self, depths: Array) -> NDArray[np.complex128]:

@@ -25,7 +25,7 @@ from machopt.data_types.stock import StockBody, StockEngagement
 from machopt.data_types.tool_segments import ToolSegment
 from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
-from machopt.verification.checks import VerificationCheck, build_count_check, build_worst_value_check
+from machopt.verification.check_results import VerificationCheck, build_count_check, build_worst_value_check
 from machopt.verification.motion.process.contact_load import compute_contact_load, find_slice_shapes
 from machopt.verification.motion.process.end_contact import EndDisc, find_descents, list_wrong_forces
 from machopt.verification.motion.process.lines_through_mesh import build_axis_frame, find_mesh_heights

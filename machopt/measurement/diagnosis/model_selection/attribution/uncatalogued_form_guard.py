@@ -1,4 +1,4 @@
-"""Attribution guard: a form without a name that fits as well as an effect takes its name away.
+"""Attribution guard: a form without a name that fits as well as an effect removes its name.
 
 A hose between column and forearm resembles a gravity compensator. The true law is not outperformed by an approximation
 with no more coefficients.
@@ -96,11 +96,7 @@ def _list_forms_at_joint(state: SearchState, k: int) -> tuple[WhitenedHypothesis
 
 
 def _withhold_if_form_fits(state: SearchState, k: int, more: Sequence[WhitenedHypothesis] = ()) -> SelectedEffect:
-    """Return the k-th effect, withheld if an uncatalogued form with no more coefficients fits as well.
-
-    A hose between column and forearm resembles a gravity compensator. The true law is not outperformed by an
-    approximation.
-    """
+    """Return the k-th effect, withheld if an uncatalogued form with no more coefficients fits as well."""
     c = state.chosen[k]
     rough = [*(t for t in state.whitened_hypotheses if t.hypothesis.is_approximate), *more]
     if not c.whitened.hypothesis.is_in_catalogue or not rough:

@@ -199,7 +199,8 @@ def is_size_significant(model: WhitenedModel, chosen: Sequence[SelectedEffect], 
     """Return whether a size of the k-th effect differs from zero at the 95 % level, at its own law and shape.
 
     A compliance is positive semidefinite: it is of no size only if all its coefficients are zero. So one coefficient of
-    it suffices, at a level that counts them all. With many collinear coefficients no size of its own may be known.
+    it suffices too, at a level that counts them all (Bonferroni). With many coefficients that the readings determine
+    only together, every size may have an interval around zero.
 
     Args:
         model: Whitened base model.
@@ -218,7 +219,8 @@ def is_size_significant(model: WhitenedModel, chosen: Sequence[SelectedEffect], 
     x, covariance = x[-p:], covariance[-p:, -p:]
     if h.family == "body" and h.project_to_plausible is not None:
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        return bool((np.abs(x) > float(stdtrit(freedom, 1.0 - 0.025 / p)) * sigma).any())
+        if (np.abs(x) > float(stdtrit(freedom, 1.0 - 0.025 / p)) * sigma).any():
+            return True
     doubt = _compute_model_uncertainty(chosen, k)
     own = _compute_quantity_intervals(c.whitened, at, x, covariance, freedom, doubt)
     if h.family == "body":

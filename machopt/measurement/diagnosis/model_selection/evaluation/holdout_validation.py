@@ -14,7 +14,7 @@ from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import bu
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 
-FLIPS = 4096
+HOLDOUT_FLIPS = 4096
 
 
 def validate_on_holdout(state: SearchState, most: int, rng: np.random.Generator) -> HoldoutProof | None:
@@ -50,9 +50,9 @@ def validate_on_holdout(state: SearchState, most: int, rng: np.random.Generator)
     ]
     improvement = group_errors[:, 0] ** 2 - group_errors[:, 1] ** 2
     improvement = improvement[np.isfinite(improvement)]
-    signs = rng.choice([-1.0, 1.0], (FLIPS, len(improvement)))
+    signs = rng.choice([-1.0, 1.0], (HOLDOUT_FLIPS, len(improvement)))
     p = (
-        float((1 + np.sum(signs @ improvement >= improvement.sum())) / (FLIPS + 1))
+        float((1 + np.sum(signs @ improvement >= improvement.sum())) / (HOLDOUT_FLIPS + 1))
         if len(improvement)
         else float("nan")
     )

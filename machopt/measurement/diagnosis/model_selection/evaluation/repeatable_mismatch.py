@@ -25,7 +25,7 @@ from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNo
 from machopt.numerics.array_types import Array
 
 Flags = NDArray[np.bool_]
-FLIPS = 999
+MISMATCH_FLIPS = 999
 BINS = 3
 
 
@@ -95,10 +95,10 @@ def _compute_visit_correlation(
         return float(np.mean(np.sum(x[1:] * x[:-1], axis=1)[inside]) / e.shape[1]) if inside.any() else 0.0
 
     power = product(own)
-    drawn = np.empty(FLIPS)
-    for n in range(FLIPS):
+    drawn = np.empty(MISMATCH_FLIPS)
+    for n in range(MISMATCH_FLIPS):
         drawn[n] = product(own[np.concatenate([rng.permutation(s) for s in spans])])
-    return RepeatableMismatch(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)), True)
+    return RepeatableMismatch(power, float((1 + np.sum(drawn >= power)) / (MISMATCH_FLIPS + 1)), True)
 
 
 def _compute_replicate_product(
@@ -164,11 +164,11 @@ def _compute_sign_flip_chance(
     power = float(products.sum() / weight)
     visits, label = np.unique(pairs, return_inverse=True)
     label = label.reshape(pairs.shape)
-    signs = rng.choice([-1.0, 1.0], (FLIPS, len(visits)))
+    signs = rng.choice([-1.0, 1.0], (MISMATCH_FLIPS, len(visits)))
     # limits memory: a long motion has many pairs
     of_pairs = coo_array((products, (label[0], label[1])), shape=(len(visits), len(visits))).tocsr()
     drawn = np.sum(signs * (of_pairs @ signs.T).T, axis=1) / weight
-    return RepeatableMismatch(power, float((1 + np.sum(drawn >= power)) / (FLIPS + 1)))
+    return RepeatableMismatch(power, float((1 + np.sum(drawn >= power)) / (MISMATCH_FLIPS + 1)))
 
 
 def _compute_allowed_power(problem: DiagnosisProblem, used: Flags, noise: ReplicateNoise) -> float:

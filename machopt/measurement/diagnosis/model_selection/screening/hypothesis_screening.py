@@ -23,7 +23,7 @@ from machopt.measurement.diagnosis.statistics.whitened_hypothesis import Whitene
 from machopt.numerics.array_types import Array
 
 Ints = NDArray[np.int64]
-FLIPS = 499
+SCREENING_FLIPS = 499
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def compute_chance_probability(
     scored: Sequence[FittedHypothesis],
     residual: Array,
     rng: np.random.Generator,
-    flips: int = FLIPS,
+    flips: int = SCREENING_FLIPS,
 ) -> Array:
     """Compute the probability that the largest gain of the whole search reaches each hypothesis' gain by chance.
 

@@ -143,7 +143,7 @@ CANDIDATE_CHECKS: tuple[CandidateCheck, ...] = (
     ),
     CandidateCheck(
         name="size",
-        statistic="fitted size against the largest that something built has (effects/*.plausible_sizes)",
+        statistic="fitted size against the largest that is physically possible (effects/*.plausible_sizes)",
         levels=(),
         reference="physical bounds of the catalogue",
         rejects="an effect of an impossible size",
@@ -159,7 +159,7 @@ CANDIDATE_CHECKS: tuple[CandidateCheck, ...] = (
     ),
     CandidateCheck(
         name="possible coefficients",
-        statistic="gain that is left at the nearest coefficients that something built has",
+        statistic="gain that is left at the nearest coefficients that are physically possible",
         levels=("detection.possible",),
         reference="positive semidefinite compliance, inertia",
         rejects="a body that would have to be of negative stiffness",

@@ -213,7 +213,8 @@ class _SelectionStep:
         chance = compute_chance_probability(model, fitted, self.residual, self.rng)
         passed = np.ones(len(fitted), bool)
         for check in STEP_CHECKS:
-            passed &= check.find_passing(fitted, chance, chosen, self.body_error_share)
+            at = np.flatnonzero(passed)
+            passed[at] = check.find_passing([fitted[k] for k in at], chance[at], chosen, self.body_error_share)
         good = [s for s, is_passed in zip(fitted, passed, strict=True) if is_passed]
         best = _select_supported_law(model, good)
         if best is None:

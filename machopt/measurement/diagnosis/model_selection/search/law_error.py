@@ -62,7 +62,15 @@ def compute_law_error(s: FittedHypothesis, chosen: Sequence[SelectedEffect], of_
 
 
 def has_law_deviation(c: SelectedEffect, chosen: Sequence[SelectedEffect]) -> bool:
-    """Return whether the deviation of an effect from its law is among the selected forms."""
+    """Return whether the deviation of an effect from its law is among the selected forms.
+
+    Args:
+        c: Selected effect.
+        chosen: All selected effects and forms.
+
+    Returns:
+        True if so; False for a deviation itself.
+    """
     place = c.whitened.hypothesis.location
     return not is_law_deviation(c) and any(
         is_law_deviation(o) and o.whitened.hypothesis.location == place for o in chosen

@@ -224,7 +224,16 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
     SearchStage(
         name="many effects",
         statistic="gain on unseen groups of groups of columns, each refitted with all before it",
-        levels=("detection.gain", "detection.generalises", "detection.simpler", "resting.crowded", "resting.clearer"),
+        levels=(
+            "detection.gain",
+            "detection.generalises",
+            "detection.simpler",
+            "detection.beside",
+            "detection.beside_exact",
+            "resting.per_column",
+            "resting.crowded",
+            "resting.clearer",
+        ),
         reference="group orthogonal matching pursuit (Lozano, Swirszcz & Abe 2009)",
         rejects="few large laws in place of many small ones (measured poses)",
         change=_select_many,
@@ -256,7 +265,7 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
     SearchStage(
         name="law deviation",
         statistic="gain of effects elsewhere with the deviation of the largest effects from their laws in the model",
-        levels=("detection.gain", "proof.restless", "proof.outweighs"),
+        levels=("detection.gain", "detection.beside", "detection.share", "proof.restless", "proof.outweighs"),
         reference="model discrepancy (Kennedy & O'Hagan 2001)",
         rejects="that the residual of a large effect hides another one (load tests, motions)",
         change=_search_beside_deviations,

@@ -42,6 +42,15 @@ UNLOADED_FAMILIES = (
 
 
 def whiten_picked_groups(model: WhitenedModel, picked: Sequence[LawColumnGroup]) -> list[WhitenedHypothesis]:
+    """Return one law for each effect of jointly selected groups; the waves of a joint become one law.
+
+    Args:
+        model: Whitened base model.
+        picked: Selected groups of columns.
+
+    Returns:
+        Laws with one shape each.
+    """
     return whiten_hypotheses(model, [*_combine_joint_waves(picked), *_list_other_laws(picked)])
 
 
@@ -102,7 +111,14 @@ def _score_groups(sums: NormalEquationSums, taken: Sequence[LawColumnGroup]) -> 
 
 
 def has_frame_laws(laws: Sequence[WhitenedHypothesis]) -> bool:
-    """Return whether frame laws are among the hypotheses, as in measured poses only."""
+    """Return whether frame laws are among the hypotheses, as in measured poses only.
+
+    Args:
+        laws: All whitened hypotheses.
+
+    Returns:
+        True if so.
+    """
     return any(t.hypothesis.effect == as_built_joint_frames.EFFECT.name for t in laws)
 
 

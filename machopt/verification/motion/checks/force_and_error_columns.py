@@ -26,7 +26,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.process import CuttingProcess, ProcessOperation
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.numerics.array_types import Array, Bools
-from machopt.verification.checks import (
+from machopt.verification.check_results import (
     VerificationCheck,
     build_count_check,
     build_skipped_check,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.stiffness import PositionError
 from machopt.numerics.array_types import Array
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 
 
 @dataclass(frozen=True, kw_only=True)

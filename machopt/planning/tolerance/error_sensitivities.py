@@ -20,7 +20,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import interpolate_axis
 from machopt.planning.cost.process_force_direction import compute_sideways_directions
 from machopt.planning.error_probability.stiffness_spread import StiffnessSpread
-from machopt.planning.pipeline.plan import Plan
+from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import ScoredAssignment
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 from machopt.stiffness.joint_stiffness import compute_joint_stiffness
