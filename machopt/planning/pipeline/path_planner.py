@@ -49,6 +49,7 @@ from machopt.planning.pipeline.planning_setup import (
     fix_external_axes,
     prepare_planning,
 )
+from machopt.planning.pipeline.rotation_spreading import spread_rotation_steps
 from machopt.planning.pipeline.sequence_breaks import find_configuration_jumps, find_sequence_breaks
 from machopt.planning.pipeline.tolerance_and_stability_prices import PlacePricing, price_places
 from machopt.planning.pipeline.vertex_prices import add_vertex_prices
@@ -223,8 +224,12 @@ class PathProblem:
         def prefer_grid(choice: SequenceChoice, curve: JointAssignment, plain: JointAssignment) -> bool:
             return self.score(curve).objective.total > self.score(plain).objective.total * (1 + 1e-9)
 
+        def total(assignment: JointAssignment) -> float:
+            return self.score(assignment).objective.total
+
         try:
-            return choose_best_nested_grid(search, prefer_grid, lambda a: self.score(a).objective.total)
+            found = choose_best_nested_grid(search, prefer_grid, total)
+            return spread_rotation_steps(search, found, self.setup.cell.limits, total)
         finally:
             clock.switch(None)
 
