@@ -88,7 +88,7 @@ def found_in(job: Job) -> Verification:
     return run_verify(VerifyRequest(cell=job.cell, toolpath=job.toolpath, out=job.out)).verification
 
 
-@pytest.mark.parametrize("name", list(JOBS))
+@pytest.mark.parametrize("name", sorted(JOBS))
 def test_the_intact_plan_passes(name: str, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
     """Also after the forger's hand, which must change nothing where there is nothing to hide."""
     job = copy_job(damage_job(name), tmp_path)
