@@ -226,6 +226,12 @@ def compare(whole: CaseAnswer, without: CaseAnswer) -> dict[str, int]:
     }
 
 
+def _describe_case(folder: Path, case: str) -> str:
+    """Return pattern and seed that run_energy_benchmark.py makes the case by."""
+    truth = json.loads((folder / f"{case}.truth.json").read_text(encoding="utf-8"))
+    return f"{truth['key']} --seed {truth['seed']}"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print one line for each stage."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -255,7 +261,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     sums[name][what] = sums[name].get(what, 0) + count
         print(f"{number} of {len(cases)}: {case}", file=sys.stderr, flush=True)
         if options.json is not None:
-            options.json.write_text(json.dumps({"cases": number, "stages": sums}, indent=1) + "\n", encoding="utf-8")
+            made = [_describe_case(f, c) for f, c in cases[:number]]
+            document = {"cases": number, "recordings": made, "stages": sums}
+            options.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     columns = list(next(iter(sums.values()))) if cases else []
     print(f"{len(cases)} cases; without the stage: " + ", ".join(columns))
     for _, name in stages:

@@ -22,7 +22,9 @@ The model selection of `machopt diagnose` executes these tables, in this order; 
 `measurement/diagnosis/model_selection/`. Thresholds: `python benchmarks/diagnosis_thresholds.py`. What a stage is good
 for is measured by leaving it out: answers that change, of {cases} recordings of the energy simulator; names that are
 wrong then, or no longer wrong (+, −); right names that are lost or won (−, +).
-Command: `python benchmarks/diagnosis_stage_ablation.py {folder}`.
+Command: `python benchmarks/diagnosis_stage_ablation.py {folder}`; patterns and seeds of the recordings, for
+`run_energy_benchmark.py --only`, are in `benchmarks/diagnosis_stage_ablation.json`. {cases} recordings are too few to
+say that a stage without an effect is unnecessary.
 """
 
 

@@ -209,7 +209,8 @@ def test_the_robot_model_counts_its_bodies(folder: Path) -> None:
 
 
 def test_the_verifier_counts_bodies_by_its_own_reading(folder: Path) -> None:
-    from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+    from machopt.verification.motion.collision.bodies import build_bodies
+    from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
     from machopt.verification.motion.collision.urdf_inventory import check_inventory
     from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

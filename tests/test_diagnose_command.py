@@ -298,13 +298,14 @@ def test_few_poses_are_answered_without_a_claim(tmp_path: Path, poses: int) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cell", ["nothing", "no masses"])
+@pytest.mark.parametrize("cell", ["nothing", "no stiffness", "no masses"])
 def test_a_cell_that_knows_less_still_answers(link: Diagnosed, tmp_path: Path, cell: str) -> None:
     shutil.copytree(CELL, tmp_path / "cell")
     yaml, urdf = tmp_path / "cell" / "cell.yaml", tmp_path / "cell" / "robot.urdf"
-    if cell == "nothing":
+    if cell != "no masses":
         yaml.write_text(yaml.read_text().replace("stiffness: stiffness.yaml\n", ""))
-    urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
+    if cell != "no stiffness":
+        urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL))
     result = diagnose_in_memory(tmp_path / "cell", link.recording, tmp_path / "rec").result.to_json_types()
     assert ("link_compliance", "link:3") in {(f["effect"], f["location"]) for f in result["findings"]}
 

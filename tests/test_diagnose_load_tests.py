@@ -85,7 +85,7 @@ def test_the_simulator_stands_where_forward_kinematics_says(cell: str) -> None:
     [
         ("kr240_drilling", 1, False, "tool"),
         ("kr500_milling", 2, True, "base"),
-        ("cutting_cobot", 4, False, "base"),  # the fourth cell: test_nothing_is_named_without_labels
+        ("cutting_cobot", 4, True, "tool"),  # the fourth cell: test_nothing_is_named_without_labels
     ],
 )
 def test_nothing_is_named_in_a_sound_arm(tmp_path: Path, cell: str, seed: int, rotations: bool, frame: str) -> None:

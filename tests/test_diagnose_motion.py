@@ -22,7 +22,7 @@ from machopt.effects.joint.play_and_drag_operators import compute_drag, compute_
 from machopt.effects.joint.presliding_direction import compute_presliding_direction
 from machopt.errors import InputError
 from machopt.kinematics.robot import GRAVITY
-from machopt.measurement.diagnosis.dynamic import motion_channels, motion_record_checks
+from machopt.measurement.diagnosis.dynamic import motion_channels, motion_record_checks, servo_lag
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
 from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
@@ -367,12 +367,12 @@ def test_encoders_behind_their_command_are_said(tmp_path: Path) -> None:
     rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
     asked = q + 0.012 * v
     late = recorded(t, q, v, tau, q_command=asked)
-    lags = motion_record_checks.find_servo_lag(late, build_motion_signals(late, 2))
+    lags = servo_lag.find_servo_lag(late, build_motion_signals(late, 2))
     assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
     assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command
     assert lags[0].p_value < 1e-6  # better on all of 24 stretches: a coin does so once in 17 million
     close = recorded(t, q, v, tau, q_command=q + 1e-6 * rng.normal(size=q.shape))
-    assert not motion_record_checks.find_servo_lag(close, build_motion_signals(close, 2))
+    assert not servo_lag.find_servo_lag(close, build_motion_signals(close, 2))
 
 
 def test_a_slide_is_a_chain_too(tmp_path: Path) -> None:

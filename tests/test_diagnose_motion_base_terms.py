@@ -12,7 +12,7 @@ from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.measurement.diagnosis import thresholds
-from machopt.measurement.diagnosis.dynamic import joint_torque_channel, motion_channels
+from machopt.measurement.diagnosis.dynamic import joint_torque_channel, motion_channels, torque_delay
 from machopt.measurement.diagnosis.statistics import outlier_rejection
 
 
@@ -59,9 +59,9 @@ def test_friction_that_turns_over_gradually_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("late", [0.0, 0.01])
 def test_a_clock_counts_where_it_says_something(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float) -> None:
     """Some delay is always a little better than none, and was read into the reversals, which it smeared."""
-    seen, clock = [], joint_torque_channel._estimate_torque_delay
+    seen, clock = [], torque_delay.estimate_torque_delay
     monkeypatch.setattr(
-        joint_torque_channel, "_estimate_torque_delay", lambda *given: seen.append(clock(*given)) or seen[-1]
+        joint_torque_channel, "estimate_torque_delay", lambda *given: seen.append(clock(*given)) or seen[-1]
     )
     cell = arm(tmp_path, 1, tool=5.0)
     fine, qf, vf, af = excited(1, np.random.default_rng(4), rate=2000.0)

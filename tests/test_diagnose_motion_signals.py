@@ -24,7 +24,8 @@ from machopt.measurement.diagnosis.dynamic import (
     link_mass_uncertainty,
     motion_channels,
 )
-from machopt.measurement.diagnosis.dynamic.motion_record_checks import correct_torque_side, find_servo_lag, fit_slope
+from machopt.measurement.diagnosis.dynamic.motion_record_checks import correct_torque_side, fit_slope
+from machopt.measurement.diagnosis.dynamic.servo_lag import find_servo_lag
 from machopt.measurement.diagnosis.model_selection.selection_pipeline import DiagnosisOptions
 from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
 

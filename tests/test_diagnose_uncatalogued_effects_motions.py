@@ -11,7 +11,7 @@ from test_diagnose_motion import diagnosed, recorded, shaken
 
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
-from machopt.measurement.diagnosis.dynamic import joint_torque_channel, motion_channels
+from machopt.measurement.diagnosis.dynamic import motion_channels, torque_delay
 from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
 from machopt.numerics.array_types import Array
 
@@ -73,7 +73,7 @@ def test_a_clock_that_one_joint_alone_asks_for_is_not_of_the_record(
     m, dynamics = build_motion_signals(recording, 2), load_dynamics(cell)
     scene = motion_channels._build_motion_model(recording, cell, m, dynamics, dynamics.compute_torque(m.q, m.v, m.a))
     assert recording.torque is not None
-    best, of_most, _ = joint_torque_channel._estimate_torque_delay(
+    best, of_most, _ = torque_delay.estimate_torque_delay(
         scene, recording.torque[m.index], m.average_blocks(np.zeros((len(m.q), 2, 1)))
     )
     assert best == pytest.approx(0.03, abs=1e-3)

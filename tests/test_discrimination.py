@@ -35,13 +35,7 @@ from machopt.measurement.design.maximin_discrimination import (
 from machopt.measurement.design.measurement_plan import MeasurementPlanSize
 from machopt.measurement.design.pose_candidates import PoseScreen, sample_poses
 from machopt.measurement.design.reading_noise import ReadingNoise
-from machopt.measurement.diagnosis.discrimination.discrimination_plan import (
-    DiscriminationOptions,
-    _build_contests,
-    _select_rival_laws,
-    compute_planning_noise,
-    select_planning_compliance,
-)
+from machopt.measurement.diagnosis.discrimination.discrimination_plan import _build_contests, _select_rival_laws
 from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     MAX_HIDDEN_EFFECTS,
     MAX_LOCATIONS,
@@ -50,6 +44,11 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     CandidateLaw,
     OpenDiagnosis,
     RivalLawSet,
+)
+from machopt.measurement.diagnosis.discrimination.planning_noise import (
+    DiscriminationOptions,
+    compute_planning_noise,
+    select_planning_compliance,
 )
 from machopt.measurement.diagnosis.discrimination.predicted_signals import (
     DiagnosedArm,

@@ -17,7 +17,8 @@ from machopt.collision.collision_model import CollisionModel
 from machopt.collision.distance_bounds import DistanceMemory, MotionRows
 from machopt.data_types.cell import Cell, CollisionShape
 from machopt.kinematics.urdf_loading import load_chain
-from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.bodies import build_bodies
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.clearance_column import list_varying_pairs
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -20,7 +20,8 @@ from machopt.errors import InputError
 from machopt.file_formats.strict_yaml import KeyPath, parse_yaml
 from machopt.kinematics.urdf_loading import load_chain
 from machopt.verification.folder.verification_scope import list_unchecked
-from machopt.verification.motion.collision.bodies import build_bodies, compute_distance, list_checked_pairs
+from machopt.verification.motion.collision.bodies import build_bodies, compute_distance
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.urdf_inventory import check_inventory
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

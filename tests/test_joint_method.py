@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +24,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import prepare_planning
+from machopt.planning.posture_and_feed import window_problem
 from machopt.planning.posture_and_feed.linearized_constraints import LimitSources
 from machopt.planning.posture_and_feed.node_curves import interpolate_naturally
 from machopt.planning.posture_and_feed.node_loads import MilledTargets
@@ -319,3 +321,29 @@ def test_external_joints_that_move_are_free(tmp_path: Path) -> None:
     if isinstance(trial, RunState):
         rows = one.points
         assert np.abs(trial.plan.path.external[rows] - found.x[:, 6:]).max() < 1e-9
+
+
+def test_joint_ranges_hold_between_nodes_at_unequal_distances() -> None:
+    """A parabola that leaves its middle node by 0.01 rad beyond the node: the row is its largest value."""
+    casadi = pytest.importorskip("casadi")
+    way = np.array([0.001, 0.004])
+    s = np.concatenate([[0.0], np.cumsum(way)])
+    peak, curvature = 0.003, 500.0  # m, rad/m²; the peak is the middle of the longer segment
+    x = np.zeros((3, 6))
+    x[:, 0] = 1.0 - curvature * (s - peak) ** 2
+    data = SimpleNamespace(
+        way=way,
+        x=x,
+        is_free=np.zeros(0, bool),
+        is_fixed=np.zeros(3, bool),
+        lower=np.full(6, -3.0),
+        upper=np.full(6, 3.0),
+    )
+    variable = casadi.MX.sym("x", 6, 3)
+    rows = window_problem._Constraints()
+    window_problem._add_joint_ranges(rows, data, SimpleNamespace(x=variable))  # type: ignore[arg-type]  # numbers
+    value = np.array(casadi.Function("rows", [variable], [casadi.vertcat(*rows.rows)])(x.T)).ravel()
+    chord = 0.5 * (x[1, 0] + x[2, 0])  # of the longer segment
+    assert value[0] == pytest.approx(x[1, 0] + (1.0 - chord))
+    assert value[0] >= 1.0  # the largest value of the curve
+    np.testing.assert_allclose(value[1:], 0.0)

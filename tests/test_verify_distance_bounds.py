@@ -10,7 +10,8 @@ import pytest
 from small_cell import small_cell
 
 from machopt.verification.motion.collision import clearance_column
-from machopt.verification.motion.collision.bodies import build_bodies, compute_distance, list_checked_pairs
+from machopt.verification.motion.collision.bodies import build_bodies, compute_distance
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.contact_search import PlacedBodies
 from machopt.verification.motion.collision.convex_parts import ConvexParts, build_convex_parts, split_convex_shells
 from machopt.verification.motion.collision.distance_bounds import BOUND_GAP_M, CLAIM_MARGIN_M, bound_distances

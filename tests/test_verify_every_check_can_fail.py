@@ -14,7 +14,8 @@ from output_damage.damage_case import INVENTORY
 from machopt.cell.cell_reader import load_cell
 from machopt.verification import VerificationCheck, VerificationInformation
 from machopt.verification.check_results import Verification
-from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.bodies import build_bodies
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.urdf_inventory import check_inventory
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -13,7 +13,8 @@ from small_cell import pose, small_cell
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell, CollisionShape
-from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.bodies import build_bodies
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.contact_search import find_contacts
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

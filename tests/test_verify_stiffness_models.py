@@ -18,7 +18,8 @@ from machopt.kinematics.urdf_loading import load_masses, load_robot
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.planning.uncertainty.stiffness_uncertainty import ComplianceCovariance
 from machopt.stiffness.arm_stiffness import ArmElasticity
-from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.bodies import build_bodies
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.urdf_inventory import check_inventory
 from machopt.verification.motion.kinematics import posture
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

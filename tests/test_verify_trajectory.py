@@ -23,7 +23,8 @@ from machopt.kinematics.robot import Robot
 from machopt.kinematics.urdf_loading import load_chain, load_robot
 from machopt.planning.motion.rapid_moves import retime_straight_segments
 from machopt.verification import Verification
-from machopt.verification.motion.collision.bodies import build_bodies, list_checked_pairs
+from machopt.verification.motion.collision.bodies import build_bodies
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.contact_search import find_contacts
 from machopt.verification.motion.collision.cutter_contact_depth import check_cut_level
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics

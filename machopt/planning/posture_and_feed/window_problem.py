@@ -155,9 +155,19 @@ def _add_motion_limits(found: _Constraints, data: WindowData, v: _Variables, tau
 
 
 def _add_joint_ranges(found: _Constraints, data: WindowData, v: _Variables) -> None:
-    """Joints keep their range between nodes: a parabola through three nodes leaves them by an eighth of its bend."""
-    bend, present = v.x[:, 2:] - 2.0 * v.x[:, 1:-1] + v.x[:, :-2], np.diff(data.x, n=2, axis=0)
-    inner, now = v.x[:, 1:-1] - bend / 8.0, data.x[1:-1] - present / 8.0
+    """Joints keep their range between nodes.
+
+    A parabola through three nodes at distances g, h leaves its chord by c max(g, h)² / 4; c is its divided difference.
+    """
+    way = np.maximum(data.way, np.finfo(float).tiny)
+    left, right = way[:-1], way[1:]
+    part = np.maximum(left, right) ** 2 / (4.0 * (left + right))
+    before, after = part / left, part / right  # of the differences to both neighbours; 1/8 at equal distances
+    step, present = v.x[:, 1:] - v.x[:, :-1], np.diff(data.x, axis=0)
+    count = data.x.shape[1]
+    bend = step[:, 1:] * ca.DM(np.tile(after, (count, 1))) - step[:, :-1] * ca.DM(np.tile(before, (count, 1)))
+    inner = v.x[:, 1:-1] - bend
+    now = data.x[1:-1] - (present[1:] * after[:, None] - present[:-1] * before[:, None])
     axes = np.r_[np.ones(6, bool), data.is_free]
     rows = np.flatnonzero(~data.is_fixed[1:-1])
     at = rows.tolist()

@@ -7,12 +7,13 @@ the outline there. Each boundary point is carried back to the cutter along the b
 
 from __future__ import annotations
 
-from math import acos, atan2, cos, floor, pi, sin, sqrt
+from math import acos, cos, pi, sin
 
 import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
+from machopt.process.stock.boundary_extrapolation import extrapolate_boundary, measure_line
 from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair, Tip
 
 THIN = 5e-6  # m; material that stands less than this above the tip is none: CAM files state 1 to 10 µm
@@ -210,51 +211,6 @@ def _follow_boundary(
             inside, outside = (near, there) if begins_inside else (there, near)
             return _find_crossing(grid, origin, cell, p, cu, cv, reach, w, inside, outside)
     return np.nan
-
-
-@jit_compile
-def measure_line(phi: float, reach: float, far: float, outer: float) -> float:
-    """Distance from the centre of the straight line through two places in polar coordinates, m.
-
-    Args:
-        phi: rad, angle of the first place.
-        reach: m, its radius.
-        far: rad, angle of the second place.
-        outer: m, its radius.
-    """
-    x, y = reach * cos(phi), reach * sin(phi)
-    dx, dy = outer * cos(far) - x, outer * sin(far) - y
-    return abs(x * dy - y * dx) / sqrt(dx * dx + dy * dy)
-
-
-@jit_compile
-def extrapolate_boundary(phi: float, reach: float, far: float, outer: float, radius: float) -> float:
-    """Angle at which the straight line through two places meets a circle, near the first place, rad.
-
-    Args:
-        phi: rad, angle of the first place.
-        reach: m, its radius.
-        far: rad, angle of the second place.
-        outer: m, its radius.
-        radius: m, of the circle.
-    """
-    x, y = reach * cos(phi), reach * sin(phi)
-    dx, dy = outer * cos(far) - x, outer * sin(far) - y
-    length = sqrt(dx * dx + dy * dy)
-    nx, ny = -dy / length, dx / length  # normal of the line, away from the centre
-    distance = nx * x + ny * y
-    if distance < 0.0:
-        nx, ny, distance = -nx, -ny, -distance
-    middle = atan2(ny, nx)
-    half = acos(min(distance / radius, 1.0))
-    a, b = _turn_near(middle - half, phi), _turn_near(middle + half, phi)
-    return a if abs(a - phi) < abs(b - phi) else b
-
-
-@jit_compile
-def _turn_near(angle: float, phi: float) -> float:
-    """The angle, whole turns away, that lies within half a turn of another."""
-    return angle - 2.0 * pi * floor((angle - phi) / (2.0 * pi) + 0.5)
 
 
 @jit_compile

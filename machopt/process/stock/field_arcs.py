@@ -13,14 +13,8 @@ import numpy as np
 
 from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.process.stock.contact_kernels import (
-    FITS,
-    SEARCH,
-    SPACING,
-    THIN_CHIP,
-    extrapolate_boundary,
-    measure_line,
-)
+from machopt.process.stock.boundary_extrapolation import extrapolate_boundary, measure_line
+from machopt.process.stock.contact_kernels import FITS, SEARCH, SPACING, THIN_CHIP
 from machopt.process.stock.field_types import (
     AIR,
     BLOCK,
@@ -220,6 +214,37 @@ def add_arcs(arrays: FieldArrays, frame: Frame, axes: Axes, radius: float, w: fl
 
 
 @jit_compile
+def _touches(arrays: FieldArrays, frame: Frame, axes: Axes, reach: float, phi: float, w: float) -> bool:
+    """Return whether the material reaches a circle just outside of the cutter, at an angle."""
+    s, c = reach * sin(phi), reach * cos(phi)
+    x = axes[0, 0] + c * axes[1, 0] + s * axes[2, 0] + w * axes[3, 0]
+    y = axes[0, 1] + c * axes[1, 1] + s * axes[2, 1] + w * axes[3, 1]
+    z = axes[0, 2] + c * axes[1, 2] + s * axes[2, 2] + w * axes[3, 2]
+    return bool(measure_field(arrays, frame, x, y, z) < GAP)
+
+
+@jit_compile
+def _find_gap_edge(
+    arrays: FieldArrays,
+    frame: Frame,
+    axes: Axes,
+    reach: float,
+    w: float,
+    between: tuple[float, float],
+    begins_touching: bool,
+) -> float:
+    """Return the angle between two samples where a gap begins or ends, to a 64th of their distance."""
+    low, high = between
+    for _ in range(6):
+        middle = 0.5 * (low + high)
+        if _touches(arrays, frame, axes, reach, middle, w) == begins_touching:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@jit_compile
 def leave_out_gaps(
     arrays: FieldArrays, frame: Frame, axes: Axes, radius: float, w: float, circle: Array, arcs: Array, number: int
 ) -> int:
@@ -248,16 +273,14 @@ def leave_out_gaps(
             phi = pi * m / last
             if phi >= end - room:
                 break
-            s, c = close * circle[m, 0], close * circle[m, 1]
-            x = axes[0, 0] + c * axes[1, 0] + s * axes[2, 0] + w * axes[3, 0]
-            y = axes[0, 1] + c * axes[1, 1] + s * axes[2, 1] + w * axes[3, 1]
-            z = axes[0, 2] + c * axes[1, 2] + s * axes[2, 2] + w * axes[3, 2]
-            touches = measure_field(arrays, frame, x, y, z) < GAP
-            if is_open and not touches:
-                before = phi - spacing * pi / last
-                count = _add_arc(start, before, radius, h, kept, count) if before > start + room else count
-            elif touches and not is_open:
-                start = phi
+            touches = _touches(arrays, frame, axes, close, phi, w)
+            if touches != is_open:
+                before = max(phi - spacing * pi / last, start if is_open else arcs[n, 0])
+                edge = _find_gap_edge(arrays, frame, axes, close, w, (before, phi), is_open)
+                if touches:
+                    start = edge
+                elif edge > start + room:
+                    count = _add_arc(start, edge, radius, h, kept, count)
             is_open = touches
         count = _add_arc(start, end, radius, h, kept, count) if is_open else count
     arcs[:count] = kept[:count]

@@ -48,8 +48,9 @@ from machopt.verification.motion.checks.reentries import check_reentries
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.motion.checks.tilt_columns import TiltTables, check_tilt
 from machopt.verification.motion.checks.time_and_joint_limits import check_limits
-from machopt.verification.motion.collision.bodies import CoalBody, list_checked_pairs
+from machopt.verification.motion.collision.bodies import CoalBody
 from machopt.verification.motion.collision.cell_bodies import CellBodies, load_cell_bodies
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
 from machopt.verification.motion.collision.clearance_column import (
     CLEARANCE_TOLERANCE_M,
     check_clearances,

@@ -58,6 +58,9 @@ class CorrectedRecording:
     warnings: tuple[str, ...] = ()
 
 
+Step = Callable[[Recording, RecordContext], CorrectedRecording]
+
+
 @dataclass(frozen=True, kw_only=True)
 class RecordCorrection:
     """One correction: (recording, context) to the corrected recording with the findings of this correction alone."""
@@ -65,7 +68,7 @@ class RecordCorrection:
     name: str
     kinds: tuple[str, ...]  # kinds of recordings that it is made for
     statistic: str  # what decides
-    correct: Callable[[Recording, RecordContext], CorrectedRecording]
+    correct: Step
 
 
 def correct_recording(recording: Recording, context: RecordContext) -> CorrectedRecording:
@@ -95,21 +98,16 @@ def _build(result: tuple[Recording, list[Finding]]) -> CorrectedRecording:
     return CorrectedRecording(recording=result[0], findings=tuple(result[1]))
 
 
-def _correct_units(recording: Recording, c: RecordContext) -> CorrectedRecording:
-    return _build(pose_units.correct_pose_units(recording, c.robot, c.T_flange_tcp, c.accept))
+def _compare_with_kinematics(
+    correct: Callable[[Recording, Robot, Array, tuple[str, ...]], tuple[Recording, list[Finding]]],
+) -> Step:
+    """Return the step of a correction that needs the arm and the TCP alone."""
+    return lambda recording, c: _build(correct(recording, c.robot, c.T_flange_tcp, c.accept))
 
 
 def _correct_joint_convention(recording: Recording, c: RecordContext) -> CorrectedRecording:
     joint_map = c.cell.controller.joint_map
     return _build(joint_conventions.correct_joint_convention(recording, c.robot, c.T_flange_tcp, c.accept, joint_map))
-
-
-def _correct_stated_frame(recording: Recording, c: RecordContext) -> CorrectedRecording:
-    return _build(stated_frame_and_tcp.correct_stated_frame(recording, c.robot, c.T_flange_tcp, c.accept))
-
-
-def _correct_quaternions(recording: Recording, c: RecordContext) -> CorrectedRecording:
-    return _build(quaternion_conventions.correct_quaternion_convention(recording, c.robot, c.T_flange_tcp, c.accept))
 
 
 def _transform_to_base(recording: Recording, c: RecordContext) -> CorrectedRecording:
@@ -136,10 +134,6 @@ def _correct_reflectors(recording: Recording, c: RecordContext) -> CorrectedReco
     return _build(misplaced_reflectors.correct_misplaced_reflectors(recording, c.cell, c.robot, c.masses))
 
 
-def _correct_session_changes(recording: Recording, c: RecordContext) -> CorrectedRecording:
-    return _build(moved_tracker_or_target.correct_session_changes(recording, c.robot, c.T_flange_tcp, c.accept))
-
-
 def _correct_inclinometer(recording: Recording, c: RecordContext) -> CorrectedRecording:
     return _build(
         exchanged_inclinometer_columns.correct_inclinometer_columns(recording, c.cell, c.robot, c.masses, c.accept)
@@ -150,20 +144,12 @@ def _correct_separate_sessions(recording: Recording, c: RecordContext) -> Correc
     return _build(separate_sessions.correct_separate_sessions(recording, c.robot, c.masses, c.T_flange_tcp, c.accept))
 
 
-def _correct_weight_labels(recording: Recording, c: RecordContext) -> CorrectedRecording:
-    return _build(wrong_weight_label.correct_wrong_weight_labels(recording, c.robot, c.T_flange_tcp, c.accept))
-
-
-def _correct_force_gains(recording: Recording, c: RecordContext) -> CorrectedRecording:
-    return _build(session_force_gain.correct_session_force_gains(recording, c.robot, c.T_flange_tcp, c.accept))
-
-
 RECORD_CORRECTIONS: tuple[RecordCorrection, ...] = (
     RecordCorrection(
         name="units of poses",
         kinds=(POSES,),
         statistic="misfit of each session to forward kinematics, in each usual unit",
-        correct=_correct_units,
+        correct=_compare_with_kinematics(pose_units.correct_pose_units),
     ),
     RecordCorrection(
         name="joint convention",
@@ -175,13 +161,13 @@ RECORD_CORRECTIONS: tuple[RecordCorrection, ...] = (
         name="stated frame",
         kinds=(POSES,),
         statistic="evidence of a free frame or another point of the flange",
-        correct=_correct_stated_frame,
+        correct=_compare_with_kinematics(stated_frame_and_tcp.correct_stated_frame),
     ),
     RecordCorrection(
         name="quaternions",
         kinds=(POSES,),
         statistic="evidence of another order, conjugate or constant rotation",
-        correct=_correct_quaternions,
+        correct=_compare_with_kinematics(quaternion_conventions.correct_quaternion_convention),
     ),
     RecordCorrection(
         name="tracker frame",
@@ -205,7 +191,7 @@ RECORD_CORRECTIONS: tuple[RecordCorrection, ...] = (
         name="changes between sessions",
         kinds=(POSES,),
         statistic="differences at equal poses, least absolute deviations",
-        correct=_correct_session_changes,
+        correct=_compare_with_kinematics(moved_tracker_or_target.correct_session_changes),
     ),
     RecordCorrection(
         name="inclinometer",
@@ -223,12 +209,12 @@ RECORD_CORRECTIONS: tuple[RecordCorrection, ...] = (
         name="weight labels",
         kinds=(LOAD_TESTS,),
         statistic="ratio of response per load size at equal poses",
-        correct=_correct_weight_labels,
+        correct=_compare_with_kinematics(wrong_weight_label.correct_wrong_weight_labels),
     ),
     RecordCorrection(
         name="force gain of a session",
         kinds=(LOAD_TESTS,),
         statistic="ratio of displacement per force at poses that sessions share",
-        correct=_correct_force_gains,
+        correct=_compare_with_kinematics(session_force_gain.correct_session_force_gains),
     ),
 )

@@ -34,7 +34,7 @@ from machopt.measurement.design.measurement_plan import (
 )
 from machopt.measurement.design.measurement_schedule import build_schedule, order_poses_by_travel
 from machopt.measurement.design.pose_candidates import PosePool
-from machopt.measurement.design.reading_noise import UNLOADED_TWICE, ReadingNoise
+from machopt.measurement.design.reading_noise import ReadingNoise
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     MAX_HIDDEN_EFFECTS,
@@ -45,6 +45,7 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     OpenDiagnosis,
     RivalLawSet,
 )
+from machopt.measurement.diagnosis.discrimination.planning_noise import DiscriminationOptions, compute_planning_noise
 from machopt.measurement.diagnosis.discrimination.predicted_signals import (
     DiagnosedArm,
     PredictedCases,
@@ -75,15 +76,6 @@ ROWS = 60_000  # limit on values × cases: more cost minutes and change nothing
 FEWEST = 200  # least number of candidate poses; loads per pose are reduced first
 DRAWS = 30  # random designs for comparison
 TURNS = 3  # iterations: select readings, then find the rival shapes that these readings separate worst
-
-
-@dataclass(frozen=True)
-class DiscriminationOptions:
-    """User input on the next measurement."""
-
-    noise: ReadingNoise  # noise of a reading, with the least number of rounds
-    has_stated_noise: bool  # the user stated the noise: it overrides that of the diagnosis
-    targets: float  # m, distance between the targets on the tool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,48 +109,6 @@ class DiscriminationPlan:
     least_separation: float  # noncentrality per round of the worst separable pair
     random_separation: float
     notes: tuple[str, ...]
-
-
-def compute_planning_noise(user_options: DiscriminationOptions, diagnosis: OpenDiagnosis, cycles: int) -> ReadingNoise:
-    """Compute the noise of a number of rounds, from the diagnosis or from the user's statement.
-
-    Args:
-        user_options: User input; a stated noise has priority.
-        diagnosis: The open diagnosis with its observed scatter.
-        cycles: Number of rounds.
-
-    Returns:
-        Noise of the mean of all rounds.
-    """
-    stated = user_options.noise
-    if diagnosis.scatter is None or user_options.has_stated_noise:
-        return replace(stated, cycles=cycles, targets=stated.targets if diagnosis.coordinates == 6 else None)
-    own, visit = diagnosis.scatter
-    targets = None
-    if diagnosis.coordinates == 6:
-        targets = own / diagnosis.turn if diagnosis.turn else user_options.targets
-    # each round moves to the pose again: the error shared by a visit is independent between rounds
-    return ReadingNoise(
-        displacement=own / np.sqrt(UNLOADED_TWICE),
-        cycle=0.0,
-        pose=visit / np.sqrt(cycles),
-        force=stated.force,
-        targets=targets,
-        cycles=cycles,
-    )
-
-
-def select_planning_compliance(found: OpenDiagnosis, stiffness: Array) -> Array:
-    """Return the joint compliances of the diagnosis, with the cell's where the diagnosis has none.
-
-    Args:
-        found: The open diagnosis.
-        stiffness: (6,) joint stiffness of the cell, N·m/rad.
-
-    Returns:
-        (6,) rad/(N·m).
-    """
-    return np.array([found.compliance.get(j, 0.0) or 1.0 / stiffness[j - 1] for j in range(1, 7)])
 
 
 def build_discrimination_plan(

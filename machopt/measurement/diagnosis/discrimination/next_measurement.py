@@ -32,13 +32,15 @@ from machopt.measurement.design.request import (
 from machopt.measurement.design.static_pose_cases import build_static_pose_cases, select_weight_loads
 from machopt.measurement.design.torque_reversal_loads import ProcessLoads, describe_joint_loads
 from machopt.measurement.diagnosis.discrimination.discrimination_plan import (
-    DiscriminationOptions,
     DiscriminationPlan,
     build_discrimination_plan,
+)
+from machopt.measurement.diagnosis.discrimination.open_hypotheses import OpenDiagnosis
+from machopt.measurement.diagnosis.discrimination.planning_noise import (
+    DiscriminationOptions,
     compute_planning_noise,
     select_planning_compliance,
 )
-from machopt.measurement.diagnosis.discrimination.open_hypotheses import OpenDiagnosis
 from machopt.measurement.diagnosis.discrimination.predicted_signals import DiagnosedArm
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.kinetostatic_indices import compute_characteristic_length

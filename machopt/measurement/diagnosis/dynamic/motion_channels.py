@@ -31,6 +31,7 @@ from machopt.measurement.diagnosis.dynamic import (
     motion_record_checks,
     motor_currents,
     secondary_encoder_channel,
+    servo_lag,
     tracked_tcp_channel,
 )
 from machopt.measurement.diagnosis.effect_columns import gravity_compensator
@@ -150,7 +151,7 @@ def build_motion_problem(
         scene.notes.append(f"corrections of the cell's kinematics.yaml count as known: {corrected}")
     problem, catalogue, more = _build_channel_equations(scene, channel)
     if channel != "tip":
-        found += motion_record_checks.find_servo_lag(mended, motion)
+        found += servo_lag.find_servo_lag(mended, motion)
     if found:
         errors = (
             _compute_holdout_errors(problem),

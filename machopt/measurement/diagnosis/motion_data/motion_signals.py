@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from machopt.data_types.measurements.recording import Recording
 from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Ints
-from machopt.measurement.diagnosis.motion_data.lowpass_filter import apply_zero_phase_filter
-from machopt.measurement.diagnosis.motion_data.sample_order import OrderedSamples, sort_samples
+from machopt.measurement.diagnosis.motion_data.motion_derivatives import compute_derivatives, is_evenly_sampled
+from machopt.measurement.diagnosis.motion_data.sample_order import sort_samples
 from machopt.numerics.array_types import Array
 
 READINGS = 6000  # most rows of a problem
@@ -132,7 +132,7 @@ class MotionSignals:
         flat, to = x.reshape(len(x), -1), out.reshape(len(x), -1)
         for rows in self.segments():
             t = self.time[rows]
-            if _is_evenly_sampled(t):
+            if is_evenly_sampled(t):
                 to[rows] = _delay_samples(flat[rows], delay * (len(t) - 1) / (t[-1] - t[0]))
                 continue
             for c in range(flat.shape[1]):
@@ -180,7 +180,7 @@ def build_motion_signals(
     index, time, session, segment, notes = order.index, order.time, order.session, order.segment, list(order.notes)
     q = np.ascontiguousarray(recording.q[index, :joints])
     rate, spans = 1.0 / order.dt, _list_segment_slices(segment)
-    v, a, cutoff = _compute_derivatives(recording, order, q, spans)
+    v, a, cutoff = compute_derivatives(recording, order, q, spans)
     period, length = np.full(len(q), -1, np.int64), 0.0
     if repeats:
         period, length = _find_periods(recording, index, time, session, q, spans, rate)
@@ -225,35 +225,6 @@ def build_motion_signals(
     )
 
 
-def _compute_derivatives(
-    recording: Recording, o: OrderedSamples, q: Array, spans: list[slice]
-) -> tuple[Array, Array, float]:
-    """Return velocity and acceleration (S, n) of joint positions, rad/s and rad/s², and the cutoff frequency, Hz."""
-    given = recording.velocity
-    speed = np.zeros_like(q) if given is None else given[o.index, : q.shape[1]]
-    if given is None:
-        for s in spans:
-            speed[s] = np.gradient(q[s], o.time[s], axis=0)
-    rate, step = 1.0 / o.dt, o.dt if o.uneven else 0.0
-    longest = max(spans, key=lambda s: s.stop - s.start)
-    known, window = (q, "blackmanharris") if given is None else (speed, "hann")
-    cutoff = _find_cutoff_frequency(_resample_evenly(o.time[longest], known[longest], step)[1], rate, window)
-    v, a = np.empty_like(q), np.empty_like(q)
-    for s in spans:
-        grid, on_grid = _resample_evenly(o.time[s], speed[s], step)
-        padding = min(len(grid) - 1, 3 * round(rate / cutoff))
-        smooth = apply_zero_phase_filter(on_grid, 4, min(cutoff, 0.45 * rate), rate, padding)
-        v[s] = _interpolate_at(o.time[s], grid, smooth)
-        a[s] = _interpolate_at(o.time[s], grid, np.gradient(smooth, grid, axis=0))
-    return v, a, cutoff
-
-
-def _is_evenly_sampled(time: Array) -> bool:
-    """Return whether samples are even enough for digital filters."""
-    steps = np.diff(time)
-    return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < thresholds.MOTION.uneven * steps.mean())
-
-
 def _delay_samples(x: Array, by: float) -> Array:
     """Delay even samples (M, C) by a number of intervals with a cubic Lagrange polynomial of four neighbours."""
     whole = int(np.floor(by))
@@ -287,32 +258,6 @@ def _add_delayed_rows(out: Array, x: Array, by: int) -> None:
 def _list_segment_slices(segment: Ints) -> list[slice]:
     starts = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1))
     return [slice(int(a), int(b)) for a, b in zip(starts, np.r_[starts[1:], len(segment)], strict=True)]
-
-
-def _resample_evenly(time: Array, x: Array, dt: float) -> tuple[Array, Array]:
-    """Resample values (…, n) to steps of ``dt`` by linear interpolation; unchanged for ``dt`` = 0."""
-    if dt <= 0:
-        return time, x
-    grid = time[0] + dt * np.arange(int(np.ceil((time[-1] - time[0]) / dt - 1e-6)) + 1)
-    return grid, _interpolate_at(grid, time, x)
-
-
-def _interpolate_at(t: Array, time: Array, x: Array) -> Array:
-    return x if t is time else np.stack([np.interp(t, time, c) for c in x.T], axis=1)
-
-
-def _find_cutoff_frequency(x: Array, rate: float, window: str) -> float:
-    """Return the cutoff (Hz): half above the highest frequency with joint velocity ten times above the noise.
-
-    With encoders only, the positions (M, n) decide: their noise is white, but grows with frequency in the derivative.
-    """
-    from scipy.signal import welch  # takes seconds to import
-
-    f, power = welch(x, rate, window=window, nperseg=min(len(x), 1024), axis=0)
-    floor = np.median(power[2 * len(f) // 3 :], axis=0)
-    above = np.flatnonzero((power > thresholds.MOTION.above_noise * floor).any(axis=1) & (f > 0))
-    highest = float(f[above[-1]]) if len(above) else thresholds.MOTION.top_hz
-    return float(np.clip(1.5 * highest, 3.0, min(thresholds.MOTION.top_hz, 0.4 * rate)))
 
 
 def _find_periods(

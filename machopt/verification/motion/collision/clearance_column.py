@@ -1,15 +1,13 @@
 """Check of clearance_mm and nearest_pair of points.csv: the stated distance is the least of all checked pairs.
 
 The column is the least distance over the pairs of
-:func:`machopt.verification.motion.collision.bodies.list_checked_pairs`, at most 500 mm, 0 in contact. Pairs whose
-distance is constant are left out (:func:`list_varying_pairs`). The cutter counts against the workpiece only where a
-rapid move ends that no feed move follows. The named pair's distance is enclosed by bounds. Any other pair only has to
-be not nearer than the claim; a bound stays valid until the bodies have moved by its excess over the claim. Bounds are
-those of :mod:`machopt.verification.motion.collision.distance_bounds`. Where they do not prove a claim, coal measures
-the distance.
-
-The planner models round bodies as circumscribed polyhedra (48 sides, 1,280 faces). Their radius is up to 0.22 %
-(cylinder) or 0.7 % (sphere) larger. A true distance may exceed the claim by as much.
+:func:`machopt.verification.motion.collision.checked_pairs.list_checked_pairs`, at most 500 mm, 0 in contact. Pairs
+whose distance is constant are left out (:func:`list_varying_pairs`). The cutter counts against the workpiece only
+where a rapid move ends that no feed move follows. The named pair's distance is enclosed by bounds. Any other pair only
+has to be not nearer than the claim; a bound stays valid until the bodies have moved by its excess over the claim.
+Bounds are those of :mod:`machopt.verification.motion.collision.distance_bounds`. Where they do not prove a claim,
+coal measures the distance. The planner models round bodies as circumscribed polyhedra (48 sides, 1,280 faces). Their
+radius is up to 0.22 % (cylinder) or 0.7 % (sphere) larger. A true distance may exceed the claim by as much.
 """
 
 from __future__ import annotations

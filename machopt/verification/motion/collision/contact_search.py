@@ -65,7 +65,7 @@ def find_contacts(
 
     Args:
         arm: Kinematics of the URDF with the cell's tool.
-        wanted: Pairs to check, from :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
+        wanted: Pairs to check, from :func:`machopt.verification.motion.collision.checked_pairs.list_checked_pairs`.
         q: (S, 6) joint positions, rad.
         external: (S, E) positions of the external joints, rad or m.
         free: (S,) the move to the sample is no feed move of the CAM file, so the cutter must not touch the workpiece.
@@ -97,7 +97,7 @@ def find_polyline_contacts(
 
     Args:
         arm: Kinematics of the URDF with the cell's tool.
-        wanted: Pairs to check, from :func:`machopt.verification.motion.collision.bodies.list_checked_pairs`.
+        wanted: Pairs to check, from :func:`machopt.verification.motion.collision.checked_pairs.list_checked_pairs`.
         polylines: (R, 6 + E) rad or m each, straight in the joints between rows.
     """
     divided = [_divide_steps(way)[1] for way in polylines]

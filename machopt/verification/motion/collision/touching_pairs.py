@@ -13,20 +13,16 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.numerics.array_types import Array
-from machopt.verification.motion.collision.bodies import (
+from machopt.verification.motion.collision.bodies import CoalBody, invert_transforms, is_near
+from machopt.verification.motion.collision.checked_pairs import (
     COARSE,
     RANDOM_POSES,
     TOUCHING,
-    CoalBody,
-    invert_transforms,
-    is_near,
     is_two_apart,
     list_candidate_pairs,
     sample_random_placements,
 )
-from machopt.verification.motion.collision.bodies import (
-    list_checked_pairs as verification_list_checked_pairs,
-)
+from machopt.verification.motion.collision.checked_pairs import list_checked_pairs as verification_list_checked_pairs
 from machopt.verification.motion.collision.gouge_check import find_deepest_point
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from machopt.data_types.cell import Cell
 from machopt.verification.check_results import VerificationCheck, build_count_check
-from machopt.verification.motion.collision.bodies import CoalBody, list_allowed_contacts, list_checked_pairs
+from machopt.verification.motion.collision.bodies import CoalBody
+from machopt.verification.motion.collision.checked_pairs import list_allowed_contacts, list_checked_pairs
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
 SIZE_ATTRIBUTES = {

@@ -43,8 +43,8 @@ ZERO_SIZE_REASON = "may as well be of no size at all"
 TIME_VARYING_REASON = "comes and goes with the hours"
 
 
-def withhold_implausible_coefficients(state: SearchState) -> SearchState:
-    """Withhold effects whose coefficients nothing built has.
+def remove_names_with_implausible_coefficients(state: SearchState) -> SearchState:
+    """Remove the names of effects whose coefficients nothing built has.
 
     Args:
         state: State of the search.
@@ -57,8 +57,8 @@ def withhold_implausible_coefficients(state: SearchState) -> SearchState:
     )
 
 
-def withhold_if_implausible_law_fits(state: SearchState) -> SearchState:
-    """Withhold effects where another effect of their place fits clearly better, at an implausible size.
+def remove_names_if_implausible_law_fits(state: SearchState) -> SearchState:
+    """Remove the names of effects where another effect of their place fits clearly better, at an implausible size.
 
     Args:
         state: State of the search.
@@ -66,11 +66,13 @@ def withhold_if_implausible_law_fits(state: SearchState) -> SearchState:
     Returns:
         The state with the remaining names.
     """
-    return replace(state, chosen=tuple(_withhold_if_implausible_law_fits(state, k) for k in range(len(state.chosen))))
+    return replace(
+        state, chosen=tuple(_remove_name_if_implausible_law_fits(state, k) for k in range(len(state.chosen)))
+    )
 
 
-def withhold_uncertain_sizes(state: SearchState) -> SearchState:
-    """Withhold effects whose size may be zero.
+def remove_names_of_uncertain_size(state: SearchState) -> SearchState:
+    """Remove the names of effects whose size may be zero.
 
     Args:
         state: State of the search.
@@ -78,11 +80,11 @@ def withhold_uncertain_sizes(state: SearchState) -> SearchState:
     Returns:
         The state with the remaining names.
     """
-    return replace(state, chosen=tuple(_withhold_if_size_uncertain(state, k) for k in range(len(state.chosen))))
+    return replace(state, chosen=tuple(_remove_name_if_size_uncertain(state, k) for k in range(len(state.chosen))))
 
 
-def withhold_time_varying(state: SearchState) -> SearchState:
-    """Withhold frames and offsets of measured poses whose size varies with the hours.
+def remove_names_of_time_varying_effects(state: SearchState) -> SearchState:
+    """Remove the names of frames and offsets of measured poses whose size varies with the hours.
 
     Args:
         state: State of the search.
@@ -97,8 +99,8 @@ def withhold_time_varying(state: SearchState) -> SearchState:
     return replace(state, chosen=tuple(kept))
 
 
-def withhold_small_gains(state: SearchState, rng: np.random.Generator) -> SearchState:
-    """Withhold effects that take less power than what is left, unless their place is certain.
+def remove_names_of_small_gain(state: SearchState, rng: np.random.Generator) -> SearchState:
+    """Remove the names of effects that take less power than what is left, unless their place is certain.
 
     Args:
         state: State of the search.
@@ -147,8 +149,8 @@ def find_contradicted_effect(state: SearchState) -> ScoredHypothesis | None:
     return None
 
 
-def withhold_session_dependent(state: SearchState) -> SearchState:
-    """Withhold session-dependent effects if the sessions of a load test differ more by another cause.
+def remove_names_of_session_dependent_effects(state: SearchState) -> SearchState:
+    """Remove the names of session-dependent effects if the sessions of a load test differ more by another cause.
 
     Replicates then differ by that cause too, and the remainder is hidden in the noise estimate.
 
@@ -233,8 +235,8 @@ def _is_plausible(c: SelectedEffect) -> bool:
     return not h.is_in_catalogue or h.is_plausible(s.x * c.whitened.unit[s.shape], c.whitened.shapes[s.shape])
 
 
-def _withhold_if_implausible_law_fits(state: SearchState, k: int) -> SelectedEffect:
-    """Return the k-th effect, withheld if another effect of its place fits clearly better at an implausible size."""
+def _remove_name_if_implausible_law_fits(state: SearchState, k: int) -> SelectedEffect:
+    """Return the k-th effect, without its name if another one here fits clearly better at an implausible size."""
     c = state.chosen[k]
     h = c.whitened.hypothesis
     rivals = [
@@ -251,8 +253,8 @@ def _withhold_if_implausible_law_fits(state: SearchState, k: int) -> SelectedEff
     return remove_name(c, BETTER_LAW_REASON) if any(s.total > least for s in better) else c
 
 
-def _withhold_if_size_uncertain(state: SearchState, k: int) -> SelectedEffect:
-    """Return the k-th effect, withheld if the confidence interval of its size contains zero."""
+def _remove_name_if_size_uncertain(state: SearchState, k: int) -> SelectedEffect:
+    """Return the k-th effect, without its name if the confidence interval of its size contains zero."""
     c = state.chosen[k]
     sure = not c.whitened.hypothesis.is_in_catalogue or is_size_significant(state.base, state.chosen, k)
     return c if sure else remove_name(c, ZERO_SIZE_REASON)

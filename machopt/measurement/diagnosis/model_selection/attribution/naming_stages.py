@@ -79,7 +79,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         levels=(),
         reference="physical bounds of the catalogue",
         rejects="a name whose numbers are impossible",
-        change=lambda state, rng: attribution_guard.withhold_implausible_coefficients(state),
+        change=lambda state, rng: attribution_guard.remove_names_with_implausible_coefficients(state),
     ),
     NamingStage(
         name="better impossible law",
@@ -87,7 +87,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         levels=("detection.beside",),
         reference="posterior predictive check",
         rejects="a name at a place where only an impossible size fits well",
-        change=lambda state, rng: attribution_guard.withhold_if_implausible_law_fits(state),
+        change=lambda state, rng: attribution_guard.remove_names_if_implausible_law_fits(state),
     ),
     NamingStage(
         name="size interval",
@@ -96,7 +96,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         reference="t quantile, cluster-robust",
         rejects="an effect that may be of no size",
         channel=DEFLECTION,
-        change=lambda state, rng: attribution_guard.withhold_uncertain_sizes(state),
+        change=lambda state, rng: attribution_guard.remove_names_of_uncertain_size(state),
     ),
     NamingStage(
         name="forms in load tests",
@@ -105,7 +105,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         reference="information criterion; −2 log evidence of 10 (Kass & Raftery 1995)",
         rejects="a name that a hose, a loose seat or a soft bearing explains as well",
         channel=DEFLECTION,
-        change=lambda state, rng: uncatalogued_form_guard.withhold_if_form_fits_displacements(state),
+        change=lambda state, rng: uncatalogued_form_guard.remove_names_if_form_fits_displacements(state),
     ),
     NamingStage(
         name="forms in poses",
@@ -114,7 +114,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         reference="the same",
         rejects="a frame that a bent line of sight or a nodding axis explains as well",
         channel=POSITION,
-        change=lambda state, rng: uncatalogued_form_guard.withhold_if_form_fits_positions(state),
+        change=lambda state, rng: uncatalogued_form_guard.remove_names_if_form_fits_positions(state),
     ),
     NamingStage(
         name="forms in torques",
@@ -123,7 +123,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         reference="the same",
         rejects="a compensator or ripple where a hose applies the torque",
         channel=TORQUE,
-        change=lambda state, rng: uncatalogued_form_guard.withhold_if_form_fits_torques(state),
+        change=lambda state, rng: uncatalogued_form_guard.remove_names_if_form_fits_torques(state),
     ),
     NamingStage(
         name="constant in time",
@@ -132,7 +132,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         reference="varying-coefficient model (Hastie & Tibshirani 1993)",
         rejects="a frame or an offset that changes with temperature or after a collision",
         channel=POSITION,
-        change=lambda state, rng: attribution_guard.withhold_time_varying(state),
+        change=lambda state, rng: attribution_guard.remove_names_of_time_varying_effects(state),
     ),
     NamingStage(
         name="contradicting session",
@@ -141,7 +141,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         reference="cross-validation by sessions",
         rejects="a drift where the sessions differ by another cause",
         channel=DEFLECTION,
-        change=lambda state, rng: attribution_guard.withhold_session_dependent(state),
+        change=lambda state, rng: attribution_guard.remove_names_of_session_dependent_effects(state),
     ),
     NamingStage(
         name="remaining mismatch",
@@ -155,6 +155,6 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         ),
         reference="components of variance of replicates; sign flips of groups",
         rejects="an effect that explains less than what stays unexplained, unless its place is certain",
-        change=attribution_guard.withhold_small_gains,
+        change=attribution_guard.remove_names_of_small_gain,
     ),
 )

@@ -24,8 +24,8 @@ UNCATALOGUED_REASON = "is no better than a form without a name"
 MIN_COEFFICIENTS = 4  # least number of coefficients of an uncatalogued form in measured poses
 
 
-def withhold_if_form_fits_displacements(state: SearchState) -> SearchState:
-    """Withhold effects of load tests that an approximate law, or any form outside the catalogue, explains as well.
+def remove_names_if_form_fits_displacements(state: SearchState) -> SearchState:
+    """Remove the names of effects in load tests that an approximate law or an uncatalogued form explains as well.
 
     Args:
         state: State of the search.
@@ -33,27 +33,15 @@ def withhold_if_form_fits_displacements(state: SearchState) -> SearchState:
     Returns:
         The state with the remaining names.
     """
-    state = _withhold(state, [()] * len(state.chosen))
+    state = _remove_names(state, [()] * len(state.chosen))
     if not any(c.whitened.hypothesis.is_in_catalogue for c in state.chosen):
         return state
     forms = whiten_hypotheses(state.base, state.catalogue.uncatalogued_hypotheses)
-    return _withhold(state, [forms] * len(state.chosen))
+    return _remove_names(state, [forms] * len(state.chosen))
 
 
-def withhold_if_form_fits_positions(state: SearchState) -> SearchState:
-    """Withhold effects of measured poses that a form with no more coefficients explains as well.
-
-    Args:
-        state: State of the search.
-
-    Returns:
-        The state with the remaining names.
-    """
-    return state if has_many_effects(state) else _withhold(state, _list_comparable_forms(state))
-
-
-def withhold_if_form_fits_torques(state: SearchState) -> SearchState:
-    """Withhold torque laws over the joint angle that a form at their joint explains as well.
+def remove_names_if_form_fits_positions(state: SearchState) -> SearchState:
+    """Remove the names of effects of measured poses that a form with no more coefficients explains as well.
 
     Args:
         state: State of the search.
@@ -61,12 +49,24 @@ def withhold_if_form_fits_torques(state: SearchState) -> SearchState:
     Returns:
         The state with the remaining names.
     """
-    return _withhold(state, [_list_forms_at_joint(state, k) for k in range(len(state.chosen))])
+    return state if has_many_effects(state) else _remove_names(state, _list_comparable_forms(state))
 
 
-def _withhold(state: SearchState, forms: Sequence[Sequence[WhitenedHypothesis]]) -> SearchState:
+def remove_names_if_form_fits_torques(state: SearchState) -> SearchState:
+    """Remove the names of torque laws over the joint angle that a form at their joint explains as well.
+
+    Args:
+        state: State of the search.
+
+    Returns:
+        The state with the remaining names.
+    """
+    return _remove_names(state, [_list_forms_at_joint(state, k) for k in range(len(state.chosen))])
+
+
+def _remove_names(state: SearchState, forms: Sequence[Sequence[WhitenedHypothesis]]) -> SearchState:
     """Return the state without the names of effects that one of their forms explains as well."""
-    return replace(state, chosen=tuple(_withhold_if_form_fits(state, k, more) for k, more in enumerate(forms)))
+    return replace(state, chosen=tuple(_remove_name_if_form_fits(state, k, more) for k, more in enumerate(forms)))
 
 
 def _list_comparable_forms(state: SearchState) -> list[tuple[WhitenedHypothesis, ...]]:
@@ -95,8 +95,8 @@ def _list_forms_at_joint(state: SearchState, k: int) -> tuple[WhitenedHypothesis
     )
 
 
-def _withhold_if_form_fits(state: SearchState, k: int, more: Sequence[WhitenedHypothesis] = ()) -> SelectedEffect:
-    """Return the k-th effect, withheld if an uncatalogued form with no more coefficients fits as well."""
+def _remove_name_if_form_fits(state: SearchState, k: int, more: Sequence[WhitenedHypothesis] = ()) -> SelectedEffect:
+    """Return the k-th effect, without its name if an uncatalogued form with no more coefficients fits as well."""
     c = state.chosen[k]
     rough = [*(t for t in state.whitened_hypotheses if t.hypothesis.is_approximate), *more]
     if not c.whitened.hypothesis.is_in_catalogue or not rough:
