@@ -14,8 +14,8 @@ from machopt.measurement.design.maximin_discrimination import compute_required_n
 from machopt.measurement.design.measurement_plan import MeasurementPlan
 from machopt.measurement.design.request import PosesRequest, list_request_options
 from machopt.measurement.design.torque_reversal_loads import ProcessLoads
-from machopt.measurement.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, format_pair
 from machopt.measurement.diagnosis.discrimination.next_measurement import NextMeasurement
+from machopt.measurement.diagnosis.discrimination.rival_pairs import DiscriminationPlan, format_pair
 from machopt.numerics.array_types import Array
 from machopt.report.page_types import pose_plan_page_data as page
 from machopt.report.page_types.display_units import FINE_LENGTH, LENGTH

@@ -10,8 +10,8 @@ from machopt.data_types.documents.pose_plan_document import (
 )
 from machopt.measurement.design.maximin_discrimination import LEVEL, POWER, compute_required_noncentrality
 from machopt.measurement.design.reading_noise import UNLOADED_TWICE
-from machopt.measurement.diagnosis.discrimination.discrimination_plan import DiscriminationPlan, format_pair
 from machopt.measurement.diagnosis.discrimination.open_hypotheses import CandidateLaw
+from machopt.measurement.diagnosis.discrimination.rival_pairs import DiscriminationPlan, format_pair
 
 
 def build_discrimination_document(a: DiscriminationPlan) -> DiscriminationSection:

@@ -41,7 +41,6 @@ from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     MAX_LOCATIONS,
     MAX_RIVALS,
     NO_EFFECT,
-    CandidateLaw,
     OpenDiagnosis,
     RivalLawSet,
 )
@@ -66,6 +65,7 @@ from machopt.measurement.diagnosis.discrimination.required_measurements import (
     select_hardest_rivals,
     select_poses_for_exclusion,
 )
+from machopt.measurement.diagnosis.discrimination.rival_pairs import DiscriminationPlan, RivalPair
 from machopt.measurement.diagnosis.discrimination.separation_advice import advise_on_separation, format_hypothesis_name
 from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
@@ -76,39 +76,6 @@ ROWS = 60_000  # limit on values × cases: more cost minutes and change nothing
 FEWEST = 200  # least number of candidate poses; loads per pose are reduced first
 DRAWS = 30  # random designs for comparison
 TURNS = 3  # iterations: select readings, then find the rival shapes that these readings separate worst
-
-
-@dataclass(frozen=True, kw_only=True)
-class RivalPair:
-    """Two laws and how well the plan separates them."""
-
-    first: CandidateLaw
-    second: CandidateLaw
-    reason: str  # the finding concerned
-    per_cycle: float  # noncentrality of one round over all poses, the smaller of both directions
-    planned: float  # noncentrality of all rounds
-    cycles: int | None  # rounds for 90 % power at the 1 % level; None: more than 50
-    required_cycles: int | None  # rounds until diagnose rejects the wrong law; None: rounds do not suffice
-    random: float  # median noncentrality of one round at random poses and loads
-    advice: str  # a measurement that separates them if this plan cannot
-    is_separated: bool = False  # all rounds separate them with 90 % power by the test of diagnose
-
-    @property
-    def is_separable(self) -> bool:
-        return not self.advice
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiscriminationPlan:
-    """Plan that discriminates between explanations."""
-
-    plan: MeasurementPlan
-    noise: ReadingNoise  # with the plan's cycles
-    steps: tuple[float, ...]
-    pairs: tuple[RivalPair, ...]
-    least_separation: float  # noncentrality per round of the worst separable pair
-    random_separation: float
-    notes: tuple[str, ...]
 
 
 def build_discrimination_plan(
@@ -404,15 +371,3 @@ def _build_pose_plan(
         needed_poses=None,
         visits=visits,
     )
-
-
-def format_pair(pair: RivalPair) -> str:
-    """Return the names of a pair: ``link compliance of link 3 | link compliance of link 4``.
-
-    Args:
-        pair: The pair.
-
-    Returns:
-        Text.
-    """
-    return f"{format_hypothesis_name(pair.first)} | {format_hypothesis_name(pair.second)}"

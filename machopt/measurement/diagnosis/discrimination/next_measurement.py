@@ -31,10 +31,7 @@ from machopt.measurement.design.request import (
 )
 from machopt.measurement.design.static_pose_cases import build_static_pose_cases, select_weight_loads
 from machopt.measurement.design.torque_reversal_loads import ProcessLoads, describe_joint_loads
-from machopt.measurement.diagnosis.discrimination.discrimination_plan import (
-    DiscriminationPlan,
-    build_discrimination_plan,
-)
+from machopt.measurement.diagnosis.discrimination.discrimination_plan import build_discrimination_plan
 from machopt.measurement.diagnosis.discrimination.open_hypotheses import OpenDiagnosis
 from machopt.measurement.diagnosis.discrimination.planning_noise import (
     DiscriminationOptions,
@@ -42,6 +39,7 @@ from machopt.measurement.diagnosis.discrimination.planning_noise import (
     select_planning_compliance,
 )
 from machopt.measurement.diagnosis.discrimination.predicted_signals import DiagnosedArm
+from machopt.measurement.diagnosis.discrimination.rival_pairs import DiscriminationPlan
 from machopt.stiffness.arm_stiffness import ArmElasticity
 from machopt.stiffness.kinetostatic_indices import compute_characteristic_length
 from machopt.stiffness.terms.term_interface import LinearTerm
