@@ -24,7 +24,9 @@ def waves(q: Array) -> Array:
 
 
 def problem(recording: Recording, kept: frozenset[int] = frozenset()) -> DiagnosisProblem:
-    return measured_pose_channel.build_measured_pose_problem(recording, *arm(), np.random.default_rng(0), kept=kept)[0]
+    return measured_pose_channel.build_measured_pose_problem(
+        recording, *arm(), np.random.default_rng(0), fixed_joints=kept
+    )[0]
 
 
 def springs(recording: Recording, kept: frozenset[int] = frozenset()) -> set[int]:

@@ -454,7 +454,7 @@ def test_models_extended_by_laws_are_cached_and_equal_those_built_step_by_step()
     assert base.extend_by_laws([]) is base
     pair = base.extend_by_laws(laws[-2:])
     assert base.extend_by_laws(laws[-2:]) is pair
-    step = base.with_law(*laws[-2], held=True).with_law(*laws[-1], held=True)
+    step = base.with_law(*laws[-2], with_prior=True).with_law(*laws[-1], with_prior=True)
     for a, b in ((pair.XX, step.XX), (pair.Xy, step.Xy), (pair.prior, step.prior), (pair.X, step.X)):
         np.testing.assert_array_equal(a, b)
     for k in range(len(laws)):

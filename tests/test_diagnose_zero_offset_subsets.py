@@ -48,7 +48,7 @@ def with_zeros(planted: dict[str, float], seed: int) -> tuple[WhitenedModel, lis
 
 def test_score_is_the_log_density_of_each_fold_given_the_others() -> None:
     base, laws = model(MANY, 5)
-    whole = base.with_law(laws[0], 0, held=True)
+    whole = base.with_law(laws[0], 0, with_prior=True)
     X, y = whole.X, whole.y
     N_all = X.T @ X + np.diag(whole.prior)
     variance = (y @ y - (X.T @ y) @ np.linalg.solve(N_all, X.T @ y)) / (len(y) - whole.count)

@@ -263,19 +263,19 @@ def open_store(folder: Path, batch: str, *, force: bool = False) -> Iterator[Job
     """
     _refuse_foreign(folder)
     store = JobStore(folder.resolve(), batch)
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as lock_stack:
         try:
             store.jobs.mkdir(parents=True, exist_ok=True)
             busy = "another batch is at work in this folder; wait for it, or name another"
-            held.enter_context(hold_file_lock(folder / LOCK, busy, folder, keep=True))
+            lock_stack.enter_context(hold_file_lock(folder / LOCK, busy, folder, keep=True))
             if not force:
                 _refuse_edited(folder)
             store.work.mkdir(parents=True)
             store.load_records()
         except OSError as problem:
             raise InputError(f"cannot be written: {problem.strerror}", file=problem.filename or folder) from None
-        held.callback(shutil.rmtree, folder / WORK, ignore_errors=True)
-        held.enter_context(report_disk_errors(folder))
+        lock_stack.callback(shutil.rmtree, folder / WORK, ignore_errors=True)
+        lock_stack.enter_context(report_disk_errors(folder))
         yield store
 
 

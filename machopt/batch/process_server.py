@@ -103,21 +103,21 @@ def _run_job_in_child(entry: ModuleType, job: dict[str, Any], channel: int, line
         _run_job_and_exit(entry, job)
     _send_message(channel, JobStartedMessage(pid=pid))
     ended = os.pidfd_open(pid)
-    asked = True
-    while asked:
+    is_client_connected = True
+    while is_client_connected:
         ready = select.select([0, ended], [], [])[0]
         if ended in ready:
             break
-        asked = lines.read_line(0.0) is not None
+        is_client_connected = lines.read_line(0.0) is not None
         _kill_group(pid)
     os.close(ended)
     _kill_group(pid)  # what it may have left behind
     _, status, usage = os.wait4(pid, 0)
-    if asked:
+    if is_client_connected:
         _send_message(
             channel, JobEndedMessage(status=status, peak_KiB=usage.ru_maxrss, cpu_s=usage.ru_utime + usage.ru_stime)
         )
-    return asked
+    return is_client_connected
 
 
 def _run_single_job(entry: ModuleType, job: dict[str, Any], channel: int) -> None:

@@ -102,7 +102,7 @@ def lock_first_warm_up() -> Iterator[None]:
     compiled_for = hashlib.sha256(
         f"{compute_program_version()} {os.environ.get('NUMBA_CACHE_DIR')}".encode()
     ).hexdigest()[:12]
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as lock_stack:
         mark: Path | None = None
         with contextlib.suppress(ImportError, OSError, RuntimeError):  # Windows, or no place of one's own: all compile
             import fcntl
@@ -110,7 +110,7 @@ def lock_first_warm_up() -> Iterator[None]:
             place = _get_user_lock_folder()
             mark = place / f"warm-{compiled_for}.done"
             if not mark.exists():
-                lock = held.enter_context((place / f"warm-{compiled_for}.lock").open("a"))
+                lock = lock_stack.enter_context((place / f"warm-{compiled_for}.lock").open("a"))
                 fcntl.flock(lock, fcntl.LOCK_EX)
                 if mark.exists():  # another one did it meanwhile
                     fcntl.flock(lock, fcntl.LOCK_UN)

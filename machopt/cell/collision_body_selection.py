@@ -34,7 +34,7 @@ def select_bodies(
         missing: mesh by link that is not there, as :func:`find_missing_meshes` gives it.
     """
     urdf, missing = description.urdf, missing or {}
-    warnings = [said for s in side if (said := s.warning(urdf)) is not None]
+    warnings = [warning for s in side if (warning := s.warning(urdf)) is not None]
     warnings += [
         f"{urdf.path.name}: the collision mesh {uri} of link {link!r} is missing; only the kinematics is used here, so "
         "its bodies are left out"

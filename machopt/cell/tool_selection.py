@@ -40,8 +40,8 @@ def match_tool(operation: ToolpathOperation, tools: Mapping[str, Tool]) -> str |
     for name, tool in tools.items():
         if tool.number is not None:
             numbers.setdefault(str(tool.number), []).append(name)
-    held = [numbers.get(_normalise_word(word), []) for word in operation.tools]
-    return next((found[0] for found in held if len(found) == 1), None)
+    matches_by_tool = [numbers.get(_normalise_word(word), []) for word in operation.tools]
+    return next((found[0] for found in matches_by_tool if len(found) == 1), None)
 
 
 def match_operation_tools(toolpath: Toolpath, tools: Mapping[str, Tool]) -> tuple[str | None, ...]:

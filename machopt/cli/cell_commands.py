@@ -225,10 +225,10 @@ def _run_validate(args: argparse.Namespace) -> int:
 def _prompt_for_missing(args: argparse.Namespace) -> None:
     """Prompt for missing values until they are valid; Return keeps the value in brackets."""
     for name, words in _QUESTIONS:
-        unsaid = "by the arm's size" if name == "tool_length_mm" else "nothing"
+        default_text = "by the arm's size" if name == "tool_length_mm" else "nothing"
         while True:
             try:
-                answer = input(f"{words} [{getattr(args, name) or unsaid}]: ").strip()
+                answer = input(f"{words} [{getattr(args, name) or default_text}]: ").strip()
             except EOFError:
                 return
             wrong = _store_answer(args, name, answer) if answer else ""
@@ -237,18 +237,18 @@ def _prompt_for_missing(args: argparse.Namespace) -> None:
             print(f"  {wrong}")
 
 
-def _store_answer(args: argparse.Namespace, name: str, said: str) -> str:
+def _store_answer(args: argparse.Namespace, name: str, answer: str) -> str:
     """Take an answer, or say what would work."""
     from machopt.errors import suggest_nearest_word
     from machopt.programs.program_writer import list_post_names
 
     if name == "post":
-        if said not in (*list_post_names(), "nothing", "none"):
-            return suggest_nearest_word(said, [*list_post_names(), "nothing"])
-        args.post = "" if said in ("nothing", "none") else said
+        if answer not in (*list_post_names(), "nothing", "none"):
+            return suggest_nearest_word(answer, [*list_post_names(), "nothing"])
+        args.post = "" if answer in ("nothing", "none") else answer
         return ""
     try:
-        value = float(said)
+        value = float(answer)
     except ValueError:
         value = float("nan")
     least = "0 or more" if name == "tool_mass_kg" else "above 0"

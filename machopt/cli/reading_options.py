@@ -76,7 +76,7 @@ def convert_reading_options(args: argparse.Namespace) -> dict[str, Any]:
     if args.max_extent is not None and not (math.isfinite(args.max_extent) and args.max_extent > 0):
         raise OptionError(f"an extent of {args.max_extent:g} mm; more than zero would work", where="--max-extent")
     feed = None if args.feed is None else args.feed / 60e3
-    said = {
+    given_options = {
         "unit": args.unit,
         "machine": args.machine,
         "strict": args.strict or None,
@@ -84,7 +84,7 @@ def convert_reading_options(args: argparse.Namespace) -> dict[str, Any]:
         "tool_axis": args.tool_axis,
         "kind": args.kind,
     }
-    given: dict[str, Any] = {key: value for key, value in said.items() if value is not None}
+    given: dict[str, Any] = {key: value for key, value in given_options.items() if value is not None}
     if args.offset:
         given["offsets"] = list(args.offset)
     if args.accept_unknown:

@@ -73,7 +73,7 @@ def _run_view(args: argparse.Namespace) -> int:
         allow_external=args.allow_external,
         effects=tuple(args.effects),
     )
-    asked = ViewRequest(
+    view_request = ViewRequest(
         paths=tuple(args.places),
         request=request,
         save=args.save,
@@ -86,7 +86,7 @@ def _run_view(args: argparse.Namespace) -> int:
         show = not (args.quiet or args.json)
         with ProgressDisplay(show=show) as display, announce_compilation(display):
             server = serve_view(
-                asked, lambda text: None if args.quiet else print(f"machopt: {text}"), display.show_stage
+                view_request, lambda text: None if args.quiet else print(f"machopt: {text}"), display.show_stage
             )
         try:
             print(server.url, flush=True)

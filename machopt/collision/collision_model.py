@@ -389,11 +389,11 @@ class CollisionModel:
         out[free] = self.surfaces.find_contained((i, j), T[free])
         return out
 
-    def _check_pairs(self, q: Array, asked: list[int] | None = None) -> Bools:
+    def _check_pairs(self, q: Array, pair_indices: list[int] | None = None) -> Bools:
         """(S, P) in contact or nearer than the clearance, each row by itself."""
         rows = MotionRows(self.stack, self._lines.compute_line_positions(q))
         out = np.zeros(rows.bound.shape, bool)
-        for p in range(len(self.pairs)) if asked is None else asked:
+        for p in range(len(self.pairs)) if pair_indices is None else pair_indices:
             n = np.flatnonzero(rows.bound[:, p] < self.pairs[p].clearance)
             out[n, p] = self._is_near(p, rows.compute_relative_motion(p)[n])
         return out

@@ -52,9 +52,9 @@ def run_init(request: InitRequest) -> InitResult:
         planned = len(links.arm) == 6
         cell = write_cell_files(folder, new, planned)
         robot = load_solvable_robot(cell) if planned else load_robot(cell)
-        new, said = aim_tool(new, request, find_flange_direction(robot), span)
+        new, warnings = aim_tool(new, request, find_flange_direction(robot), span)
         cell = write_cell_files(folder, new, planned)
-        guesses += said
+        guesses += warnings
         if planned:
             guesses += complete_for_plan(folder, new, request, cell, robot, span)
         else:

@@ -95,11 +95,15 @@ def list_option_fields(cell: Cell, options: PlanOptions, toolpath: Toolpath) -> 
         options: The planning options in force.
         toolpath: The toolpath, points in the workpiece frame, SI.
     """
-    said = {
+    given_options = {
         "checked": verification_scope.list_checked(options),
         "unchecked": verification_scope.list_unchecked(cell, options, toolpath),
     }
-    return {"options": format_user_options(options), "not_recomputed": verification_scope.NOT_RECOMPUTED, **said}
+    return {
+        "options": format_user_options(options),
+        "not_recomputed": verification_scope.NOT_RECOMPUTED,
+        **given_options,
+    }
 
 
 def write_command_manifest(

@@ -46,8 +46,8 @@ class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has n
             event: not used.
         """
         if self.told is not None:
-            told, self.told = self.told, None
-            told(self.stored)
+            message, self.told = self.told, None
+            message(self.stored)
 
     def on_end(self, event: Any) -> None:
         """Do nothing: only the start is reported.

@@ -213,7 +213,7 @@ def find_options_without_effect(options: PlanOptions) -> tuple[str, ...]:
         idle(("weights", "preferred_rotation_deg"), why)
     if options.method == "default":
         idle(("rotation_range_deg",), "method default uses the rotation of the CAM file")
-    return (*out, *(said for axis in options.external for said in _find_unused_external_keys(axis)))
+    return (*out, *(message for axis in options.external for message in _find_unused_external_keys(axis)))
 
 
 def _find_unused_external_keys(axis: ExternalJointOptions) -> Iterator[str]:

@@ -62,11 +62,11 @@ def write_output_folder(path: Path | str, *, force: bool = False, inputs: Iterab
     named, read = Path(path), () if force else tuple(inputs)
     target = _resolve_path(named)
     place = _OutputPlace(target)
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as lock_stack:
         try:
             _refuse_foreign_folder(target, named, force=force, inputs=read)
-            held.callback(_remove_empty, _make_parents(target.parent))
-            held.enter_context(
+            lock_stack.callback(_remove_empty, _make_parents(target.parent))
+            lock_stack.enter_context(
                 hold_file_lock(
                     place.lock, "another run is writing this folder; wait for it, or give another folder", named
                 )
@@ -76,7 +76,7 @@ def write_output_folder(path: Path | str, *, force: bool = False, inputs: Iterab
             partial = place.new("partial")
         except OSError as problem:
             raise _build_write_error(problem, named) from None
-        signals = held.enter_context(InterruptSignals())
+        signals = lock_stack.enter_context(InterruptSignals())
         try:
             try:
                 yield partial

@@ -89,7 +89,7 @@ class ExportedProgram:
     def to_page_data(self) -> page.ProgramRow:
         """For the report."""
         c = self.checked
-        held = self.feed
+        feed_model = self.feed
         row = page.ProgramRow(
             post=self.label,
             files=self.files,
@@ -99,9 +99,9 @@ class ExportedProgram:
             assumed=self.assumptions,
             unstarted=self.unstarted_events,
             withheld=self.omission_reason,
-            feed_mean=float("nan") if held is None else held.mean_share,
-            feed_lowest=float("nan") if held is None else held.lowest_share,
-            feed_deviation=float("nan") if held is None else held.deviation,
+            feed_mean=float("nan") if feed_model is None else feed_model.mean_share,
+            feed_lowest=float("nan") if feed_model is None else feed_model.lowest_share,
+            feed_deviation=float("nan") if feed_model is None else feed_model.deviation,
         )
         if c is None or not c.readable:
             return replace(row, checked=False)

@@ -166,7 +166,7 @@ def render_expected_text(
     post: str | Path,
     controller: RobotController,
     *,
-    said: Mapping[str, Sequence[object]],
+    numbers_by_axis: Mapping[str, Sequence[object]],
     zone: BlendZones,
 ) -> dict[str, str]:
     """Every file of a program with marks for coordinates: see :mod:`machopt.programs.writing.text_comparison`.
@@ -174,13 +174,13 @@ def render_expected_text(
     Args:
         name, program, post, controller: as for :func:`write_program`; of the program's poses only the lines between
             them count, of its joints nothing.
-        said: columns as the program says them.
+        numbers_by_axis: columns as the program says them.
         zone: of the moves' ends, as the program says it.
 
     Raises:
         InputError: the post cannot write it.
     """
-    return _build_engine(load_post(post), name, program, controller, said=said, zone=zone).files()
+    return _build_engine(load_post(post), name, program, controller, numbers_by_axis=numbers_by_axis, zone=zone).files()
 
 
 def estimate_program_feed(
@@ -272,7 +272,7 @@ def _build_engine(
     program: RobotProgram,
     controller: RobotController,
     *,
-    said: Mapping[str, Sequence[object]] | None = None,
+    numbers_by_axis: Mapping[str, Sequence[object]] | None = None,
     zone: BlendZones | None = None,
 ) -> TemplateEngine:
     dialect = _load_rules(post.keys.dialect)
@@ -285,7 +285,7 @@ def _build_engine(
     used = post.list_used_fields
     dialect.check(job, used)
     makers = {**build_move_columns(job), **dialect.columns(job)}
-    columns = LazyColumns(makers) if said is None else mark_coordinates(makers, said)
+    columns = LazyColumns(makers) if numbers_by_axis is None else mark_coordinates(makers, numbers_by_axis)
     values = {**build_program_fields(job), **dialect.values(job)}
     notes = [
         *list_common_notes(job, used, post.keys.samples),

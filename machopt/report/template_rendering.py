@@ -44,8 +44,8 @@ def bind_units(sentence: str) -> str:
     Args:
         sentence: The sentence.
     """
-    kept = sentence.replace(" %", "\N{NO-BREAK SPACE}%").replace("± ", "±\N{NO-BREAK SPACE}")
-    return kept.replace("N/µm", "N/\N{WORD JOINER}µm").replace("mm/min", "mm/\N{WORD JOINER}min")
+    bound = sentence.replace(" %", "\N{NO-BREAK SPACE}%").replace("± ", "±\N{NO-BREAK SPACE}")
+    return bound.replace("N/µm", "N/\N{WORD JOINER}µm").replace("mm/min", "mm/\N{WORD JOINER}min")
 
 
 def render_file(template: str, /, **values: object) -> str:

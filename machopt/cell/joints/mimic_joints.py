@@ -174,7 +174,7 @@ def narrow_limits(
     Raises:
         InputError: nothing is left of a range.
     """
-    lower, upper, velocity, said = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy(), []
+    lower, upper, velocity, warnings = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy(), []
     by_name = {j.name: j for j in urdf.joints}
     given = [s.joint for s in side if s.joint.mimic is not None and s.joint.mimic.multiplier != 0.0]
     direct = [
@@ -186,7 +186,7 @@ def narrow_limits(
             continue
         if 0.0 < follower.velocity < velocity[n] * abs(m.multiplier):  # NaN and zero: the URDF gives none
             velocity[n] = follower.velocity / abs(m.multiplier)
-            said.append(
+            warnings.append(
                 f"the velocity limit of {m.joint!r}, which follows {m.source!r}, lowers that one's to "
                 f"{math.degrees(velocity[n]):.4g} deg/s"
             )
@@ -203,11 +203,11 @@ def narrow_limits(
                 f"joint {m.joint!r} mimics {m.source!r} and would leave its own range "
                 f"[{follower.lower:g}, {follower.upper:g}] at any position of {m.source!r}",
             )
-        said.append(
+        warnings.append(
             f"the range of {m.joint!r}, which follows {m.source!r}, narrows that one to "
             f"{math.degrees(lower[n]):.4g} to {math.degrees(upper[n]):.4g} deg"
         )
-    return replace(limits, lower=lower, upper=upper, velocity=velocity), tuple(said)
+    return replace(limits, lower=lower, upper=upper, velocity=velocity), tuple(warnings)
 
 
 def _check_plannable(urdf: UrdfModel, j: UrdfJoint, source: UrdfJoint, arm: tuple[UrdfJoint, ...]) -> None:

@@ -76,8 +76,8 @@ def find_package_around(name: str, rests: Iterable[str], file: Path, up: int) ->
     above = file.resolve().parents[: up + 1]
     wanted = [rest for rest in rests if rest and ".." not in Path(rest).parts]
     for folder in above:
-        said = _read_package_name(folder)
-        if said == name or (said is None and any((folder / rest).is_file() for rest in wanted)):
+        package_name = _read_package_name(folder)
+        if package_name == name or (package_name is None and any((folder / rest).is_file() for rest in wanted)):
             return folder
     return None
 

@@ -71,8 +71,8 @@ def list_remarks(cell: Cell) -> Iterator[CellRemark]:
         yield CellRemark("error", "plan", str(problem))
         options = load_options(None)
     yield from _check_options(cell, options)
-    for key, said in list_process_problems(cell):
-        yield CellRemark("warning", "process", f"{key}: {said}")
+    for key, message in list_process_problems(cell):
+        yield CellRemark("warning", "process", f"{key}: {message}")
     setup: PlanningSetup | None = None
     if cell.stiffness is None:
         yield CellRemark("error", "stiffness", _NO_STIFFNESS)
@@ -115,8 +115,8 @@ def _check_options(cell: Cell, options: PlanOptions) -> Iterator[CellRemark]:
             get_cutter_and_part(cell)
         except InputError as problem:
             yield CellRemark("error", "plan.gouge_tolerance_mm", str(problem))
-    for said in find_options_without_effect(options):
-        yield CellRemark("warning", "plan", said)
+    for message in find_options_without_effect(options):
+        yield CellRemark("warning", "plan", message)
 
 
 def _check_tool(cell: Cell, setup: PlanningSetup) -> Iterator[CellRemark]:

@@ -76,10 +76,10 @@ def read_all(path: Path, *, allow_external: bool = False) -> PartialCell:
             return PartialCell(None, (*problems, problem, *_find_other_errors(document, allow_external)), tuple(aside))
         except InputError as problem:
             problems.append(problem)
-            said = str(problem)
+            problem_text = str(problem)
             tried = ((p, remove_key(document, p)) for p in _list_removable_places(document))
             repairs = ((m.place, m.document) for m in list_value_repairs(document))
-            other = (pair for pair in (*tried, *repairs) if _try_reading(pair[1], allow_external) != said)
+            other = (pair for pair in (*tried, *repairs) if _try_reading(pair[1], allow_external) != problem_text)
             guilty = next(other, None)
         if guilty is None:
             return PartialCell(

@@ -74,7 +74,7 @@ def compute_identification(
     progress("identifying")
     random = np.random.default_rng(options.seed)
     found = identify_stiffness(tests, robot, cell.tool.T_flange_tcp, cell.stiffness, options, random, masses)
-    kept = () if cell.stiffness is None else cell.stiffness.external
+    external_stiffness = () if cell.stiffness is None else cell.stiffness.external
     placed = None if cell.stiffness is None else cell.stiffness.position
     doubt = _test_misfit(cell, robot, tests, found)
     found = replace(found, sessions=len(np.unique(tests.session)))
@@ -82,11 +82,11 @@ def compute_identification(
     found = _widen_intervals(
         replace(
             found,
-            stiffness=replace(found.stiffness, discrepancy=doubt, external=kept, position=placed),
+            stiffness=replace(found.stiffness, discrepancy=doubt, external=external_stiffness, position=placed),
             warnings=(
                 *_describe_misfit(request, doubt),
                 *found.warnings,
-                *describe_ignored_springs(kept),
+                *describe_ignored_springs(external_stiffness),
                 *describe_fixed_external_joints(cell),
             ),
         )

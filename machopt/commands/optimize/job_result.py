@@ -58,8 +58,8 @@ class OptimizeJobResult:
         """Exit code: 0 done, 3 infeasible, 4 verification failed."""
         if self.timeline is None or self.timeline.trajectory is None:
             return 3
-        held = self.verification is None or self.verification.ok
-        return 0 if held and all(p.ok for p in self.programs) else 4
+        is_verified = self.verification is None or self.verification.ok
+        return 0 if is_verified and all(p.ok for p in self.programs) else 4
 
     @property
     def verdict(self) -> str:

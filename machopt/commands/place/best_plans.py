@@ -62,7 +62,7 @@ def _write_and_verify_plan(site: PlacementSite, wanted: _BestPlanTask) -> Confir
     for name, file, reading in zip(
         list_toolpath_folder_names(request.toolpaths), request.toolpaths, request.readings, strict=True
     ):
-        asked = one_plan.OptimizeRequest(
+        optimize_request = one_plan.OptimizeRequest(
             cell=cell.parent,
             toolpath=file,
             out=folder / name,
@@ -74,7 +74,7 @@ def _write_and_verify_plan(site: PlacementSite, wanted: _BestPlanTask) -> Confir
             effects=request.effects,
             tables=request.tables,
         )
-        done = run_optimize(asked)
+        done = run_optimize(optimize_request)
         verdicts.append(f"{file.name}: {done.result.verdict}")
         code = max(code, done.exit_code)
     plans = tuple(f"{folder.name}/{name}/report.html" for name in list_toolpath_folder_names(request.toolpaths))

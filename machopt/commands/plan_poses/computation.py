@@ -84,7 +84,7 @@ def compute_pose_plan(
         )
     job = read_job_loads(request, cell)
     m = plan_next_measurement(request, cell, found, progress, job)
-    said = build_plan_warnings(request, m.pool, m.cases, m.plan, m.noise, m.load_methods)
+    plan_warnings = build_plan_warnings(request, m.pool, m.cases, m.plan, m.noise, m.load_methods)
     stands = describe_external_axis_positions(cell)
     rigid = () if cell.stiffness is None else describe_ignored_springs(cell.stiffness.external)
     warnings = (
@@ -93,7 +93,7 @@ def compute_pose_plan(
         *rigid,
         *cell.warnings,
         *m.warnings,
-        *said,
+        *plan_warnings,
     )
     progress("order of work, clearances, tables")
     hashes = compute_input_hashes(cell)

@@ -242,15 +242,15 @@ class _DesignSearch:
 
     def _compute_first_gains(self, Ms: list[Array], among: Bools | None = None) -> Array:
         """Return the gain (N,) of each reading as the first one of its pose, −inf for excluded poses."""
-        asked = None if among is None else np.flatnonzero(among[self.row_of])
-        total = np.zeros(len(self.row_of) if asked is None else len(asked))
+        requested_rows = None if among is None else np.flatnonzero(among[self.row_of])
+        total = np.zeros(len(self.row_of) if requested_rows is None else len(requested_rows))
         for m, U, M in zip(self.problem.models, self.whitened, Ms, strict=True):
-            G = (U if asked is None else U[asked]) @ _compute_inverse_root(M)
+            G = (U if requested_rows is None else U[requested_rows]) @ _compute_inverse_root(M)
             total += m.weight * compute_log_det_one_plus(G)
-        if asked is None:
+        if requested_rows is None:
             return total
         out = np.full(len(self.row_of), -np.inf)
-        out[asked] = total
+        out[requested_rows] = total
         return out
 
     def _sum_best_gains(self, gains: Array, loads: int) -> Array:

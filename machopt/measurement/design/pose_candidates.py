@@ -153,18 +153,18 @@ def sample_poses(
     lower, upper = _compute_sampling_range(limits, home, screen.criteria.limit_margin)
     sequence = qmc.Sobol(6, seed=seed)
     counts = np.zeros(len(REASONS), np.int64)
-    kept: list[Array] = []
+    accepted: list[Array] = []
     dexterity: list[Array] = []
     tried = passed = 0
     while passed < wanted and tried < MOST_TRIED * max(wanted, BLOCK):
         q = lower + (upper - lower) * sequence.random(BLOCK)
         failure, index = screen.first_failures(q)
         counts += np.bincount(failure[failure >= 0], minlength=len(REASONS))
-        kept.append(q[failure < 0])
+        accepted.append(q[failure < 0])
         dexterity.append(index[failure < 0])
-        tried, passed = tried + BLOCK, passed + len(kept[-1])
+        tried, passed = tried + BLOCK, passed + len(accepted[-1])
         progress(min(passed, wanted))
-    q, index = np.concatenate(kept)[:wanted], np.concatenate(dexterity)[:wanted]
+    q, index = np.concatenate(accepted)[:wanted], np.concatenate(dexterity)[:wanted]
     rejected = {reason: int(n) for reason, n in zip(REASONS, counts, strict=True) if n}
     return PosePool(screen.robot.compute_state(q, screen.T_flange_tcp, bodies=True), index, tried, rejected)
 

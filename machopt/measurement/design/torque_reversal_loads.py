@@ -114,8 +114,8 @@ class TorqueReversalCases:
         """
         J = pool.state.J[cases.pose][:, :3]
         load = np.einsum("nci,nc->ni", pool.state.J[cases.pose], cases.wrench)
-        held = np.zeros(pool.q.shape) if masses is None else compute_weight_torque(robot, masses, pool.state)
-        weight = held[cases.pose]
+        weight_torque = np.zeros(pool.q.shape) if masses is None else compute_weight_torque(robot, masses, pool.state)
+        weight = weight_torque[cases.pose]
         shares = np.array(steps)
         sigma = noise.reading
         each = J / sigma  # (N, 3, 6)

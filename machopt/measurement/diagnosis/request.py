@@ -52,14 +52,14 @@ class DiagnoseRequest:
         Returns:
             Options by name.
         """
-        said: dict[str, str | int | list[str]] = {
+        given_options: dict[str, str | int | list[str]] = {
             "channel": self.channel,
             "max_findings": self.get_max_findings(kind),
             "seed": self.seed,
             "accept": list(self.accept),
             "terms": [p.name for p in self.terms],
         }
-        return said | ({"set": list(self.overrides)} if self.toolpath and self.overrides else {})
+        return given_options | ({"set": list(self.overrides)} if self.toolpath and self.overrides else {})
 
 
 def check_diagnose_request(request: DiagnoseRequest, kind: str) -> None:

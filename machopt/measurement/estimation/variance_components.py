@@ -87,9 +87,9 @@ def estimate_variance_components(
         )
         best = np.asarray(found.x, float)
     rss = misfit(best)[1]
-    held = thresholds.ESTIMATED.trust_in_stated if stated else 0.0
+    stated_freedom = thresholds.ESTIMATED.trust_in_stated if stated else 0.0
     cycle, visit = ratios(best)
-    return VarianceComponents((held + rss) / (held + free), cycle, visit)
+    return VarianceComponents((stated_freedom + rss) / (stated_freedom + free), cycle, visit)
 
 
 def _compute_column_scale(H: Array) -> Array:

@@ -84,8 +84,8 @@ def drop_unused_readings(recording: Recording) -> Recording:
     if used is None or used.all():
         return recording
     names = ("pose", "cycle", "session", "line", "file", *(c.field for c in CHANNELS), *_BESIDE)
-    kept: dict[str, Any] = {n: None if (v := getattr(recording, n)) is None else v[used] for n in names}
-    return replace(recording, **kept)
+    selected: dict[str, Any] = {n: None if (v := getattr(recording, n)) is None else v[used] for n in names}
+    return replace(recording, **selected)
 
 
 def separate_cycles(pose: Ints, cycle: Ints, session: Ints) -> Ints:

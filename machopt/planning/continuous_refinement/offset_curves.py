@@ -32,16 +32,16 @@ class OffsetCurves:
     shared: Bools  # (m,) several runs have the coefficient
 
     @classmethod
-    def build(cls, path: PlanningPath, groups: Sequence[OperationGroup], held: Bools | None = None) -> OffsetCurves:
+    def build(cls, path: PlanningPath, groups: Sequence[OperationGroup], is_fixed: Bools | None = None) -> OffsetCurves:
         """Build the curves along a path that contains all runs of the groups.
 
         Args:
             path: planning points.
             groups: operation groups with the ranges of their external joints.
-            held: (P, 1 + E) where rotation or a moving external joint is fixed: no curve changes these points.
+            is_fixed: (P, 1 + E) where rotation or a moving external joint is fixed: no curve changes these points.
         """
         P, E = len(path.index), path.external.shape[1]
-        held = np.zeros((P, 1 + E), bool) if held is None else held
+        is_fixed = np.zeros((P, 1 + E), bool) if is_fixed is None else is_fixed
         blocks: list[tuple[NDArray[np.intp], int, Array]] = []  # points, variable, values (points, k)
         for group in groups:
             free = np.flatnonzero(group.high > group.low)
@@ -54,11 +54,11 @@ class OffsetCurves:
             for points in rows:
                 turning = compute_turning_length(path, points[0], points[-1])
                 turns = _build_spline_basis(turning, _count_intervals(path, points, points[-1] - points[0], 0.0))
-                blocks.append((points, 0, _build_zero_basis(turns, held[points, 0])))
+                blocks.append((points, 0, _build_zero_basis(turns, is_fixed[points, 0])))
                 length = path.s[points] - path.s[points[0]]
                 for k in free[group.moving[free]]:
                     ways = _build_spline_basis(length, _count_intervals(path, points, 0, 0.5))
-                    blocks.append((points, 1 + int(k), _build_zero_basis(ways, held[points, 1 + int(k)])))
+                    blocks.append((points, 1 + int(k), _build_zero_basis(ways, is_fixed[points, 1 + int(k)])))
         values, i, j, shared, column = [], [], [], [], 0
         for points, variable, basis in blocks:
             row, own = np.nonzero(basis)

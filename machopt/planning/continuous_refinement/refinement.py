@@ -131,7 +131,7 @@ class PlanRefinement:
         self.per, self.worth = plan.setup.per_rad[6:], worth
         self.touching = np.zeros(len(self.rows), bool)  # (n,) stations where a step has led to a contact
 
-    def _apply_wishes(self, group: OperationGroup, own: Bools, held: Bools) -> None:
+    def _apply_wishes(self, group: OperationGroup, own: Bools, is_fixed: Bools) -> None:
         """Apply the user's requests about moving joints of a group: pins fix a value, a zone keeps them on one side."""
         at = np.arange(len(own))
         for wish in group.stands:
@@ -140,7 +140,7 @@ class PlanRefinement:
             if not group.moving[k] or not rows.any():
                 continue  # fixed joints are restricted by ``allowed``
             if wish.at is not None:
-                held[rows, 1 + k] = True
+                is_fixed[rows, 1 + k] = True
                 self.range[0][rows, k] = self.range[1][rows, k] = self.plan.path.external[rows, k]
                 continue
             low, high = compute_allowed_side(wish, self.plan.path.external[rows, k])

@@ -291,7 +291,7 @@ def _compute_excess(
         if near and not (differentiate(J, T, V, d, 1, S, A) and differentiate(J, T, V, d, 2, S, A)):
             out[m] = MOST * seconds
             continue
-        slow, slow_v, held = 1.0, 1.0, 1.0
+        slow, slow_v, feed_share = 1.0, 1.0, 1.0
         for k in range(6):
             first, second, third, jump = 0.0, 0.0, 0.0, 0.0
             for i in range(6):
@@ -306,12 +306,12 @@ def _compute_excess(
             slow = max(slow, abs(first) / bounds[0, k], np.sqrt(abs(second) / bounds[1, k]))
             slow = max(slow, np.cbrt(abs(third) / bounds[2, k]))
             if abs(jump) > 0.0:
-                held = min(held, np.sqrt(bounds[1, k] * min(rounding / PEAKS[0], spacing) / abs(jump)))
-                held = min(held, np.cbrt(bounds[2, k] * rounding**2 / (PEAKS[1] * abs(jump))))
+                feed_share = min(feed_share, np.sqrt(bounds[1, k] * min(rounding / PEAKS[0], spacing) / abs(jump)))
+                feed_share = min(feed_share, np.cbrt(bounds[2, k] * rounding**2 / (PEAKS[1] * abs(jump))))
         lost = min(max(slow - slow_v, 0.0), MOST) * seconds
-        if held < 1.0:
-            longest = _compute_longest_change(rates[0], bounds, 1.0 - held)
-            lost += min(count * (1.0 - held) * longest, MOST * seconds)
+        if feed_share < 1.0:
+            longest = _compute_longest_change(rates[0], bounds, 1.0 - feed_share)
+            lost += min(count * (1.0 - feed_share) * longest, MOST * seconds)
         out[m] = lost
     return out
 

@@ -197,8 +197,8 @@ class _Run:
             fade: m, λ.
         """
         is_apart = self.cuts[1:, 0] - self.cuts[:-1, 1] > 2.0 * fade
-        held = np.column_stack([self.cuts[np.r_[True, is_apart], 0], self.cuts[np.r_[is_apart, True], 1]])
-        away = np.abs(_move_into(self.s, held) - self.s)
+        load_intervals = np.column_stack([self.cuts[np.r_[True, is_apart], 0], self.cuts[np.r_[is_apart, True], 1]])
+        away = np.abs(_move_into(self.s, load_intervals) - self.s)
         out = np.clip(1.0 - away / fade, 0.0, 1.0)
         if self.comes and self.cuts[0, 0] >= fade:
             out = np.minimum(out, self.s / fade)

@@ -74,8 +74,8 @@ class LimitSources:
         assert model is not None
         found = model.find_nearest_pair(x, cutting, FAR + model.clearance)
         clearance = np.array([pair.clearance for pair in model.pairs] or [0.0])
-        kept = np.where(found.pair >= 0, clearance[found.pair], 0.0)
-        return np.asarray((found.distance - kept - KEPT_DISTANCE) / DISTANCE_SIZE)
+        required_distance = np.where(found.pair >= 0, clearance[found.pair], 0.0)
+        return np.asarray((found.distance - required_distance - KEPT_DISTANCE) / DISTANCE_SIZE)
 
 
 def build_local_limits(

@@ -84,12 +84,12 @@ def _list_nodes(plan: Plan, first: int, last: int) -> NDArray[np.intp]:
     stations = path.stations[(path.stations > first) & (path.stations < last)]
     points = np.r_[first, stations, last].astype(np.intp)
     fixed = find_fixed_rotations(path, plan.options)
-    kept = [int(points[0])]
+    nodes = [int(points[0])]
     for point in points[1:-1].tolist():
-        way = path.s[point] - path.s[kept[-1]]
+        way = path.s[point] - path.s[nodes[-1]]
         if way > LEAST_WAY and (way >= SPACING or point in fixed):
-            kept.append(point)
-    points = np.array([*kept, int(points[-1])], np.intp)
+            nodes.append(point)
+    points = np.array([*nodes, int(points[-1])], np.intp)
     if len(points) > 2 and path.s[points[-1]] - path.s[points[-2]] <= LEAST_WAY:
         points = np.delete(points, -2)
     return np.asarray(points if path.s[points[-1]] > path.s[points[0]] else points[:1])

@@ -231,9 +231,9 @@ def _bound_variables(data: WindowData) -> tuple[Array, Array]:
         low[:, 6 + e] = np.maximum(low[:, 6 + e], data.x[:, 6 + e] - reach)
         high[:, 6 + e] = np.minimum(high[:, 6 + e], data.x[:, 6 + e] + reach)
     phi_low, phi_high = data.phi_lower.copy(), data.phi_upper.copy()
-    kept = data.is_fixed
-    low[kept], high[kept] = data.x[kept], data.x[kept]
-    phi_low[kept], phi_high[kept] = data.phi[kept], data.phi[kept]
+    is_fixed = data.is_fixed
+    low[is_fixed], high[is_fixed] = data.x[is_fixed], data.x[is_fixed]
+    phi_low[is_fixed], phi_high[is_fixed] = data.phi[is_fixed], data.phi[is_fixed]
     speed, excess = np.full(count - 1, SLOWEST), np.where(data.has_tolerance, np.inf, 0.0)
     return (
         np.concatenate([low.ravel(), phi_low, speed, np.zeros(count)]),

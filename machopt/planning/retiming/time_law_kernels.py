@@ -374,7 +374,7 @@ def compute_greedy_time_law(
     rows = np.empty((4096, 5))
     n, t, u, v, a = 0, 0.0, un[0], 0.0, 0.0
     stop, end, c, x = u, un[-1], 0.0, 0.0
-    held = 0  # steps at constant speed that remain of those tried together
+    constant_steps = 0  # steps at constant speed that remain of those tried together
     tolerance = min(0.5e-6, 0.01 * (end - u))
     while True:
         if n + 2 > len(rows):
@@ -393,13 +393,13 @@ def compute_greedy_time_law(
         else:
             j = _policy(i, u, v, a, c, x, h, un, Q, easy, al, jl)
         found = False
-        if held == 0 and a == 0.0 and not resting and not arriving:
-            held, further, cn, xn = _count_held_steps(i, u, v, h, un, Q, cap, easy, corner, al, jl)
-            if held > 0:
+        if constant_steps == 0 and a == 0.0 and not resting and not arriving:
+            constant_steps, further, cn, xn = _count_held_steps(i, u, v, h, un, Q, cap, easy, corner, al, jl)
+            if constant_steps > 0:
                 stop, c, x = further, cn, xn
-        if held > 0:
+        if constant_steps > 0:
             j, found = 0.0, True
-            held -= 1
+            constant_steps -= 1
         elif not arriving:
             found, new, place, cn, xn = _find_largest_jerk(i, u, v, a, j, h, resting, un, Q, cap, easy, corner, al, jl)
             if found:

@@ -80,8 +80,8 @@ class _GridSolver:
         occurs: Bools = np.asarray(fits.any(axis=(0, 1)))  # (A, T)
         turns = np.flatnonzero(occurs.any(axis=0))
         branch = np.arange(len(occurs)) if every else np.flatnonzero(occurs.any(axis=1))
-        kept = q if len(branch) == len(occurs) else np.ascontiguousarray(q[:, :, branch])
-        return _GridBlock(turns=turns, fits=fits[..., turns], branch=branch, q=kept)
+        occurring_q = q if len(branch) == len(occurs) else np.ascontiguousarray(q[:, :, branch])
+        return _GridBlock(turns=turns, fits=fits[..., turns], branch=branch, q=occurring_q)
 
     def joints(self, blocks: list[_GridBlock | None], branch: NDArray[np.intp]) -> Array:
         """Return (S, R, B, 6) the joints of some branches; a block that lacks one of them is solved again.
@@ -140,15 +140,15 @@ def enumerate_candidates(
     occurs: Bools = np.asarray(feasible.any(axis=(0, 1)))  # (A, T)
     left = np.asarray(occurs.any(axis=0))
     left[0] = True
-    kept = np.ones(A, bool) if every else np.asarray(occurs.any(axis=1))
-    kept[0] |= not kept.any()
-    branch = np.flatnonzero(kept)
+    is_occurring = np.ones(A, bool) if every else np.asarray(occurs.any(axis=1))
+    is_occurring[0] |= not is_occurring.any()
+    branch = np.flatnonzero(is_occurring)
     blocks: list[_GridBlock | None] = [*solved]
     del solved, one  # so that each block is freed once its joints are copied
     q = grid.joints(blocks, branch)
-    if not (left.all() and kept.all()):
-        feasible = np.ascontiguousarray(feasible[:, :, kept][..., left])
-    reason = grid.reason if kept.all() else np.ascontiguousarray(grid.reason[:, :, kept])
+    if not (left.all() and is_occurring.all()):
+        feasible = np.ascontiguousarray(feasible[:, :, is_occurring][..., left])
+    reason = grid.reason if is_occurring.all() else np.ascontiguousarray(grid.reason[:, :, is_occurring])
     _forbid_unstable(path, arm, q, reason, feasible)
     return CandidateGrid(
         phi=phi,
@@ -160,7 +160,7 @@ def enumerate_candidates(
         stable=arm.solver.branch_stable,
         shortfall=grid.shortfall,
         nudge=grid.nudge,
-        dropped=None if kept.all() else np.ascontiguousarray(grid.reason[:, :, ~kept]),
+        dropped=None if is_occurring.all() else np.ascontiguousarray(grid.reason[:, :, ~is_occurring]),
     )
 
 

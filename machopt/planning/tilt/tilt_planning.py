@@ -157,8 +157,12 @@ def _rank(plan: Plan) -> tuple[int, float]:
 
 def _tilt_axes(path: PlanningPath, limits: TiltLimits, tangent: Array) -> Array:
     """(P, 3) unit axes of tangents along the cuts, kept outside of them."""
-    held = hold_outside_cuts(path, limits, tangent)
-    return np.where(np.abs(held).max(axis=1, keepdims=True) > 0, normalise_vectors(path.axis + held), path.axis)
+    allowed_tangent = hold_outside_cuts(path, limits, tangent)
+    return np.where(
+        np.abs(allowed_tangent).max(axis=1, keepdims=True) > 0,
+        normalise_vectors(path.axis + allowed_tangent),
+        path.axis,
+    )
 
 
 def _measure_tangents(plan: Plan) -> Array:

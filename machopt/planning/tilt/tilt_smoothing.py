@@ -140,8 +140,8 @@ def _minimise(problem: _TiltProblem, x: Array) -> Array:
 
 def _compute_step(x: Array, slope: Array, hessian: csc_matrix, low: Array, high: Array) -> Array:
     """Newton step (2M,) of the tangents that are not held at an end of their range."""
-    held: Bools = ((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0))
-    free = np.flatnonzero(~held)
+    is_at_bound: Bools = ((x <= low) & (slope > 0)) | ((x >= high) & (slope < 0))
+    free = np.flatnonzero(~is_at_bound)
     step = np.zeros(len(x))
     if len(free):
         step[free] = splu(csc_matrix(hessian[free][:, free])).solve(slope[free])

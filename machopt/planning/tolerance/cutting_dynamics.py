@@ -216,8 +216,8 @@ class _DynamicsTable:
         tool = self._compute_tool_limit(H, period, poses, mine)
         if tool is not None:
             word = ["spindle" if t < a or np.isnan(a) else w for t, a, w in zip(tool, limit, word, strict=True)]
-            untold = np.where(np.isnan(limit), depth < tool, np.isnan(tool) & (depth < limit))
-            limit = np.where(untold, np.nan, np.fmin(limit, tool))  # below one limit, and the other is not known
+            is_unknown = np.where(np.isnan(limit), depth < tool, np.isnan(tool) & (depth < limit))
+            limit = np.where(is_unknown, np.nan, np.fmin(limit, tool))  # below one limit, and the other is not known
         self.limit[rows] = limit
         for n, row in enumerate(rows.tolist()):
             known = np.isfinite(limit[n]) or limit[n] == np.inf

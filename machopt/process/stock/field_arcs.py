@@ -266,7 +266,7 @@ def leave_out_gaps(
     h, last = frame[1], len(circle) - 1
     close, room = radius + CLOSE[0] * h, h / radius
     spacing = max(int(last * SPACING * h / (pi * (radius + h))), 1)
-    count, kept = 0, arcs.copy()
+    count, remaining = 0, arcs.copy()
     for n in range(number):
         start, end, is_open = arcs[n, 0], arcs[n, 1], True
         for m in range(int((start + room) * last / pi) + 1, last + 1, spacing):
@@ -280,8 +280,8 @@ def leave_out_gaps(
                 if touches:
                     start = edge
                 elif edge > start + room:
-                    count = _add_arc(start, edge, radius, h, kept, count)
+                    count = _add_arc(start, edge, radius, h, remaining, count)
             is_open = touches
-        count = _add_arc(start, end, radius, h, kept, count) if is_open else count
-    arcs[:count] = kept[:count]
+        count = _add_arc(start, end, radius, h, remaining, count) if is_open else count
+    arcs[:count] = remaining[:count]
     return count

@@ -34,10 +34,10 @@ def find_first_difference(
         nonflip_j5: FANUC's N.
     """
     known, wrong = 0, None
-    for k, said in enumerate(configuration):
+    for k, stated in enumerate(configuration):
         behind, up = (None, None) if posture is None else (bool(posture[0][k]), bool(posture[1][k]))
         target = ArmPosture(axes_deg=axes_deg[k].tolist(), wrist_behind=behind, elbow_up=up, nonflip_j5=nonflip_j5)
-        verdicts = checks.compare_words(said, target)
+        verdicts = checks.compare_words(stated, target)
         known += bool(verdicts)
         if wrong is None and not all(verdicts):
             wrong = k

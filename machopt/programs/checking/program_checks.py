@@ -48,7 +48,7 @@ class ZoneCase:
     printed: float  # m, rounding error of two targets that mean one place
 
 
-def _compare_nothing(said: Words, posture: ArmPosture) -> list[bool]:
+def _compare_nothing(program_words: Words, posture: ArmPosture) -> list[bool]:
     return []
 
 

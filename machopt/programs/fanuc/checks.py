@@ -27,11 +27,11 @@ PERCENT_TOLERANCE = (
 )
 
 
-def _compare_words(said: Words, posture: ArmPosture) -> list[bool]:
-    turns = said.get("turns")
-    if "config" not in said or not isinstance(turns, tuple):
+def _compare_words(program_words: Words, posture: ArmPosture) -> list[bool]:
+    turns = program_words.get("turns")
+    if "config" not in program_words or not isinstance(turns, tuple):
         return []
-    flip, elbow, front = tuple(str(said["config"]).ljust(3)[:3])
+    flip, elbow, front = tuple(str(program_words["config"]).ljust(3)[:3])
     out: list[bool] = []
     if posture.elbow_up is not None and posture.wrist_behind is not None:
         out += [elbow == "DU"[posture.elbow_up], front == "TB"[posture.wrist_behind]]

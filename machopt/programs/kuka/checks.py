@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from machopt.programs.checking.program_checks import ArmPosture, ProgramChecks, Words
 
 
-def _compare_words(said: Words, posture: ArmPosture) -> list[bool]:
+def _compare_words(program_words: Words, posture: ArmPosture) -> list[bool]:
     out: list[bool] = []
-    turn, status = said.get("T"), said.get("S")
+    turn, status = program_words.get("T"), program_words.get("S")
     if isinstance(turn, int):
         out += [bool(turn >> k & 1) in posture.is_negative[k] for k in range(6)]
     if isinstance(status, int) and posture.wrist_behind is not None:

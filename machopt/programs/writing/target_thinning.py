@@ -52,11 +52,11 @@ def find_needed_targets(
     if not (length[linear[1:]] < APART).any():
         return np.arange(count)
     within = ProgramTolerance(*(SHARE * min(getattr(tolerance, n), getattr(PATH, n)) for n in _FIELDS))
-    kept, ends = [0], np.flatnonzero(stays)
+    needed, ends = [0], np.flatnonzero(stays)
     for a, b in itertools.pairwise(ends.tolist()):
         inner = _thin_stretch(targets, external, feed, length, a, b, within) if b - a > 1 else []
-        kept += [*inner, b]
-    return np.array(kept, np.intp)
+        needed += [*inner, b]
+    return np.array(needed, np.intp)
 
 
 _FIELDS = ("position", "axis", "turn", "external")
@@ -66,9 +66,9 @@ def _thin_stretch(
     targets: Array, external: Array, feed: Array, length: Array, first: int, last: int, within: ProgramTolerance
 ) -> list[int]:
     """The targets to keep between two that stay."""
-    kept = [first]
-    while kept[-1] < last:
-        start = kept[-1]
+    needed = [first]
+    while needed[-1] < last:
+        start = needed[-1]
         end = start + 1
         wanted = max(APART, float(feed[end]) * INTERPOLATION)
         while end < last and length[end - 1 : end + 1].min() < APART:
@@ -76,13 +76,13 @@ def _thin_stretch(
             if way >= wanted or not _is_within_tolerance(targets, external, start, end + 1, within):
                 break
             end += 1
-        kept.append(end)
+        needed.append(end)
     # a short move may be left over ahead of the last target
-    while len(kept) > 2 and np.linalg.norm(targets[last, :3, 3] - targets[kept[-2], :3, 3]) < APART:
-        if not _is_within_tolerance(targets, external, kept[-3], last, within):
+    while len(needed) > 2 and np.linalg.norm(targets[last, :3, 3] - targets[needed[-2], :3, 3]) < APART:
+        if not _is_within_tolerance(targets, external, needed[-3], last, within):
             break
-        del kept[-2]
-    return kept[1:-1]
+        del needed[-2]
+    return needed[1:-1]
 
 
 def _is_within_tolerance(targets: Array, external: Array, start: int, end: int, within: ProgramTolerance) -> bool:

@@ -39,13 +39,13 @@ _LABEL = re.compile(r"\W*(?:[0-9]+:)?\W*(?:operation|move): ")
 
 
 def mark_coordinates(
-    columns: Mapping[str, Callable[[], TemplateColumn]], said: Mapping[str, Sequence[object]]
+    columns: Mapping[str, Callable[[], TemplateColumn]], numbers_by_axis: Mapping[str, Sequence[object]]
 ) -> LazyColumns:
     """Replace every coordinate in the columns by a mark.
 
     Args:
         columns: Field → function that computes its column.
-        said: Field → values that the program file holds, which replace the column.
+        numbers_by_axis: Field → values that the program file holds, which replace the column.
 
     Returns:
         Columns, computed on demand.
@@ -62,7 +62,7 @@ def mark_coordinates(
         return column
 
     out = {n: hole(n) if n in COORDINATES | CONFIGURATION else make for n, make in columns.items()}
-    return LazyColumns({**out, **{n: (lambda v=v: v) for n, v in said.items()}})  # type: ignore[misc]
+    return LazyColumns({**out, **{n: (lambda v=v: v) for n, v in numbers_by_axis.items()}})  # type: ignore[misc]
 
 
 @dataclass(frozen=True)

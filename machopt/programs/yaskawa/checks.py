@@ -19,8 +19,8 @@ from machopt.programs.checking.program_checks import (
 from machopt.programs.writing.blend_zones import HALF, LEAST, SHARP, BlendZones
 
 
-def _compare_words(said: Words, posture: ArmPosture) -> list[bool]:
-    bits = said.get("rconf")
+def _compare_words(program_words: Words, posture: ArmPosture) -> list[bool]:
+    bits = program_words.get("rconf")
     if not isinstance(bits, tuple):
         return []
     out = [bool(bits[0]) in posture.is_negative[4]]

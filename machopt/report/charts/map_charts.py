@@ -223,10 +223,12 @@ def build_curve_charts(data: MapPageData) -> list[Spec]:
     )
     charts.append(_build_curve_chart(data, x, "dexterity", "Dexterity 1/κ_F", _list_layers(data, "dexterity")))
     first = data.layers[0]
-    held = [(first, "held_x"), (first, "held_y"), (first, "held_z")]
+    frame_columns = [(first, "held_x"), (first, "held_y"), (first, "held_z")]
     charts.append(
         _limit_peaks(
-            _build_curve_chart(data, x, "held", "K_m, other directions fixed (tian2025): peaks are singularities", held)
+            _build_curve_chart(
+                data, x, "held", "K_m, other directions fixed (tian2025): peaks are singularities", frame_columns
+            )
         )
     )
     charts.append(

@@ -88,7 +88,7 @@ def select_deepest_dips(dips: Sequence[FeedDipRow], time: Array, most: int) -> l
     """
     known = sorted((d for d in dips if np.isfinite(d.time)), key=lambda d: d.feed_lowest - d.feed_programmed)
     begin, whole = (float(time[0]), float(time[-1] - time[0]) or 1.0) if len(time) else (0.0, 1.0)
-    kept: dict[int, FeedDipRow] = {}
+    deepest: dict[int, FeedDipRow] = {}
     for dip in known:
-        kept.setdefault(int(most * (dip.time + 0.5 * dip.duration - begin) / whole), dip)
-    return [kept[k] for k in sorted(kept)]
+        deepest.setdefault(int(most * (dip.time + 0.5 * dip.duration - begin) / whole), dip)
+    return [deepest[k] for k in sorted(deepest)]

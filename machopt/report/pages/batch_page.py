@@ -99,9 +99,9 @@ def _build_verdict(data: BatchPageData) -> Body:
     cycles = [job["cycle_time_s"] for job in data.jobs if job.get("cycle_time_s") is not None]
     if cycles:
         boxes.append(("cycle time of all", f"{sum(cycles) / 60:.1f}", "min", f"longest {max(cycles):.0f} s"))
-    held = [job for job in data.jobs if job.get("feed_held_percent") is not None]
-    if held:
-        worst = min(held, key=lambda j: j["feed_held_percent"])
+    jobs_with_feed = [job for job in data.jobs if job.get("feed_held_percent") is not None]
+    if jobs_with_feed:
+        worst = min(jobs_with_feed, key=lambda j: j["feed_held_percent"])
         boxes.append(("feed reached, smallest", f"{worst['feed_held_percent']:.1f}", "%", _format_job_name(worst)))
     return render_part("verdict", "verdict", tone, badge, sentence, items, boxes)
 

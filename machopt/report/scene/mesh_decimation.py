@@ -58,6 +58,6 @@ def _cluster_vertices(vertices: Array, faces: Faces, low: Array, size: float) ->
         new, (new.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1
     )  # same triangle, same row
     _, first = np.unique((rolled[:, 0] * n + rolled[:, 1]) * n + rolled[:, 2], return_index=True)
-    kept = new[np.sort(first)]
-    used, inverse = np.unique(kept, return_inverse=True)
-    return mean[used], inverse.reshape(kept.shape)
+    new_vertices = new[np.sort(first)]
+    used, inverse = np.unique(new_vertices, return_inverse=True)
+    return mean[used], inverse.reshape(new_vertices.shape)

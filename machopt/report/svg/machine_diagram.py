@@ -173,11 +173,11 @@ def build_share_bars(shares: Sequence[MismatchShare]) -> Markup | str:
     rows = sorted((s for s in shares if math.isfinite(s.share)), key=lambda s: -s.share)[:MAX_BARS]
     if not rows:
         return ""
-    told = [
+    labels = [
         (describe_axis(s.axis), f"{100 * min(max(s.share, 0.0), 1.0):.1f}", format_percent(s.share), describe_share(s))
         for s in rows
     ]
-    return render_macro("diagnosis.html", "bars", told)
+    return render_macro("diagnosis.html", "bars", labels)
 
 
 def _render_svg(width: float, height: float, label: str, parts: Sequence[SvgShape], kind: str = "") -> Markup:

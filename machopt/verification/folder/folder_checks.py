@@ -217,8 +217,8 @@ def check_manifest(
     except InputError as problem:
         return None, [build_failed_check(CheckName.MANIFEST, _describe_missing_manifest(folder, problem))]
     if manifest.command != "optimize":
-        said = f"is of machopt {manifest.command}; only what optimize wrote is verified"
-        return manifest, [build_failed_check(CheckName.MANIFEST, said)]
+        message = f"is of machopt {manifest.command}; only what optimize wrote is verified"
+        return manifest, [build_failed_check(CheckName.MANIFEST, message)]
     checks = [
         _build_check(CheckName.MANIFEST, [] if sealed else ["was edited after it was written: its seal does not fit"])
     ]

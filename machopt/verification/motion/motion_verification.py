@@ -182,11 +182,11 @@ def verify_single_tool(
         touching: Pairs of body names that may touch.
     """
     context = _VerifiedTool.build(cell, toolpath, tables, options)
-    kept, unfounded = context.cell_bodies.list_checked_pairs(cell, context.arm, options.clearance, touching)
-    wanted = kept if touching is not None else list_checked_pairs(cell, context.arm, context.bodies)
+    checked_pairs, unfounded = context.cell_bodies.list_checked_pairs(cell, context.arm, options.clearance, touching)
+    wanted = checked_pairs if touching is not None else list_checked_pairs(cell, context.arm, context.bodies)
     of_motion = context.check_motion()
     failed = {row.name for row in of_motion if isinstance(row, VerificationCheck) and row.passed is False}
-    checks = [*of_motion, *context.check_points(kept)]
+    checks = [*of_motion, *context.check_points(checked_pairs)]
     release_free_memory()
     if options.collision and touching is not None:
         checks.append(build_count_check(CheckName.TOUCHING, unfounded, "pairs"))

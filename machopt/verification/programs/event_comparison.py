@@ -136,7 +136,7 @@ def check_operation_labels(
         sample_index = np.ceil(at_index[reached[k]] - INDEX_TOLERANCE)
         end_of_move = np.clip(np.where(np.isfinite(sample_index), sample_index, k), k, len(path.operation) - 1)
     labels = [_shorten_label(o.label) for o in path.operations]
-    kept = {word: _shorten_label(word) for word in set(program.operation)}
+    short_labels = {word: _shorten_label(word) for word in set(program.operation)}
     wrong = [
         f"point {n} is cut in {word[:30]!r}"
         for n, own, word in zip(
@@ -145,7 +145,7 @@ def check_operation_labels(
             map(program.operation.__getitem__, reached[k].tolist()),
             strict=True,
         )
-        if word and not labels[own].startswith(kept[word])
+        if word and not labels[own].startswith(short_labels[word])
     ]
     return build_list_check(program, "operations", wrong, "points")
 

@@ -215,7 +215,7 @@ def match_lines_in_order(
     end_axes: Array,
     wanted: Array,
     wanted_axes: Array,
-    asked: NDArray[np.bool_],
+    is_requested: NDArray[np.bool_],
     limit: float,
     lever: float,
     noise: float,
@@ -232,7 +232,7 @@ def match_lines_in_order(
         end_axes: (M, 3) unit tool axes at the ends.
         wanted: (N, 3) m.
         wanted_axes: (N, 3) unit.
-        asked: (N,) which of them are looked for.
+        is_requested: (N,) which of them are looked for.
         limit: m, nearer than this to a line counts.
         lever: m/rad, by which an angle of the tool axis counts as a distance.
         noise: m; a later line is taken only where it is nearer by more, because its start is the same place.
@@ -247,7 +247,7 @@ def match_lines_in_order(
     share, gap = np.full(count, np.nan), np.full(count, np.nan)
     here, passed, missed = 1, -1.0, 0
     for k in range(count):
-        if not asked[k]:
+        if not is_requested[k]:
             continue
         nearest, best, behind = np.inf, np.inf, 0.0
         if missed < give_up:

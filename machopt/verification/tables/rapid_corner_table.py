@@ -71,8 +71,8 @@ def read_rapid_corners(file: Path, cell: Cell, samples: int | None = None) -> Ra
     )
 
 
-def _require_rows(table: ColumnTable, name: str, kept: Bools, expected: str) -> None:
-    wrong = np.flatnonzero(~kept)
+def _require_rows(table: ColumnTable, name: str, is_selected: Bools, expected: str) -> None:
+    wrong = np.flatnonzero(~is_selected)
     if len(wrong):
         row = int(wrong[0])
         found = table.read_numbers(name)[row]

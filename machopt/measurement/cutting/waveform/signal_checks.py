@@ -88,15 +88,15 @@ def limit_samples(recording: WaveformRecording, force: Array, teeth: int) -> tup
     total = len(force)
     if total <= MOST_SAMPLES:
         return recording, force
-    kept, first = [], [0]
+    selected, first = [], [0]
     for n in range(recording.cuts):
         rows = recording.get_rows(n)
         per_turn = 2.0 * pi / _compute_rotation_step(recording, n)
         share = MOST_SAMPLES * (rows.stop - rows.start) / total
         count = min(rows.stop - rows.start, ceil(max(share, FEWEST_REVOLUTIONS * per_turn + teeth)))
-        kept.append(np.arange(rows.start, rows.start + count))
+        selected.append(np.arange(rows.start, rows.start + count))
         first.append(first[-1] + count)
-    used = np.concatenate(kept)
+    used = np.concatenate(selected)
     text = f"the first {len(used)} of {total} samples are used, the same share of each cut"
     one = recording.samples
     samples = replace(

@@ -94,10 +94,12 @@ def _move_all_reflectors(
     columns, unknowns = model.columns(state, p)
     if len(far) < min(2, len(recording.targets)) or model.count_undetermined_directions(columns, unknowns):
         return recording, []
-    held = model.fit_base()
-    nominal, shown = (_compute_errors(model, fit) for fit in (held, first))
+    base_fit = model.fit_base()
+    nominal, shown = (_compute_errors(model, fit) for fit in (base_fit, first))
     pose, sigma = model.recording.pose, recording.uncertainty.target or prior_scales.TARGET_POSITION.scale
-    before = compute_description_cost(compute_pose_errors(pose, nominal)) + float(np.sum((held.target / sigma) ** 2))
+    before = compute_description_cost(compute_pose_errors(pose, nominal)) + float(
+        np.sum((base_fit.target / sigma) ** 2)
+    )
     heavy = 2.0 * float(np.sum(np.log1p((first.target / sigma) ** 2)))  # heavy-tailed (Cauchy) prior
     after = compute_description_cost(compute_pose_errors(pose, shown), parameters=3 * len(first.target)) + heavy
     if before - after < thresholds.DETECTION.shorter:

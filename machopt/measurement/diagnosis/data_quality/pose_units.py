@@ -49,8 +49,10 @@ class _UnitReading:
         """
         assert r.position is not None  # checked by the caller
         joints = np.arange(r.q.shape[1])
-        kept = joints != self.joint if self.joint is not None else np.array(r.prismatic or (False,) * len(joints))
-        q = np.where(kept, r.q, r.q * self.factors["q"])
+        is_unchanged = (
+            joints != self.joint if self.joint is not None else np.array(r.prismatic or (False,) * len(joints))
+        )
+        q = np.where(is_unchanged, r.q, r.q * self.factors["q"])
         return replace(r, q=q, position=r.position * self.factors["position"])
 
     def find_first_column(self, field: str) -> str:

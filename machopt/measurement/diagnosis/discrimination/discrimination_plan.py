@@ -297,23 +297,23 @@ def _select_rival_laws(
         if law is None and d.candidate_laws[k].coefficients:
             s = d.candidate_laws[k]
             notes.append(f"{format_hypothesis_name(s)} ({s.law}) cannot be predicted at these poses and is left out")
-    kept = [k for k, law in found.items() if law is not None]
-    sized = [k for k in kept if d.candidate_laws[k].size is not None]
+    rivals = [k for k, law in found.items() if law is not None]
+    sized = [k for k in rivals if d.candidate_laws[k].size is not None]
     if sized:  # effects below their detection limits: the largest possible ones
         moves = {k: float(np.mean(_compute_signal(found, k) ** 2)) for k in sized}
-        kept = [k for k in kept if k not in sized] + sorted(sized, key=lambda k: -moves[k])[:MAX_HIDDEN_EFFECTS]
-    elif any(d.candidate_laws[k].rms is not None for k in kept):
-        kept = kept[:MAX_LOCATIONS]
+        rivals = [k for k in rivals if k not in sized] + sorted(sized, key=lambda k: -moves[k])[:MAX_HIDDEN_EFFECTS]
+    elif any(d.candidate_laws[k].rms is not None for k in rivals):
+        rivals = rivals[:MAX_LOCATIONS]
     else:
-        most = kept if NO_EFFECT in d.candidate_laws else kept[:MAX_RIVALS]
+        most = rivals if NO_EFFECT in d.candidate_laws else rivals[:MAX_RIVALS]
         notes += [
             f"{format_hypothesis_name(d.candidate_laws[k])} stands too, but the nearest {MAX_RIVALS} are enough at once"
-            for k in kept[MAX_RIVALS:]
+            for k in rivals[MAX_RIVALS:]
             if k not in most
         ]
-        kept = most
-    place = {k: n for n, k in enumerate(kept)}
-    laws = [law for k in kept if (law := found[k]) is not None]
+        rivals = most
+    place = {k: n for n, k in enumerate(rivals)}
+    laws = [law for k in rivals if (law := found[k]) is not None]
     return laws, [(place[i], place[j]) for i, j in d.pairs if i in place and j in place]
 
 

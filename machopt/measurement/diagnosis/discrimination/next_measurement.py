@@ -83,10 +83,10 @@ def plan_next_measurement(
     Raises:
         InputError: Loads, prior or terms do not allow a plan.
     """
-    asked = DiscriminationOptions(
+    options = DiscriminationOptions(
         convert_to_reading_noise(request), request.displacement_mm is not None, request.targets_mm / 1e3
     )
-    noise = asked.noise if found is None else compute_planning_noise(asked, found, 1)
+    noise = options.noise if found is None else compute_planning_noise(options, found, 1)
     size = convert_to_plan_size(request)
     models = _build_models(request, cell, found, noise)
     progress("building kinematics and collision model")
@@ -105,7 +105,7 @@ def plan_next_measurement(
             masses=models.masses if models.masses.mass.sum() > 0 else None,
             compliance=select_planning_compliance(found, models.prior.stiffness.joints),
         )
-        apart = build_discrimination_plan(asked, arm, pool, task.cases, models.prior, size, progress)
+        apart = build_discrimination_plan(options, arm, pool, task.cases, models.prior, size, progress)
         plan, noise = apart.plan, apart.noise
         warnings = (*warnings, *apart.notes)
     elif len(task.cases):

@@ -88,9 +88,11 @@ def _are_masses_implausible(y: Array, base: Array, links: Array, better: bool) -
     A = np.concatenate([base, links], axis=2).reshape(-1, base.shape[2] + links.shape[2])
     b = y.reshape(-1)
     left, _ = fit_least_squares(b, A)
-    held = np.zeros(A.shape[1])
-    held[base.shape[2] :] = np.std(left) / prior_scales.LINK_MASS.scale
-    _, x = fit_least_squares(np.concatenate([b, np.zeros(len(held))]), np.concatenate([A, np.diag(held)]))
+    prior_weights = np.zeros(A.shape[1])
+    prior_weights[base.shape[2] :] = np.std(left) / prior_scales.LINK_MASS.scale
+    _, x = fit_least_squares(
+        np.concatenate([b, np.zeros(len(prior_weights))]), np.concatenate([A, np.diag(prior_weights)])
+    )
     needed = x[base.shape[2] :] / prior_scales.LINK_MASS.scale
     chance = thresholds.MOTION.links_chance ** (2 if better else 1)
     return bool(chdtrc(len(needed), float(needed @ needed)) < chance)

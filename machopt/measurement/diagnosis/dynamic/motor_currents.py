@@ -103,12 +103,12 @@ def _fit_current_per_torque(motion: MotionSignals, current: Array, needed: Array
     """Return amperes per N·m of a joint, and its standard deviation."""
     v, a = motion.v[:, joint], motion.a[:, joint]
     other_columns = np.stack([np.ones(len(v)), np.sign(v), v, a], axis=1)
-    seen, asked = (
+    seen, needed_part = (
         motion.subtract_period_mean(motion.average_blocks(fit_least_squares(x, other_columns)[0][:, None]))[:, 0]
         for x in (current, needed)
     )
-    power = max(float(asked @ asked), 1e-300)
-    slope = float(asked @ seen) / power
-    left = seen - slope * asked
+    power = max(float(needed_part @ needed_part), 1e-300)
+    slope = float(needed_part @ seen) / power
+    left = seen - slope * needed_part
     # errors of a cycle are correlated: that many readings count as one
     return slope, float(np.std(left)) * float(np.sqrt(thresholds.MOTION.current_alike / power))

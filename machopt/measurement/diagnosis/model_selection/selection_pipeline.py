@@ -245,10 +245,10 @@ def _list_base_coefficients(state: SearchState, chosen: Sequence[SelectedEffect]
     _, covariance, _ = compute_cluster_robust_fit(add_selected_effects(state.base, chosen))
     P = len(state.base_units)
     m, X = state.base, state.base.X
-    held = m.Xy.sum(axis=0)  # with the effects as reported, which bounds may have changed
+    right_side = m.Xy.sum(axis=0)  # with the effects as reported, which bounds may have changed
     for c in chosen:
-        held = held - X.T @ (c.columns @ c.scored.x)
-    x = m.inverse @ held
+        right_side = right_side - X.T @ (c.columns @ c.scored.x)
+    x = m.inverse @ right_side
     before = state.base.coefficients * state.base_units
     sigma = np.sqrt(np.maximum(np.diag(covariance)[:P], 0.0)) * state.base_units
     return [

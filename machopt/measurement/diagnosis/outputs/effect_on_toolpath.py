@@ -274,8 +274,8 @@ def _format_effect_sentence(
 
 
 def _build_empty_effect(name: str, reason: str) -> JobEffectSection:
-    said = f"What this changes for the toolpath cannot be said: {reason}"
-    return JobEffectSection(toolpath=name, sentence=said, reason=reason, changes=())
+    message = f"What this changes for the toolpath cannot be said: {reason}"
+    return JobEffectSection(toolpath=name, sentence=message, reason=reason, changes=())
 
 
 def _explain_unreached_point(of: Plan) -> str:
@@ -285,8 +285,8 @@ def _explain_unreached_point(of: Plan) -> str:
     if not len(missing):
         return ""
     row = int(missing[0])
-    said = explain_points(of).get(row) or InfeasibilityReason(int(a.reason[row])).word
-    return f"point {path.index[row]:g}: {said}"
+    explanation = explain_points(of).get(row) or InfeasibilityReason(int(a.reason[row])).word
+    return f"point {path.index[row]:g}: {explanation}"
 
 
 def _build_change_entry(what: str, before: float, after: float, unit: str) -> QuantityChangeEntry:

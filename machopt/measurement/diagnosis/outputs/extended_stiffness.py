@@ -61,7 +61,7 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
         return ExtendedStiffness(None, None)
     rejected_terms = {id(t): why for t in found if (why := _explain_implausible_term(cell, t)) is not None}
     withheld = [t for t in found if id(t) in rejected_terms]
-    said = [
+    comments = [
         f"{format_effect_in_sentence(t.effect, t.location)} is not in stiffness.yaml, and the joints keep the "
         f"springs that fit without "
         f"it, since nothing that is built can be so: {rejected_terms[id(t)]}"
@@ -85,7 +85,7 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
         out = _find_wrong_term(terms, new, wrong)
         joints_without_findings.update(_list_joints(out) or range(1, len(cell.arm_joints) + 1))
         withheld.append(out)
-        said.append(
+        comments.append(
             f"{format_effect_in_sentence(out.effect, out.location)} is not in stiffness.yaml, and its joint "
             f"keeps the spring that fits "
             f"without it: {wrong.reason}"
@@ -101,13 +101,13 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
     observable_joints = [
         j for j, c in sorted(springs.items()) if cell.stiffness is not None and is_spring_observable(c.value, c.sigma)
     ]
-    said += [
+    comments += [
         f"joint {j} keeps the cell's spring in stiffness.yaml: poses bend under weight alone, where geometry that "
         f"was not found looks like a spring more than {spring_limit:g} times off; the same poses with a load would tell"
         for j in observable_joints
         if _compute_spring_factor(cell, j, springs[j].value) > spring_limit
     ]
-    return ExtendedStiffness(before, after, (*withheld, *unwritten), tuple(said))
+    return ExtendedStiffness(before, after, (*withheld, *unwritten), tuple(comments))
 
 
 def add_withheld_notes(d: DiagnosisResult, extended_stiffness: ExtendedStiffness) -> DiagnosisResult:

@@ -86,8 +86,8 @@ def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmSti
     refitted = {c.unknown.spring_joint: c for c in d.coefficients if c.unknown.spring_joint is not None}
     for j, k in enumerate(stiffness.joints):
         c = refitted.get(j + 1)
-        kept = cell.stiffness is not None and k == cell.stiffness.joints[j]
-        if c is not None and not kept and np.isfinite(c.sigma):
+        is_unchanged = cell.stiffness is not None and k == cell.stiffness.joints[j]
+        if c is not None and not is_unchanged and np.isfinite(c.sigma):
             variance[j] = c.sigma**2
         else:
             variance[j] = (UNKNOWN_COMPLIANCE_SIGMA / k) ** 2 if known is None else known[j, j]

@@ -56,7 +56,7 @@ def build_measured_pose_problem(
     rng: np.random.Generator,
     terms: tuple[StiffnessTerm, ...] = (),
     found: Mapping[int, float] | None = None,
-    kept: frozenset[int] = frozenset(),
+    fixed_joints: frozenset[int] = frozenset(),
     about: tuple[KinematicCorrection, ...] = (),
 ) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[str, ...]]:
     """Build equations and hypotheses of measured TCP poses: y = p_measured − p(q) ≈ B x, with base columns B.
@@ -72,7 +72,7 @@ def build_measured_pose_problem(
         terms: Terms of the cell's stiffness that count as known.
         found: Compliance of joints (1-based) with the effects found so far, rad/(N·m); None before the first
             search.
-        kept: Joints (1-based) with the cell's spring, not refitted.
+        fixed_joints: Joints (1-based) with the cell's spring, not refitted.
         about: Corrections found so far. The model is linearised about them, and their effect remains in y
             through the columns of their laws.
 
@@ -92,11 +92,11 @@ def build_measured_pose_problem(
             file=recording.source,
         )
     there = _build_corrected_arm(cell, about)
-    model = NominalPoseModel(recording, cell, robot, masses, kept, there)
+    model = NominalPoseModel(recording, cell, robot, masses, fixed_joints, there)
     frame = model.fit_base()
     unseen = model.find_undetermined_springs(frame)
-    if not unseen <= kept:
-        model = NominalPoseModel(recording, cell, robot, masses, kept | unseen, there)
+    if not unseen <= fixed_joints:
+        model = NominalPoseModel(recording, cell, robot, masses, fixed_joints | unseen, there)
         frame = model.fit_base()
     state, p, R = model.predict(frame)
     y = model.residual(frame, p, R)

@@ -82,7 +82,7 @@ class NominalPoseModel:
         cell: Cell,
         robot: Robot,
         masses: RobotMasses | None,
-        kept: frozenset[int],
+        fixed_joints: frozenset[int],
         about: CorrectedArm | None = None,
     ) -> None:
         """Build the model.
@@ -92,11 +92,11 @@ class NominalPoseModel:
             cell: Robot cell.
             robot: Kinematic model of the arm.
             masses: Link and tool masses, or None.
-            kept: Joints (1-based) with the cell's spring, not refitted.
+            fixed_joints: Joints (1-based) with the cell's spring, not refitted.
             about: Corrected arm to linearise about; None: the cell's own kinematics.
         """
         assert recording.position is not None  # checked by the caller
-        self.recording, self.cell, self.masses, self.kept_springs = recording, cell, masses, kept
+        self.recording, self.cell, self.masses, self.kept_springs = recording, cell, masses, fixed_joints
         self.encoders = robot  # uncorrected arm: reference of inclinometers
         self.robot = robot if about is None else about.robot
         known = build_encoder_correction(cell.kinematics if about is None else about.kinematics)

@@ -162,30 +162,30 @@ class WhitenedModel:
             Xy=np.stack([x.T @ self.y[r] for x, r in zip(each, rows, strict=True)]),
         )
 
-    def with_columns(self, more: Array, held: Array | None = None) -> WhitenedModel:
+    def with_columns(self, more: Array, precision: Array | None = None) -> WhitenedModel:
         """Return the model with further whitened columns.
 
         Args:
             more: (M, p) whitened columns.
-            held: (p,) prior precision; None without a prior.
+            precision: (p,) prior precision; None without a prior.
         """
         C = np.concatenate([np.stack([more[r].T @ p.X[r] for r in self.rows]) for p in self.column_groups], axis=2)
         own = np.stack([x.T @ x for x in (more[r] for r in self.rows)])
         with_y = np.stack([more[r].T @ self.y[r] for r in self.rows])
-        return self._grown(ModelColumns(more), C, (own, with_y), held)
+        return self._grown(ModelColumns(more), C, (own, with_y), precision)
 
-    def with_law(self, law: LawSums, shape: int, held: bool = False) -> WhitenedModel:
+    def with_law(self, law: LawSums, shape: int, with_prior: bool = False) -> WhitenedModel:
         """Return the model with a law at one shape, using the cached products of the law.
 
         Args:
             law: Hypothesis whitened for the same readings and folds.
             shape: Index of the shape.
-            held: Whether the prior of its coefficients is applied.
+            with_prior: Whether the prior of its coefficients is applied.
         """
         if law.y is not self.y:
             raise ValueError("a law keeps its products with other readings than this model's; with_columns would work")
         own = (law.XX[:, shape], law.Xy[:, shape])
-        known = law.precision(shape) if held else None
+        known = law.precision(shape) if with_prior else None
         return self._grown(ModelColumns(None, law, shape), law.products_by_fold(self)[:, shape], own, known)
 
     def extend_by_laws(self, laws: Sequence[tuple[LawSums, int]]) -> WhitenedModel:
@@ -202,7 +202,7 @@ class WhitenedModel:
         if known:
             self.extensions[chain[:known]] = model
         for law, shape in chain[known:]:
-            model = model.with_law(law, shape, held=True)
+            model = model.with_law(law, shape, with_prior=True)
         self.extensions[chain] = model
         size = 8 * model.count * (len(self.y) + self.folds * model.count)
         most = int(np.clip(EXTENSION_BYTES // size, FEWEST_EXTENSIONS, MOST_EXTENSIONS))
@@ -210,8 +210,8 @@ class WhitenedModel:
             del self.extensions[next(iter(self.extensions))]
         return model
 
-    def _grown(self, part: ModelColumns, C: Array, own: tuple[Array, Array], held: Array | None) -> WhitenedModel:
-        prior = np.concatenate([self.prior, np.zeros(C.shape[1]) if held is None else held])
+    def _grown(self, part: ModelColumns, C: Array, own: tuple[Array, Array], precision: Array | None) -> WhitenedModel:
+        prior = np.concatenate([self.prior, np.zeros(C.shape[1]) if precision is None else precision])
         upper = np.concatenate([self.XX, np.swapaxes(C, 1, 2)], axis=2)
         lower = np.concatenate([C, own[0]], axis=2)
         XX, Xy = np.concatenate([upper, lower], axis=1), np.concatenate([self.Xy, own[1]], axis=1)

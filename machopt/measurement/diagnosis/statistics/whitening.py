@@ -149,15 +149,15 @@ def build_whitening(problem: DiagnosisProblem, noise: ReplicateNoise, used: Flag
     visit = problem.visit[index]
     starts = np.flatnonzero(np.r_[True, (np.diff(visit) != 0) | (np.diff(group) != 0)])
     ends = np.r_[starts[1:], len(index)]
-    kept = None if problem.present is None else np.flatnonzero(problem.present[index].reshape(-1))
+    present = None if problem.present is None else np.flatnonzero(problem.present[index].reshape(-1))
     bounds = np.r_[starts, len(index)] * D
-    if kept is not None:
-        bounds = np.searchsorted(kept, bounds)
+    if present is not None:
+        bounds = np.searchsorted(present, bounds)
     blocks = []
     for n, (a, b) in enumerate(zip(starts, ends, strict=True)):
         U = _build_shared_error_columns(problem, noise, family, sigma, index[a:b])
-        if kept is not None:
-            U = U[kept[bounds[n] : bounds[n + 1]] - a * D]
+        if present is not None:
+            U = U[present[bounds[n] : bounds[n + 1]] - a * D]
         if U.shape[1]:
             Q, s, _ = np.linalg.svd(U, full_matrices=False)
             keep = s > 1e-6
@@ -174,9 +174,9 @@ def build_whitening(problem: DiagnosisProblem, noise: ReplicateNoise, used: Flag
         group_of_visit=group[starts].astype(np.int64),
         groups=groups,
         session=problem.session[index[starts]].astype(np.int64),
-        reading=np.repeat(index, D) if kept is None else index[kept // D],
-        used_rows=kept,
-        is_independent=kept is None and (problem.scale is None or noise.gain == 0.0),
+        reading=np.repeat(index, D) if present is None else index[present // D],
+        used_rows=present,
+        is_independent=present is None and (problem.scale is None or noise.gain == 0.0),
     )
 
 

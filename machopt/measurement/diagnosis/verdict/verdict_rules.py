@@ -138,18 +138,18 @@ def _separate_unnamed_corrections(d: DiagnosisResult) -> DiagnosisResult:
     These have no certain size or hardly any gain, or they are waves of few periods or of implausible size. They stay in
     kinematics.yaml, because they were fitted together with the others and lower the error.
     """
-    kept, unnamed = list[Finding](), list[Finding]()
+    named, unnamed = list[Finding](), list[Finding]()
     for f in d.findings:
         parts = split_waves(f)
         if parts.named is not None and _is_unnamed_correction(d, parts.named):
             parts = SplitWaves(None, convert_to_unnamed(f))
-        kept += [] if parts.named is None else [parts.named]
+        named += [] if parts.named is None else [parts.named]
         unnamed += [] if parts.unnamed is None else [parts.unnamed]
     if not unnamed:
         return d
     names = ", ".join(format_effect_in_sentence(f.effect, f.location) for f in unnamed)
     text = f"written into kinematics.yaml because they lower the error, and too uncertain to be named: {names}"
-    d = replace(d, findings=tuple(kept), unnamed=(*d.unnamed, *unnamed), notes=(*d.notes, text))
+    d = replace(d, findings=tuple(named), unnamed=(*d.unnamed, *unnamed), notes=(*d.notes, text))
     return replace(d, next_experiment=suggest_next_experiment(d))
 
 

@@ -53,8 +53,10 @@ def format_verdict(d: DiagnosisResult) -> str:
         places = list(dict.fromkeys(format_place(s.axis) for s in d.mismatch if s.kind == "machine"))
         where = ", ".join(places[:MOST_PLACES]) + (" …" if len(places) > MOST_PLACES else "")
         # without the interval of the note: it is in SI, the report states it in file units
-        told = (f"; in the data {100 * s.share:.0f} % gathers along {s.axis}" for s in d.mismatch if s.kind == "data")
-        data = next(told, "")
+        data_shares = (
+            f"; in the data {100 * s.share:.0f} % gathers along {s.axis}" for s in d.mismatch if s.kind == "data"
+        )
+        data = next(data_shares, "")
         corrected = "; ".join(_format_finding(f) for f in d.findings)
         if corrected:
             error = f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"

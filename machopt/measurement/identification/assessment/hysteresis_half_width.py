@@ -41,8 +41,8 @@ def estimate_loop_half_widths(tests: LoadTestExperiment, robust: Array) -> Array
     """
     rising, falling = find_branch_pairs(tests)
     good: NDArray[np.bool_] = np.min(robust[:, :3], axis=1) > thresholds.IDENTIFIED.out
-    kept = good[rising] & good[falling]
-    rising, falling = rising[kept], falling[kept]
+    pairs = good[rising] & good[falling]
+    rising, falling = rising[pairs], falling[pairs]
     half = np.zeros(tests.joint_count)
     if len(rising) < thresholds.IDENTIFIED.branch_pairs:
         return half

@@ -142,10 +142,10 @@ def _list_joints(
         if not stiff[j]:
             bound = find_lower_bound(model, found.fit, j, level)
             interval = (bound, math.inf)
-            kept = "a typical value" if prior is None else "the cell's value"
+            unchanged_text = "a typical value" if prior is None else "the cell's value"
             reason = (
                 f"the responses do not determine it: stiffer than {format_joint_stiffness(bound)} is all that is "
-                f"known; the written value is that of {kept} as prior"
+                f"known; the written value is that of {unchanged_text} as prior"
                 f"{', which lies below that bound' if k[j] < bound else ''}"
             )
         ends = (damping[j] * math.exp(-z * damping_sigma[j]), damping[j] * math.exp(z * damping_sigma[j]))
@@ -171,12 +171,12 @@ def _build_stiffness(
     known = np.flatnonzero(found.identified[:JOINTS])
     matrix = np.diag(c**2)
     matrix[np.ix_(known, known)] = (np.outer(c, c) * covariance[:JOINTS, :JOINTS])[np.ix_(known, known)]
-    kept = cell.stiffness
+    stiffness = cell.stiffness
     return ArmStiffness(
         joints=1.0 / c,
         covariance=matrix,
-        external=() if kept is None else kept.external,
-        position=None if kept is None else kept.position,
+        external=() if stiffness is None else stiffness.external,
+        position=None if stiffness is None else stiffness.position,
         source=f"frequency responses, recording {recording.source}",
     )
 

@@ -30,8 +30,12 @@ def build_verdict_html(data: DiagnosisPageData) -> Markup:
     d = data.diagnosis
     badge, tone = describe_verdict(d)
     left = "nothing was added" if not d.findings else f"with {len(d.findings)} found"
-    told = math.isfinite(d.mismatch_p)
-    scatter = "what repeats of a reading scatter" if told else "not repeated: what the fit leaves in what it has seen"
+    is_probability_known = math.isfinite(d.mismatch_p)
+    scatter = (
+        "what repeats of a reading scatter"
+        if is_probability_known
+        else "not repeated: what the fit leaves in what it has seen"
+    )
     before, after = format_error_parts(d.heldout_before, d.unit), format_error_parts(d.heldout_after, d.unit)
     cards = [
         ("Held-out error before", *before, "the nominal structure, refitted"),

@@ -205,11 +205,11 @@ def _build_worst_points(data: ReportData) -> Body:
 def _build_feed(data: ReportData, charts: set[str]) -> Body:
     if "c-feed" not in charts:
         return ""
-    held = render_part(
+    no_dip_text = render_part(
         "paragraph", "The axes hold the programmed feed throughout, apart from stops that the path demands."
     )
     body = render_part("chart", "c-feed") + (
-        render_part("heading", "Dips") + report_tables.build_feed_dip_table(data) if data.dips else held
+        render_part("heading", "Dips") + report_tables.build_feed_dip_table(data) if data.dips else no_dip_text
     )
     if data.feed_stops:
         ramps = ", ".join(f"{count} {where}" for where, count in data.feed_stops)

@@ -127,11 +127,11 @@ def _build_picture(data: ReportData, unit: str, width: float, kind: str) -> Mark
 
 def _join_names(names: list[str], width: float) -> str:
     """Return the names of plans that are one dot, as many as half of the picture holds; at least the first."""
-    kept = 1
-    while kept < len(names) and CHARACTER_WIDTH * len(", ".join(names[: kept + 1])) < 0.5 * width:
-        kept += 1
-    more = f" and {len(names) - kept} more" if kept < len(names) else ""
-    return ", ".join(names[:kept]) + more
+    count = 1
+    while count < len(names) and CHARACTER_WIDTH * len(", ".join(names[: count + 1])) < 0.5 * width:
+        count += 1
+    more = f" and {len(names) - count} more" if count < len(names) else ""
+    return ", ".join(names[:count]) + more
 
 
 def _place_label(x: float, y: float, text: str, width: float) -> tuple[float, float, str, str]:

@@ -201,30 +201,30 @@ class _ComparisonContext:
             parsed = read_program(self.out / name, pulses_per_deg=pulses)
         except InputError as problem:
             return ProgramComparison(posted, 0, (build_failed_program_check(name, "readable", str(problem.reason)),))
-        said = convert_to_cell_frames(
+        program = convert_to_cell_frames(
             name, parsed, self.cell, controller, self.arm, self.motion, self.tcp, self.tolerance.position
         )
-        if not np.isfinite(said.T_workpiece_tcp).all():
+        if not np.isfinite(program.T_workpiece_tcp).all():
             return ProgramComparison(
                 posted,
-                len(said),
+                len(program),
                 (build_failed_program_check(name, "readable", "a target has neither place nor joints"),),
             )
-        context = self if said.is_streamed else straight
-        checks, rows = context._compare_with_motion_and_cam(said)
-        checks += context._check_frames_and_words(name, parsed, said, controller, rows)
-        checks += context._check_wording(posted, parsed, said, controller, rows)
+        context = self if program.is_streamed else straight
+        checks, rows = context._compare_with_motion_and_cam(program)
+        checks += context._check_frames_and_words(name, parsed, program, controller, rows)
+        checks += context._check_wording(posted, parsed, program, controller, rows)
         read = VerificationInformation(
             name=f"{name}: {CheckName.MOVES}",
-            value=float(len(said)),
+            value=float(len(program)),
             unit="moves",
             where=parsed.dialect,
             file=name,
             what=CheckName.MOVES,
         )
-        return ProgramComparison(posted, len(said), tuple(checks), information=(read,))
+        return ProgramComparison(posted, len(program), tuple(checks), information=(read,))
 
-    def _compare_with_motion_and_cam(self, said: ProgramInCell) -> tuple[list[VerificationCheck], Array]:
+    def _compare_with_motion_and_cam(self, program: ProgramInCell) -> tuple[list[VerificationCheck], Array]:
         """Return the checks, and (M,) the fractional sample of the motion at which each move ends."""
         o = self.options
         allowed = TargetTolerances(
@@ -242,9 +242,9 @@ class _ComparisonContext:
             offset=self.offset,
             tilt=self.tilt,
         )
-        on_samples = len(said) == len(self.tcp)
+        on_samples = len(program) == len(self.tcp)
         checks, at = compare_with_motion(
-            said, self.motion, self.tcp, allowed, tilt_commanded_path(self.tool_tilt, path)
+            program, self.motion, self.tcp, allowed, tilt_commanded_path(self.tool_tilt, path)
         )
         rows = np.clip(np.nan_to_num(at), 0, len(self.tcp) - 1)
         offset, tilt = (
@@ -268,19 +268,19 @@ class _ComparisonContext:
             line=build_motion_polyline(
                 self.motion, turn_samples_back(self.tool_tilt, self.tcp, self.motion.point), self.motion.q, path
             )
-            if said.is_streamed and on_samples
+            if program.is_streamed and on_samples
             else None,
         )
         at_index = compute_toolpath_index(self.motion, at, self.toolpath)
-        said, cuts = turn_targets_back(self.tool_tilt, said, cuts, at_index)
-        checks += compare_with_cam(said, cuts, at_index)
+        program, cuts = turn_targets_back(self.tool_tilt, program, cuts, at_index)
+        checks += compare_with_cam(program, cuts, at_index)
         return checks, rows
 
     def _check_wording(
         self,
         posted: ListedProgram,
         parsed: ParsedProgram,
-        said: ProgramInCell,
+        program: ProgramInCell,
         controller: RobotController,
         rows: Array,
     ) -> list[VerificationCheck]:
@@ -297,19 +297,19 @@ class _ComparisonContext:
             source=self.source,
             rapid=None if self.rapid is None else self.rapid.select(rows),
         )
-        external = compute_external_joints(self.motion, said, rows)
+        external = compute_external_joints(self.motion, program, rows)
         q = find_target_joints(
             self.arm,
             self.cell.tool.T_flange_tcp,
-            said,
+            program,
             interpolate_joints(self.motion, rows),
             external,
             load_robot(self.cell).nominal_robot,
         )
-        return job.check_text(posted.files, posted.post, parsed, said, controller, q, external)
+        return job.check_text(posted.files, posted.post, parsed, program, controller, q, external)
 
     def _check_frames_and_words(
-        self, name: str, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, rows: Array
+        self, name: str, parsed: ParsedProgram, program: ProgramInCell, controller: RobotController, rows: Array
     ) -> list[VerificationCheck]:
         """Check frames, configuration and unknown words."""
         given = compute_workpiece_frame(parsed, self.cell, self.arm, controller, self.motion.external[0])
@@ -324,26 +324,26 @@ class _ComparisonContext:
                 name, "tool and base", not wrong, float(len(wrong)), 0.0, "frames", "; ".join(wrong) or "the cell's"
             )
         ]
-        checks += self._check_configuration(name, parsed, said, controller, rows)
+        checks += self._check_configuration(name, parsed, program, controller, rows)
         own = set(re.findall(r"\w+", " ".join(controller.lines.values())))  # of the cell: its words are unknown here
         strange = [w.word for w in parsed.ignored if not w.understood and own.isdisjoint(re.findall(r"\w+", w.word))]
         strange += [w for w in parsed.warnings if "cut off" in w]
-        checks += self._compare_poses_with_joints(name, parsed, said, rows)
+        checks += self._compare_poses_with_joints(name, parsed, program, rows)
         words = ", ".join(strange[:4]) or "all"
         count = float(len(strange))
         return [*checks, build_file_check(name, "every word understood", not strange, count, 0.0, "words", words)]
 
     def _check_configuration(
-        self, name: str, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, rows: Array
+        self, name: str, parsed: ParsedProgram, program: ProgramInCell, controller: RobotController, rows: Array
     ) -> list[VerificationCheck]:
         """Compare status, turns and the like with the joints; no check where the program names none."""
         robot = load_robot(self.cell).nominal_robot
         q = find_target_joints(
             self.arm,
             self.cell.tool.T_flange_tcp,
-            said,
+            program,
             interpolate_joints(self.motion, rows),
-            compute_external_joints(self.motion, said, rows),
+            compute_external_joints(self.motion, program, rows),
             robot,
         )
         known, first = find_first_difference(
@@ -362,15 +362,17 @@ class _ComparisonContext:
         return [build_file_check(name, CheckName.CONFIGURATION, passed, float(not passed), 0.0, "moves", where)]
 
     def _compare_poses_with_joints(
-        self, name: str, parsed: ParsedProgram, said: ProgramInCell, rows: Array
+        self, name: str, parsed: ParsedProgram, program: ProgramInCell, rows: Array
     ) -> list[VerificationCheck]:
         """Compare poses and joints of a program that has both."""
-        both = np.flatnonzero(parsed.has_pose & np.isfinite(said.q).all(axis=1))
+        both = np.flatnonzero(parsed.has_pose & np.isfinite(program.q).all(axis=1))
         if not len(both):
             return []
-        T = self.arm.compute_tcp_in_workpiece(said.q[both], compute_external_joints(self.motion, said, rows)[both])
-        gap = np.linalg.norm(T[:, :3, 3] - said.T_workpiece_tcp[both, :3, 3], axis=1)
-        gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - said.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
+        T = self.arm.compute_tcp_in_workpiece(
+            program.q[both], compute_external_joints(self.motion, program, rows)[both]
+        )
+        gap = np.linalg.norm(T[:, :3, 3] - program.T_workpiece_tcp[both, :3, 3], axis=1)
+        gap = np.maximum(gap, np.linalg.norm(T[:, :3, :3] - program.T_workpiece_tcp[both, :3, :3], axis=(1, 2)))
         n = int(np.argmax(gap))
         passed, where = bool(gap[n] <= FRAME_TOLERANCE), f"move {both[n] + 1}, line {int(parsed.line[both[n]])}"
         value, limit = 1e3 * float(gap[n]), 1e3 * FRAME_TOLERANCE

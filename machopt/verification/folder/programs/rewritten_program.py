@@ -51,7 +51,7 @@ class RewrittenProgram:
         files: Sequence[str],
         post: str | Path,
         parsed: ParsedProgram,
-        said: ProgramInCell,
+        stated: ProgramInCell,
         controller: RobotController,
         q: Array,
         external: Array,
@@ -62,30 +62,30 @@ class RewrittenProgram:
             files: of the program, the one that is run first.
             post: what wrote it.
             parsed: the program as it was read.
-            said: the same in the cell's terms.
+            stated: the same in the cell's terms.
             controller: as the post took it.
             q: (M, 6) rad, the joints of the targets.
             external: (M, E) rad or m, where the external joints stand there.
         """
         name = files[0]
         keys = load_post(post).keys
-        program = self._build_program(parsed, said, controller, q, external)
+        program = self._build_program(parsed, stated, controller, q, external)
         law = compute_blend_zones(
             program, controller.moves_per_part or keys.moves_per_part if keys.moves_per_part else None
         )
         zones, own = bool(load_post(post).list_used_fields & ROUNDED), isinstance(post, Path)
         checks = (
             []
-            if said.is_streamed
+            if stated.is_streamed
             else check_blend_zones(
-                name, parsed, program, law, controller, zones=zones, own=own, printed=said.print_resolution
+                name, parsed, program, law, controller, zones=zones, own=own, printed=stated.print_resolution
             )
         )
         blend = np.where(np.isfinite(parsed.blend), parsed.blend, law.distance)
         columns = load_checks(parsed.dialect).copy_printed_columns(parsed.configuration)
         try:
             texts = render_expected_text(
-                Path(name).stem, program, post, controller, said=columns, zone=replace(law, distance=blend)
+                Path(name).stem, program, post, controller, numbers_by_axis=columns, zone=replace(law, distance=blend)
             )
         except InputError as problem:
             return [*checks, build_failed_program_check(name, "wording", str(problem.reason))]
@@ -118,12 +118,12 @@ class RewrittenProgram:
         return ""
 
     def _build_program(
-        self, parsed: ParsedProgram, said: ProgramInCell, controller: RobotController, q: Array, external: Array
+        self, parsed: ParsedProgram, program: ProgramInCell, controller: RobotController, q: Array, external: Array
     ) -> RobotProgram:
         """The program as the post took it, from what was read; joints are the motion's, which only zones look at."""
-        cell, n = self.cell, len(said)
+        cell, n = self.cell, len(program)
         standing = compute_controller_posture(load_robot(cell), q, controller)
-        labels = list(dict.fromkeys(o for o in said.operation if o))
+        labels = list(dict.fromkeys(o for o in program.operation if o))
         number = {"": -1, **{label: n for n, label in enumerate(labels)}}
         own = self.toolpath.events
         events = (
@@ -131,19 +131,19 @@ class RewrittenProgram:
             if (len(own) == len(parsed.events))
             else parsed.events
         )
-        linear = said.kind == LIN
-        feed = np.where(linear, np.where(said.feed > 0.0, said.feed, 1.0), np.nan)
-        kind = said.kind.copy()
+        linear = program.kind == LIN
+        feed = np.where(linear, np.where(program.feed > 0.0, program.feed, 1.0), np.nan)
+        kind = program.kind.copy()
         kind[0] = 0  # a program begins with a joint move; that this one does is seen in its text
         feed[0] = np.nan
         return RobotProgram(
             kind=kind,
             q=q,
-            T_workpiece_tcp=said.T_workpiece_tcp,
+            T_workpiece_tcp=program.T_workpiece_tcp,
             feed=feed,
-            cutting=(kind == LIN) & (said.move == MoveKind.CUT),
-            move=said.move,
-            operation=np.array([number[o] for o in said.operation], np.int32),
+            cutting=(kind == LIN) & (program.move == MoveKind.CUT),
+            move=program.move,
+            operation=np.array([number[o] for o in program.operation], np.int32),
             operations=tuple(labels),
             T_flange_tcp=cell.tool.T_flange_tcp,
             T_base_workpiece=compute_workpiece_in_base(cell, cell.external_home),
@@ -152,12 +152,12 @@ class RewrittenProgram:
             T_carrier_workpiece=get_workpiece_on_positioner(cell),
             ptp_speed=self.options.rapid_scale,
             events=events,
-            blend=0.0 if said.is_streamed else self.tolerance.position,
+            blend=0.0 if program.is_streamed else self.tolerance.position,
             rapid_share=None if self.rapid is None else self.rapid[0],
             rapid_zone=None if self.rapid is None else self.rapid[1],
             source=self.source,
             joint_names=cell.arm_joints,
-            time=np.arange(n, dtype=float) if said.is_streamed else None,
+            time=np.arange(n, dtype=float) if program.is_streamed else None,
             wrist_behind=None if standing is None else standing[0],
             elbow_up=None if standing is None else standing[1],
             axis_velocity=cell.limits.velocity[:6],

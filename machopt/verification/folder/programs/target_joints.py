@@ -27,22 +27,22 @@ def interpolate_joints(motion: ExportedMotion, rows: Array) -> Array:
     return np.column_stack([np.interp(rows, s, motion.q[:, k]) for k in range(6)])
 
 
-def compute_external_joints(motion: ExportedMotion, said: ProgramInCell, rows: Array) -> Array:
+def compute_external_joints(motion: ExportedMotion, program: ProgramInCell, rows: Array) -> Array:
     """Return the (M, E) external joints that the program states, those of the motion where it does not, rad or m.
 
     Args:
         motion: The planned motion.
-        said: The program in the cell.
+        program: The program in the cell.
         rows: (M,) fractional sample at which each move ends.
     """
     s = np.arange(len(motion.q))
     columns = [np.interp(rows, s, e) for e in motion.external.T]
-    driven = np.array(columns).T.reshape(len(said), -1)
-    return np.where(np.isfinite(said.external), said.external, driven)
+    driven = np.array(columns).T.reshape(len(program), -1)
+    return np.where(np.isfinite(program.external), program.external, driven)
 
 
 def find_target_joints(
-    arm: UrdfKinematics, T_flange_tcp: Array, said: ProgramInCell, near: Array, external: Array, robot: Robot
+    arm: UrdfKinematics, T_flange_tcp: Array, program: ProgramInCell, near: Array, external: Array, robot: Robot
 ) -> Array:
     """Return the (M, 6) joints of each target itself, those of the motion where none are close to them, rad.
 
@@ -51,12 +51,12 @@ def find_target_joints(
     Args:
         arm: Kinematics of the cell as the controller reckons.
         T_flange_tcp: (4, 4) TCP in the flange, m.
-        said: The program in the cell.
+        program: The program in the cell.
         near: (M, 6) joints of the motion, rad.
         external: (M, E) external joints, rad or m.
         robot: The nominal robot.
     """
-    wanted = arm.T_base_workpiece(external) @ said.T_workpiece_tcp
+    wanted = arm.T_base_workpiece(external) @ program.T_workpiece_tcp
     out = near.copy()
     for first in range(0, len(near), BLOCK_ROWS):
         some = slice(first, first + BLOCK_ROWS)

@@ -49,8 +49,8 @@ def check_program_entries(t: ResultComparison) -> Iterable[str]:
         yield from check_equal("programs", [[p.post, list(p.files)] for p in stated if p.files], listed_programs)
         for name in sorted(there - set(named)):
             yield f"{name} is a program and not named"
-        said = [f"{p.files[0]}: {x}" for p in stated if p.files for x in (*p.not_in_program, *p.assumed)]
-        yield from check_equal("warnings (of the manifest)", list(t.manifest.warnings), said)
+        remarks = [f"{p.files[0]}: {x}" for p in stated if p.files for x in (*p.not_in_program, *p.assumed)]
+        yield from check_equal("warnings (of the manifest)", list(t.manifest.warnings), remarks)
         tolerance = t.manifest.program_tolerance_mm
         for p in stated:
             yield from check_close(f"{p.post}: tolerance_mm", p.tolerance_mm, tolerance, RELATIVE_TOLERANCE, 0.0)
@@ -63,11 +63,11 @@ def _check_feed_model(p: RobotProgramEntry) -> Iterable[str]:
     stated = p.feed_model
     if stated is None:
         return
-    low, mean, held = stated.lowest_percent, stated.mean_percent, stated.held_length_percent
+    low, mean, feed_limit = stated.lowest_percent, stated.mean_percent, stated.held_length_percent
     if not (
         0.0 <= low <= mean * (1 + RELATIVE_TOLERANCE)
         and mean <= 100.0 * (1 + RELATIVE_TOLERANCE)
-        and 0.0 <= held <= 100.0 * (1 + RELATIVE_TOLERANCE)
+        and 0.0 <= feed_limit <= 100.0 * (1 + RELATIVE_TOLERANCE)
     ):
         yield f"{p.post}: feed_model cannot be: {format_json_value(stated)}"
     if not (stated.cutting_time_s >= 0.0 and stated.rounding_max_mm >= 0.0 and stated.exact_stops >= 0):

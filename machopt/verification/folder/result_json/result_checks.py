@@ -104,7 +104,7 @@ def check_result_document(
     try:
         result = OptimizeDocument.model_validate(value)
     except ValidationError as problem:  # an edited file may have any form
-        return [_build_check(part, said) for part, said in list_schema_errors(problem).items()]
+        return [_build_check(part, errors) for part, errors in list_schema_errors(problem).items()]
     stated = ResultComparison(
         result=result,
         folder=folder,
@@ -157,9 +157,9 @@ def _format_error(problem: Exception) -> str:
 
 def _build_check(part: str, wrong: list[str]) -> VerificationCheck:
     more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-    said = "; ".join(wrong[:3]) + more
+    text = "; ".join(wrong[:3]) + more
     return build_file_check(
-        RESULT_FILE, part, not wrong, float(len(wrong)), 0.0, "differences", said, of=" " if part else ""
+        RESULT_FILE, part, not wrong, float(len(wrong)), 0.0, "differences", text, of=" " if part else ""
     )
 
 

@@ -52,6 +52,6 @@ def list_schema_errors(problem: ValidationError) -> dict[str, list[str]]:
     wrong: dict[str, list[ErrorDetails]] = {}
     for error in problem.errors():
         part = _PART_BY_KEY.get(str(error["loc"][0]) if error["loc"] else "", "verdict")
-        said = wrong.setdefault(part, [])
-        said.append(error)
+        part_errors = wrong.setdefault(part, [])
+        part_errors.append(error)
     return {part: list_unique_errors(errors) for part, errors in wrong.items()}

@@ -86,8 +86,8 @@ def check_feed(t: ResultComparison) -> Iterable[str]:
         return
     still = bool(_is_unmoved(t.toolpath)[ends[cut]].all())  # no cut has a length: nothing is slow
     spread = TILT_FEED_SPREAD if "lead_deg" in t.motion else 0.0
-    held = HELD_FEED_SHARE + spread, HELD_FEED_SHARE - spread
-    least, most = (1.0 if still else (row[cut] >= h).mean() for row, h in zip(ratio, held, strict=True))
+    thresholds = HELD_FEED_SHARE + spread, HELD_FEED_SHARE - spread
+    least, most = (1.0 if still else (row[cut] >= h).mean() for row, h in zip(ratio, thresholds, strict=True))
     slack = 1e-9 if still else slack
     if not least - slack <= share <= most + slack:
         yield f"feed_held_share is {share:.6g}, {least:.6g} to {most:.6g} follows"

@@ -40,8 +40,8 @@ def check_dwells_and_stops(
         place: (P,), (P, 3) m: fractional index and place of the commanded polyline's corners.
         cell: its limits of jerk.
     """
-    asked = _list_dwells(toolpath)
-    if not asked:
+    programmed = _list_dwells(toolpath)
+    if not programmed:
         return []
     given_up = set(points.point[~points.ok].tolist())
     step = np.abs(np.diff(motion.joints, axis=0))
@@ -53,7 +53,7 @@ def check_dwells_and_stops(
     rows = rows[np.argsort(motion.point[rows], kind="stable")]
     known = motion.point[rows]
     wrong: list[str] = []
-    for k, seconds in sorted(asked.items()):
+    for k, seconds in sorted(programmed.items()):
         if k in given_up:
             continue
         if k < 0:

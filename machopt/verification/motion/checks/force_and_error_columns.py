@@ -108,8 +108,8 @@ def check_process_columns(
         def compute_probability(feed: Array, picked: Bools) -> Array:
             assert toolpath.process_operation is not None
             own = recompute_loads(cell, toolpath, feed, toolpath.process_operation)
-            kept = true_points.ok & picked[np.clip(true_points.point, 0, len(picked) - 1)]
-            some = replace(true_points, status=tuple("ok" if flag else "left out" for flag in kept))
+            is_checked = true_points.ok & picked[np.clip(true_points.point, 0, len(picked) - 1)]
+            some = replace(true_points, status=tuple("ok" if flag else "left out" for flag in is_checked))
             return predict_errors(cell, toolpath, own, true_motion, some, arm, law).p_in
 
         checks += LargestFeeds(

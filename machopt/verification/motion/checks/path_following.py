@@ -139,17 +139,17 @@ def _check_points_visited(motion: ExportedMotion, wanted: Bools, toolpath: Toolp
     s = motion.point[rows]
     pairs = np.flatnonzero((np.diff(rows) == 1) & (s[:-1] <= s[1:])) if len(s) > 1 else np.empty(0, int)
     rises = np.r_[np.sort(s[np.isfinite(s)]), np.inf]
-    asked = np.flatnonzero(wanted)
-    near = rises[np.searchsorted(rises, asked - 0.51)] <= asked + 0.51
+    expected_points = np.flatnonzero(wanted)
+    near = rises[np.searchsorted(rises, expected_points - 0.51)] <= expected_points + 0.51
     # points that two successive samples enclose: one more from the first of them on, one less behind the last
     n = len(wanted)
     low = np.clip(np.ceil(s[pairs]), 0, n).astype(int)
     high = np.maximum(np.clip(np.floor(s[pairs + 1]) + 1, 0, n).astype(int), low)
     steps = np.bincount(low, minlength=n + 1) - np.bincount(high, minlength=n + 1)
     passed = np.zeros(n, bool)
-    passed[asked] = near | (np.cumsum(steps)[asked] > 0)
+    passed[expected_points] = near | (np.cumsum(steps)[expected_points] > 0)
     place = np.r_[0, np.cumsum(~_is_standing(toolpath)[1:])]
-    missed = asked[(np.bincount(place, passed) == 0)[place[asked]]]
+    missed = expected_points[(np.bincount(place, passed) == 0)[place[expected_points]]]
     text = f"{len(missed)} of {int(wanted.sum())} missed, first point {missed[0]}" if len(missed) else "all visited"
     return VerificationCheck(
         name="cutting points visited",
@@ -219,8 +219,8 @@ def _check_rapid_points(
     inside = (k >= 0) & (k < len(toolpath))
     np.minimum.at(nearest, k[inside], locations.off_index[rows[inside]])
     nearest = np.where(np.isfinite(beyond), beyond, nearest)
-    asked = np.flatnonzero((toolpath.move == MoveKind.RAPID) & ~given_up)
-    if not len(asked):
+    expected_points = np.flatnonzero((toolpath.move == MoveKind.RAPID) & ~given_up)
+    if not len(expected_points):
         return VerificationCheck(
             name="rapid points reached",
             passed=True,
@@ -230,7 +230,11 @@ def _check_rapid_points(
             where="there are none",
         )
     return build_worst_value_check(
-        "rapid points reached", "mm", 1e3 * nearest[asked], RAPID_POINT_TOLERANCE_MM, lambda n: f"point {asked[n]}"
+        "rapid points reached",
+        "mm",
+        1e3 * nearest[expected_points],
+        RAPID_POINT_TOLERANCE_MM,
+        lambda n: f"point {expected_points[n]}",
     )
 
 

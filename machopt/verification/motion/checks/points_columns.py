@@ -301,8 +301,8 @@ class PointsTableCheck:
         last = np.maximum(np.clip(np.ceil(s[b] - POINT_INDEX_TOLERANCE), 0, n - 1).astype(int), first)
         fed = apply_exported_feeds(self.toolpath, self.points.numbers.get(ADVISED), self.points.point).feed
         programmed = np.where(np.isfinite(fed), fed, self.options.approach_feed)
-        held = HELD_FEED_SHARE + (0.0 if motion.lead is None else TILT_FEED_SPREAD)
-        low = motion.feed[b] < held * np.fmax(programmed[first], programmed[last])
+        feed_threshold = HELD_FEED_SHARE + (0.0 if motion.lead is None else TILT_FEED_SPREAD)
+        low = motion.feed[b] < feed_threshold * np.fmax(programmed[first], programmed[last])
         edges = np.bincount(first[low], minlength=n + 1) - np.bincount(last[low] + 1, minlength=n + 1)
         return np.asarray(np.cumsum(edges[:n]) > 0)
 

@@ -102,12 +102,12 @@ def _check_steering(points: ExportedPoints, rows: NDArray[np.intp], options: Pla
         out.append(
             build_worst_value_check("as asked: forbidden rotations", "deg inside", deep, ROTATION_TOLERANCE_DEG, where)
         )
-    held = [(w, n) for w in options.steer if w.branch is not None for n in select_steered_rows(w, at)]
-    if held:
+    steered = [(w, n) for w in options.steer if w.branch is not None for n in select_steered_rows(w, at)]
+    if steered:
         branch = points.numbers["branch"][rows]
-        off = np.array([float(branch[n] != w.branch) for w, n in held])
+        off = np.array([float(branch[n] != w.branch) for w, n in steered])
         out.append(
-            build_worst_value_check("as asked: branch", "of another", off, 0.5, [f"point {at[n]}" for _, n in held])
+            build_worst_value_check("as asked: branch", "of another", off, 0.5, [f"point {at[n]}" for _, n in steered])
         )
     return out
 

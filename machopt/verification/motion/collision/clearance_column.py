@@ -110,17 +110,17 @@ def check_clearances(
     stated = _check_named_pairs(scene, claim, named, short, beyond, who)
     for a, b in wanted:
         T = scene.compute_relative_motion(a, b)
-        asked = (bound_sphere_box_distance(a, b, T) < claim - CLEARANCE_TOLERANCE_M) & (
+        is_doubtful = (bound_sphere_box_distance(a, b, T) < claim - CLEARANCE_TOLERANCE_M) & (
             stated != _format_pair_name(a, b)
         )
         if b.kind == "grazing":
-            asked &= ~may_cut
-        if not asked.any():
+            is_doubtful &= ~may_cut
+        if not is_doubtful.any():
             continue
         below, _ = bound_distances(
-            a, b, T, np.flatnonzero(asked), scene.compute_travelled_distance(a, b), claim - CLEARANCE_TOLERANCE_M
+            a, b, T, np.flatnonzero(is_doubtful), scene.compute_travelled_distance(a, b), claim - CLEARANCE_TOLERANCE_M
         )
-        for k in np.flatnonzero(asked & (below < claim - CLEARANCE_TOLERANCE_M)):
+        for k in np.flatnonzero(is_doubtful & (below < claim - CLEARANCE_TOLERANCE_M)):
             d = max(compute_distance(a, b, T[k]), 0.0)
             if claim[k] - d > max(short[k], CLEARANCE_TOLERANCE_M):
                 short[k], who[k] = claim[k] - d, _format_pair_name(a, b)

@@ -81,8 +81,10 @@ def find_contacts(
         first, last = int(some[0]), int(some[-1])
         scene, ends = PlacedBodies(arm, bodies, rows[first : last + 1], lever), some - first
         for n, (a, b) in enumerate(wanted):
-            asked = fast[some[1:]] if (a.kind, b.kind) == ("workpiece", "grazing") else np.ones(len(ends) - 1, bool)
-            hits[n] += [first + hit for hit in scene.find_contact_rows(a, b, ends, asked)]
+            is_requested = (
+                fast[some[1:]] if (a.kind, b.kind) == ("workpiece", "grazing") else np.ones(len(ends) - 1, bool)
+            )
+            hits[n] += [first + hit for hit in scene.find_contact_rows(a, b, ends, is_requested)]
     return [
         ContactInterval(f"{a.name} ~ {b.name}", int(place[found[0]]), tuple(int(place[h]) for h in found))
         for (a, b), found in zip(wanted, hits, strict=True)
@@ -182,22 +184,22 @@ class PlacedBodies:
             self._relative[key] = _compute_relative_poses(self.world, a.carrier, b.carrier, np.arange(len(self.world)))
         return self._relative[key]
 
-    def find_contact_rows(self, a: CoalBody, b: CoalBody, stops: NDArray[np.int64], asked: Bools) -> list[int]:
+    def find_contact_rows(self, a: CoalBody, b: CoalBody, stops: NDArray[np.int64], is_requested: Bools) -> list[int]:
         """Return the rows, one for each stretch, in which a and b touch or between which and the next row they do.
 
         Args:
             a: The first body.
             b: The second body.
             stops: Rows at which the stretches begin and end.
-            asked: Stretches to search.
+            is_requested: Stretches to search.
         """
         clear = bound_sphere_box_distance(a, b, self._get_relative_poses(a, b, stops))
         most = 2.0 * self.lever * np.diff(self._turned[stops])  # twice what the way can be
-        if not (asked & (clear[1:] + clear[:-1] <= most)).any():
+        if not (is_requested & (clear[1:] + clear[:-1] <= most)).any():
             return []
         T, way = self.compute_relative_motion(a, b), self.compute_travelled_distance(a, b)
         gone = way[stops[1:]] - way[stops[:-1]]
-        doubt = asked & (clear[1:] + clear[:-1] <= gone)
+        doubt = is_requested & (clear[1:] + clear[:-1] <= gone)
         ends = np.append(doubt, False) | np.append(False, doubt)
         most = np.maximum(np.append(gone, 0.0), np.append(0.0, gone))
         below, _ = bound_distances(a, b, T[stops], np.flatnonzero(ends), claim=most)

@@ -102,10 +102,10 @@ def _compute_depth(cutter: CoalBody, part: CoalBody, places: Array, z_flange: Ar
     free = 1e-3
     while touches(free) and free < MAX_DEPTH_M:
         free *= 2.0
-    held = 0.0 if free == 1e-3 else free / 2.0
-    while free - held > DEPTH_TOLERANCE_M and free < MAX_DEPTH_M:
-        middle = (free + held) / 2.0
-        held, free = (middle, free) if touches(middle) else (held, middle)
+    touching = 0.0 if free == 1e-3 else free / 2.0
+    while free - touching > DEPTH_TOLERANCE_M and free < MAX_DEPTH_M:
+        middle = (free + touching) / 2.0
+        touching, free = (middle, free) if touches(middle) else (touching, middle)
     return min(free, MAX_DEPTH_M)
 
 

@@ -40,14 +40,14 @@ def load_mesh(path: Path, scale: Array) -> Any:
     try:
         return coal.MeshLoader().load(str(path), np.asarray(scale, float))
     except (ValueError, RuntimeError) as problem:
-        said = " ".join(str(problem).split())[:200]  # the message may hold the rest of the file
+        message = " ".join(str(problem).split())[:200]  # the message may hold the rest of the file
     try:  # the importer does not read comments and sections inside of numbers
         with tempfile.TemporaryDirectory() as folder:
             plain = Path(folder) / path.name
             ElementTree.parse(path).write(plain, encoding="utf-8", xml_declaration=True)
             return coal.MeshLoader().load(str(plain), np.asarray(scale, float))
     except (ValueError, RuntimeError, ElementTree.ParseError):
-        raise OutputFolderError(f"cannot be loaded: {said}", file=path) from None
+        raise OutputFolderError(f"cannot be loaded: {message}", file=path) from None
 
 
 def _read_collada_unit(path: Path) -> float:

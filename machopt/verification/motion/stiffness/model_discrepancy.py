@@ -270,9 +270,9 @@ def _build_unit_effect(
         return CoefficientEffect(curve=replace(own, size=np.ones(1)))
     alone = StiffnessTerm(term.effect, term.location, {**term.parameters, **_build_unit_parameters(term, p)})
     if term.effect in ("base_compliance", "link_compliance", "tool_compliance"):
-        kept = {key: v for key, v in alone.parameters.items() if key not in BEAM_KEYS or np.isfinite(v)}
+        parameters = {key: v for key, v in alone.parameters.items() if key not in BEAM_KEYS or np.isfinite(v)}
         made = spring_terms.build_body_springs(
-            [StiffnessTerm(term.effect, term.location, kept)], zero.origin[0], zero.flange[0], T_flange_tcp
+            [StiffnessTerm(term.effect, term.location, parameters)], zero.origin[0], zero.flange[0], T_flange_tcp
         )
         return CoefficientEffect(body=made[0])
     if term.effect in ("joint_coupling", spring_terms.ANGLE_DEPENDENT_EFFECT, "joint_creep"):

@@ -95,8 +95,8 @@ def remove_names_of_time_varying_effects(state: SearchState) -> SearchState:
     if not is_guarded(state):
         return state
     varies = [c.whitened.hypothesis.is_in_catalogue and time_stability.is_time_varying(state, c) for c in state.chosen]
-    kept = (remove_name(c, TIME_VARYING_REASON) if v else c for c, v in zip(state.chosen, varies, strict=True))
-    return replace(state, chosen=tuple(kept))
+    chosen = (remove_name(c, TIME_VARYING_REASON) if v else c for c, v in zip(state.chosen, varies, strict=True))
+    return replace(state, chosen=tuple(chosen))
 
 
 def remove_names_of_small_gain(state: SearchState, rng: np.random.Generator) -> SearchState:
@@ -167,14 +167,14 @@ def remove_names_of_session_dependent_effects(state: SearchState) -> SearchState
     other = find_contradicted_effect(state)
     if other is None:
         return state
-    kept = (
+    chosen = (
         remove_name(c, SMALL_GAIN_REASON)
         if c.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES
         and other.gain > thresholds.PROOF.outweighs * c.scored.gain
         else c
         for c in state.chosen
     )
-    return replace(state, chosen=tuple(kept))
+    return replace(state, chosen=tuple(chosen))
 
 
 def is_guarded(state: SearchState) -> bool:

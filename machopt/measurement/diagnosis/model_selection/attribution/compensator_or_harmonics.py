@@ -68,8 +68,8 @@ def _resolve_place(state: SearchState, place: str) -> SearchState:
     if least - whole.rss - sum(_compute_amplitude_excess(c) for c in mine) > thresholds.DETECTION.as_good * quiet:
         return state
     laws = [found.whitened if t.index == found.whitened.index else t for t in state.whitened_hypotheses]
-    kept = [replace(found, p_value=min(c.p_value for c in mine)) if c is mine[0] else c for c in state.chosen]
-    return replace(state, whitened_hypotheses=tuple(laws), chosen=tuple(c for c in kept if c not in mine[1:]))
+    chosen = [replace(found, p_value=min(c.p_value for c in mine)) if c is mine[0] else c for c in state.chosen]
+    return replace(state, whitened_hypotheses=tuple(laws), chosen=tuple(c for c in chosen if c not in mine[1:]))
 
 
 def _is_angle_law(c: SelectedEffect) -> bool:

@@ -131,7 +131,7 @@ def estimate_parameters(
     for t in [o for o in tried if o.hypothesis.name == h.name and o is not c.whitened] + [c.whitened]:
         p = t.X.shape[2]
         for s in range(len(t.shapes)):
-            m = model_without.with_law(t, s, held=True)
+            m = model_without.with_law(t, s, with_prior=True)
             more = max(p - c.whitened.X.shape[2], 0)  # coefficients; they have to pay as in the selection
             cost = thresholds.DETECTION.per_coefficient * more * m.residual_variance
             if m.rss + cost > most and (t is not c.whitened or s != c.scored.shape):
@@ -251,18 +251,18 @@ def _apply_coefficient_prior(
     law: WhitenedHypothesis,
     at: int,
     fit: tuple[Array, Array, float, float],
-    told: tuple[Mapping[str, Quantity], dict[str, Array]],
+    estimates_and_covariances: tuple[Mapping[str, Quantity], dict[str, Array]],
 ) -> tuple[Mapping[str, Quantity], dict[str, Array]]:
     """Return sizes of a body and their intervals; insignificant ones are replaced by those of significant
     coefficients.
 
     Otherwise the largest of several compliances would be the one that no reading determines.
     """
-    (x, covariance, freedom, doubt), (value, intervals) = fit, told
+    (x, covariance, freedom, doubt), (value, intervals) = fit, estimates_and_covariances
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    held = np.where(np.abs(x) > float(stdtrit(freedom, 0.975)) * sigma, x, 0.0)
-    again = _compute_quantity_intervals(law, at, held, covariance, freedom, doubt)
-    sizes = law.hypothesis.quantities(held * law.unit[at], law.shapes[at])
+    significant = np.where(np.abs(x) > float(stdtrit(freedom, 0.975)) * sigma, x, 0.0)
+    again = _compute_quantity_intervals(law, at, significant, covariance, freedom, doubt)
+    sizes = law.hypothesis.quantities(significant * law.unit[at], law.shapes[at])
     taken = [
         n for n, i in intervals.items() if not _excludes_zero(i) and _excludes_zero(again[n]) and sizes[n].value != 0.0
     ]
@@ -275,7 +275,7 @@ def _compute_likelihood_margin(model_without: WhitenedModel, c: SelectedEffect, 
     If the noise is measured and the law leaves more than noise, its form is not exact. A shape that is worse by no
     more than this excess may be equally close to the truth.
     """
-    m = model_without.with_law(c.whitened, c.scored.shape, held=True)
+    m = model_without.with_law(c.whitened, c.scored.shape, with_prior=True)
     freedom = len(m.y) - m.count
     beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # excess over noise at two standard deviations
     form = 0.0 if c.whitened.hypothesis.is_exact else min(beyond, thresholds.DETECTION.beside * c.scored.gain)
@@ -352,7 +352,7 @@ def _compute_noise_bias(h: EffectHypothesis, x: Array, covariance: Array, at: tu
 
 
 def _compute_residual_squares(model_without: WhitenedModel, c: SelectedEffect) -> float:
-    return model_without.with_law(c.whitened, c.scored.shape, held=True).rss
+    return model_without.with_law(c.whitened, c.scored.shape, with_prior=True).rss
 
 
 def _compute_paired_p_value(d: Array) -> float:

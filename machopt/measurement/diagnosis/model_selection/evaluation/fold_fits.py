@@ -87,8 +87,8 @@ def fix_unstated_unknowns(state: SearchState) -> SearchState:
     unstated = np.array([not u.is_stated for u in state.problem.unknowns], bool)
     if not unstated.any():
         return state
-    held = np.where(unstated, FIXED * np.diag(state.base.XX.sum(axis=0)) + FIXED, 0.0)
-    return replace(state, base=replace(state.base, prior=state.base.prior + held))
+    fixing_precision = np.where(unstated, FIXED * np.diag(state.base.XX.sum(axis=0)) + FIXED, 0.0)
+    return replace(state, base=replace(state.base, prior=state.base.prior + fixing_precision))
 
 
 def refit_at_shapes(state: SearchState, chosen: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:

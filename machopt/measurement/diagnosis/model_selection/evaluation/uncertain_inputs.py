@@ -43,9 +43,9 @@ def include_uncertain_inputs(state: SearchState) -> SearchState:
     unit = 1.0 / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     base = state.base.with_columns(columns * unit, (unit / np.array([u.prior for u in inputs.unknowns], float)) ** 2)
     whole = replace(state, problem=problem, base=base, base_units=np.concatenate([state.base_units, unit]))
-    for kept in (_drop_explained(base, state.chosen), tuple(score_together(base, state.chosen))):
-        if _are_plausible(whole, kept):
-            return replace(whole, chosen=kept)
+    for findings in (_drop_explained(base, state.chosen), tuple(score_together(base, state.chosen))):
+        if _are_plausible(whole, findings):
+            return replace(whole, chosen=findings)
     return state
 
 

@@ -179,8 +179,8 @@ def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) ->
     """
     if u.shape[-1] == 1:
         free = u / S[..., 0]
-        held = np.maximum(free, 0.0) if lower and np.isfinite(lower[0]) else free
-        return held, np.asarray((held * (2 * u - S[..., 0] * held))[..., 0])
+        bounded = np.maximum(free, 0.0) if lower and np.isfinite(lower[0]) else free
+        return bounded, np.asarray((bounded * (2 * u - S[..., 0] * bounded))[..., 0])
     x = np.asarray(np.linalg.solve(S, u[..., None])[..., 0])
     if lower and any(np.isfinite(v) for v in lower):
         below = np.array([np.isfinite(v) for v in lower])
@@ -190,9 +190,9 @@ def minimise_bounded_quadratics(S: Array, u: Array, lower: tuple[float, ...]) ->
             if not wrong.any():
                 break
             active |= wrong
-            held = S * ~active[:, :, None] * ~active[:, None, :]
-            held = held + np.einsum("bi,ij->bij", active.astype(float), np.eye(x.shape[1]))
-            x = np.where(active, 0.0, np.linalg.solve(held, np.where(active, 0.0, u)[..., None])[..., 0])
+            bounded = S * ~active[:, :, None] * ~active[:, None, :]
+            bounded = bounded + np.einsum("bi,ij->bij", active.astype(float), np.eye(x.shape[1]))
+            x = np.where(active, 0.0, np.linalg.solve(bounded, np.where(active, 0.0, u)[..., None])[..., 0])
     return np.asarray(x), np.asarray((x * (2 * u - _multiply(S, x))).sum(axis=1))
 
 

@@ -120,15 +120,17 @@ class CachedSums:
         """
         model, whole = self.model, self.sum_all
         others = [g for g in whole.groups if among(g.law)]
-        kept = np.array([*range(whole.base), *(c for g in others for c in range(g.columns.start, g.columns.stop))], int)
-        at, groups = len(kept), []
+        columns = np.array(
+            [*range(whole.base), *(c for g in others for c in range(g.columns.start, g.columns.stop))], int
+        )
+        at, groups = len(columns), []
         for law, shape in first:
             p = law.X.shape[2]
             groups.append(LawColumnGroup(law, shape, slice(at, at + p)))
             at += p
         total, stop = np.zeros((at + 1, at + 1)), whole.base
-        n = np.append(np.arange(len(kept)), at)
-        total[np.ix_(n, n)] = whole.total[np.ix_(np.append(kept, -1), np.append(kept, -1))]
+        n = np.append(np.arange(len(columns)), at)
+        total[np.ix_(n, n)] = whole.total[np.ix_(np.append(columns, -1), np.append(columns, -1))]
         moved = []
         for g in others:
             p = g.columns.stop - g.columns.start

@@ -215,10 +215,10 @@ class _DescriptionSearch:
             return float(H[-1, -1]) / self.residual_variance
         left = H[np.ix_(at, at)]
         fit = float(H[-1, -1] - H[-1, at] @ invert_with_ridge(left, self.sums.sizes[at]) @ H[at, -1])
-        held = np.concatenate([self.sums.groups[g].law.precision(self.sums.groups[g].shape) for g in some])
-        size = 1.0 / np.sqrt(np.where(held > 0.0, held, np.diag(self.sums.total)[at] / n))
+        precision = np.concatenate([self.sums.groups[g].law.precision(self.sums.groups[g].shape) for g in some])
+        size = 1.0 / np.sqrt(np.where(precision > 0.0, precision, np.diag(self.sums.total)[at] / n))
         known = np.linalg.eigvalsh(
-            np.eye(len(at)) + (left - np.diag(held)) * np.outer(size, size) / self.residual_variance
+            np.eye(len(at)) + (left - np.diag(precision)) * np.outer(size, size) / self.residual_variance
         )
         shapes = sum(self._orders(g) for g in some)
         return fit / self.residual_variance + float(np.sum(np.log(np.maximum(known, 1.0)))) + shapes * float(np.log(n))
@@ -245,15 +245,15 @@ class _DescriptionSearch:
         parts = [g for g in found if self._kinematic(g)]
         for n in range(1, min(MAX_EXCHANGED, len(parts)) + 1):
             for some in combinations(parts, n):
-                kept = tuple(g for g in found if g not in some)
+                remaining = tuple(g for g in found if g not in some)
                 for most in (MAX_COEFFICIENTS, 6):
-                    new = self._find_small_law_set(kept, most)
+                    new = self._find_small_law_set(remaining, most)
                     if set(new) != set(found) and len(new) <= self.max_effects:
                         yield new
 
-    def _find_small_law_set(self, kept: GroupIndices, most: int) -> GroupIndices:
+    def _find_small_law_set(self, required: GroupIndices, most: int) -> GroupIndices:
         """Add laws with few coefficients while the description becomes shorter; drop nearly unnecessary ones."""
-        out, now = kept, self.length(kept)
+        out, now = required, self.length(required)
         wide = np.array([len(self._columns(g)) > most for g in range(len(self.sums.groups))])
         while True:
             gained = compute_gains_beside(self.sums, self._list_columns(out))
@@ -265,12 +265,12 @@ class _DescriptionSearch:
             if not each or min(each)[0] >= now:
                 break
             now, out = min(each)[0], (*out, min(each)[1])
-        return self._drop_unneeded(kept, out)
+        return self._drop_unneeded(required, out)
 
-    def _drop_unneeded(self, kept: GroupIndices, some: GroupIndices) -> GroupIndices:
+    def _drop_unneeded(self, required: GroupIndices, some: GroupIndices) -> GroupIndices:
         """Drop groups whose removal hardly changes the description length."""
-        while len(some) > len(kept) + 1:
-            each = [(self.length(w), w) for w in (tuple(o for o in some if o != g) for g in some if g not in kept)]
+        while len(some) > len(required) + 1:
+            each = [(self.length(w), w) for w in (tuple(o for o in some if o != g) for g in some if g not in required)]
             if min(each)[0] >= self.length(some) + thresholds.DETECTION.shorter:
                 break
             some = min(each)[1]
@@ -284,7 +284,7 @@ def _score_together(model: WhitenedModel, parts: Sequence[_DescriptionPart]) -> 
         others = [o for o in parts if o is not part]
         model_without = model
         for o in others:
-            model_without = model_without.with_law(o.law, o.shape, held=True)
+            model_without = model_without.with_law(o.law, o.shape, with_prior=True)
         s = score_hypotheses(model_without, [select_shape(part.law, part.shape)])[0]
         if part.is_new and not is_supported_without_session_check(model_without, s):
             return None

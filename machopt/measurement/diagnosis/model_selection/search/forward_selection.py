@@ -387,10 +387,10 @@ def _eliminate_backward(model: WhitenedModel, chosen: list[SelectedEffect]) -> l
             add_selected_effects(model, out), [(c.whitened, c.scored.shape) for c in out]
         )
         if not weak:
-            kept = [
+            remaining = [
                 replace(c, scored=replace(s, x=project_to_plausible_coefficients(m, s.whitened, s.shape, s.x)[0]))
                 for c, (m, s) in zip(out, again, strict=True)
             ]
-            return sorted(kept, key=lambda c: -c.scored.total)
+            return sorted(remaining, key=lambda c: -c.scored.total)
         worst = min(weak, key=lambda k: again[k][1].total)
         out = out[:worst] + out[worst + 1 :]

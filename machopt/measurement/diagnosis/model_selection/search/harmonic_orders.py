@@ -164,10 +164,10 @@ def _merge_unresolved_orders(
         if orders[pair[1]] - orders[pair[0]] >= law.refinement.minimum_separation:
             break
         ways = [orders[:n] + orders[n + 1 :] for n in pair]
-        kept = min(
+        merged = min(
             ways, key=lambda way: model_without.with_columns(_build_order_columns(model, law, way).columns_at(0)).rss
         )
-        orders = _refine_orders(model, model_without, law, kept)
+        orders = _refine_orders(model, model_without, law, merged)
     return orders
 
 

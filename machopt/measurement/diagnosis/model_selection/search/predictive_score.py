@@ -80,7 +80,7 @@ def select_zero_offsets(model: WhitenedModel, laws: Sequence[WhitenedHypothesis]
     offsets = [t for t in laws if t.hypothesis.effect == joint_angle_errors.ZERO.file_word]
     whole = model
     for t in offsets:
-        whole = whole.with_law(t, 0, held=True)
+        whole = whole.with_law(t, 0, with_prior=True)
     base = np.arange(model.count)
     best: tuple[int, ...] = ()
     most = _score_columns(whole, base)

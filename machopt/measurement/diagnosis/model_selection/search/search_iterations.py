@@ -180,9 +180,9 @@ def _fit_robust_base(problem: DiagnosisProblem) -> tuple[Array, Flags]:
         A = (problem.base[used] * scale[:, None]).reshape(problem.y[used].size, problem.base.shape[2])
         size = np.sqrt(np.mean(A**2, axis=0))
         size = np.where(size > 0, size, 1.0)
-        held = np.diag(prior / size)
+        prior_precision = np.diag(prior / size)
         b = np.concatenate([(problem.y[used] * scale).reshape(-1), np.zeros(len(prior))])
-        x = np.linalg.lstsq(np.concatenate([A / size, held]), b, rcond=1e-10)[0] / size
+        x = np.linalg.lstsq(np.concatenate([A / size, prior_precision]), b, rcond=1e-10)[0] / size
         residual = problem.y - problem.base @ x
         good = outlier_rejection.find_inlier_readings(problem, residual) & _find_allowed_rows(problem)
         if np.array_equal(good, used):

@@ -155,9 +155,9 @@ def refine_law_shape(
     notes.append(finer.describe_ambiguity(near))
     # intervals use the equally likely shapes only
     noted = replace(h, shapes=tuple(near), note="; ".join(n for n in notes if n))
-    kept = replace(whiten_hypotheses(base, [noted])[0], index=c.whitened.index)
+    refined = replace(whiten_hypotheses(base, [noted])[0], index=c.whitened.index)
     own = score_hypotheses(model_without, whiten_hypotheses(base, [replace(h, shapes=(at,))]))[0]
-    return replace(c, scored=replace(own, whitened=kept, shape=near.index(at)))
+    return replace(c, scored=replace(own, whitened=refined, shape=near.index(at)))
 
 
 def _is_unambiguous(near: Sequence[Shape], finer: ShapeRefinement) -> bool:
