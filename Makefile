@@ -1,6 +1,6 @@
 # make run     build .venv from python3 alone, install machopt, do the main job on the shipped cell
-# make quick   unit tests, a minute  make test    all tests     (JOBS=n processes; the cores of this machine)
-# make proofs  statistics over many records, torture by kills: some minutes more
+# make quick   unit tests, a minute  make test    tests of up to 5 s of processor time each   (JOBS=n processes; the cores of this machine)
+# make proofs  longer tests (tests/long_tests.txt), statistics over many records, torture by kills: as long again
 # make suite   tests and proofs in one run: modules are imported and shared plans made once
 # make lint    format, lint, imports, types
 # make check   lint, suite   make clean   remove .venv, .venv-lowest, .venv-docs and out/
@@ -8,8 +8,8 @@
 # make lowest  the quick tests on the lowest versions that pyproject.toml allows, in .venv-lowest
 # make docs    the documentation as pages in out/docs, every link checked; built in .venv-docs, without machopt
 # make nightly all tests with twenty times as many examples of each property, drawn anew; more random jobs of the proofs
-# make slow    all tests once, one process, to write tests/slow_tests.txt and module_durations.txt anew: what `quick` leaves out, what
-#              goes first
+# make slow    all tests once, to write tests/slow_tests.txt, long_tests.txt and module_durations.txt anew: what `quick` and `test`
+#              leave out, what goes first
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
@@ -39,13 +39,13 @@ test: $(VENV)/.compiled
 	$(PYTEST) -m 'not proof'
 
 proofs: $(VENV)/.compiled
-	$(PYTEST) -m proof $$(grep -l 'mark\.proof' tests/test_*.py tests/*/test_*.py)  # the others need not be imported
+	$(PYTEST) -m proof $$({ grep -l 'mark\.proof' tests/test_*.py tests/*/test_*.py; sed 's/::.*//' tests/long_tests.txt; } | sort -u)  # others need no import
 
 suite: $(VENV)/.compiled
 	$(PYTEST)
 
 coverage: $(VENV)/.compiled
-	$(PYTEST) -m 'not proof' --cov --cov-report=
+	$(PYTEST) --cov --cov-report=
 	$(BIN)/python tests/branch_coverage.py
 
 nightly: $(VENV)/.compiled
@@ -53,7 +53,7 @@ nightly: $(VENV)/.compiled
 	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m proof tests/test_random_small_jobs.py tests/test_tool_axis_corners.py
 
 slow: $(VENV)/.compiled
-	$(BIN)/python -m pytest -n 0 --record-slow -m 'not proof'
+	$(PYTEST) --record-slow
 
 lowest:
 	$(MAKE) quick VENV=.venv-lowest TEST_LOCK=.requirements-lowest.lock

@@ -61,6 +61,10 @@ SLOW = Path(__file__).with_name("slow_tests.txt")
 """No part of `quick`: tests of which one case took LONG seconds of processor time or more when they were recorded
 (``--record-slow``), and modules that took LONG_MODULE seconds in all, their fixtures included."""
 LONG, LONG_MODULE = 0.15, 10.0
+PROOFS = Path(__file__).with_name("long_tests.txt")
+"""Proofs by their length: tests of which one case took LONG_TEST seconds or more when they were recorded. Others carry
+the mark themselves."""
+LONG_TEST = 5.0
 SECONDS = Path(__file__).with_name("module_durations.txt")
 """What each module took of the processor when it was recorded, the longest first, from NOTED seconds on: the order of a
 run."""
@@ -163,7 +167,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--record-slow",
         action="store_true",
-        help=f"write tests/{SLOW.name} and {SECONDS.name} anew for the modules of this run",
+        help=f"write tests/{SLOW.name}, {PROOFS.name} and {SECONDS.name} anew for the modules of this run",
     )
     parser.addoption("--strict-skips", action="store_true", help="fail where a test is skipped for no expected reason")
 
@@ -190,12 +194,17 @@ def pytest_collection(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What took long when it was recorded is ``slow``. The longest modules come first: the last one that two processes
-    share out must be a short one, or one of them waits for the other. Nobody knows of a new module with slow tests."""
-    known = set(SLOW.read_text(encoding="utf-8").split())
+    """Mark what took long when it was recorded, and put the longest modules first.
+
+    The last module that two processes share out must be a short one, or one of them waits for the other. Durations of
+    new modules with slow tests are unknown; these come first.
+    """
+    known, proofs = (set(names.read_text(encoding="utf-8").split()) for names in (SLOW, PROOFS))
     for item in items:
         if known & {_function(item.nodeid), item.nodeid.partition("::")[0]}:
             item.add_marker(pytest.mark.slow)
+        if _function(item.nodeid) in proofs:
+            item.add_marker(pytest.mark.proof)
     slow = Counter(i.path for i in items if i.get_closest_marker("slow") or i.get_closest_marker("proof"))
     took = seconds_of(SECONDS.read_text(encoding="utf-8"))
     unknown = {i.path: 0.0 if slow[i.path] == 0 else float("inf") for i in items}
@@ -251,6 +260,17 @@ def slow_list(known: Iterable[str], seconds: Mapping[str, float], longest: Mappi
     return sorted(modules | {n for n in tests if n.partition("::")[0] not in modules})
 
 
+def list_long_tests(known: Iterable[str], longest: Mapping[str, float]) -> list[str]:
+    """Return the lines of PROOFS: what ran by its longest case now, the rest unchanged, none that is gone.
+
+    Args:
+        known: lines of the file.
+        longest: seconds of the longest case of each test that ran.
+    """
+    kept = {name for name in known if name not in longest and is_there(name)}
+    return sorted(kept | {name for name, seconds in longest.items() if seconds >= LONG_TEST})
+
+
 def is_there(name: str) -> bool:
     """Whether a module, or a test of one, still has this name."""
     file, _, test = name.partition("::")
@@ -276,6 +296,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
             SECONDS.write_text("\n".join(seconds_list(known, _seconds)) + "\n", encoding="utf-8")
         lines = slow_list(SLOW.read_text(encoding="utf-8").split(), _seconds, _longest)
         SLOW.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        lines = list_long_tests(PROOFS.read_text(encoding="utf-8").split(), _longest)
+        PROOFS.write_text("\n".join(lines) + "\n", encoding="utf-8")
     strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")
     if strict and unexpected_skips(_skips) and session.exitstatus == pytest.ExitCode.OK:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -14,11 +14,14 @@ from branch_coverage import BranchCount
 from conftest import (
     LONG,
     LONG_MODULE,
+    LONG_TEST,
     NOTED,
     PROFILE,
+    PROOFS,
     SECONDS,
     SLOW,
     is_there,
+    list_long_tests,
     seconds_list,
     seconds_of,
     slow_list,
@@ -61,9 +64,20 @@ def test_seconds_are_recorded_for_modules_that_ran_and_the_longest_comes_first()
     assert lines[0].endswith("tests/test_output_damage_detection.py")
 
 
+def test_long_tests_are_recorded_anew_and_others_stay() -> None:
+    known = ["tests/test_cli.py::test_gone", "tests/test_suite_tiers.py::test_what_is_recorded_is_there"]
+    longest = {"tests/test_a.py::test_long": LONG_TEST, "tests/test_a.py::test_short": LONG_TEST / 2}
+    assert list_long_tests(known, longest) == [
+        "tests/test_a.py::test_long",
+        "tests/test_suite_tiers.py::test_what_is_recorded_is_there",
+    ]
+    assert list_long_tests(["tests/test_a.py::test_short"], longest) == ["tests/test_a.py::test_long"]
+
+
 def test_what_is_recorded_is_there() -> None:
     """A test that took another name would run in `make quick` again, however long it takes."""
-    names = [*SLOW.read_text(encoding="utf-8").split(), *seconds_of(SECONDS.read_text(encoding="utf-8"))]
+    names = [name for file in (SLOW, PROOFS) for name in file.read_text(encoding="utf-8").split()]
+    names += seconds_of(SECONDS.read_text(encoding="utf-8"))
     assert [name for name in names if not is_there(name)] == []
 
 
