@@ -105,7 +105,7 @@ def compute_exit_code(lines: Iterable[JobStatus]) -> int:
 
 
 def build_batch_document(
-    found: DiscoveredJobs,
+    discovered_jobs: DiscoveredJobs,
     lines: Sequence[JobStatus],
     version: str,
     *,
@@ -116,7 +116,7 @@ def build_batch_document(
     """Return the content of batch.json: the same for the same jobs, however often the batch was stopped.
 
     Args:
-        found: The jobs that were found, and ignored files.
+        discovered_jobs: The jobs that were found, and ignored files.
         lines: The ranked jobs with their states.
         version: Program version.
         complete: All jobs have ended.
@@ -131,7 +131,7 @@ def build_batch_document(
         exit_code=compute_exit_code(lines) if complete else None,
         counts={state: states[state] for state in _STATE_ORDER if states[state]},
         jobs=tuple(_build_summary_entry(rank, line) for rank, line in enumerate(rank_jobs(lines), 1)),
-        left_out_files=tuple(found.ignored_files),
+        left_out_files=tuple(discovered_jobs.ignored_files),
         other_jobs_in_folder=tuple(others),
         compare=None
         if compared is None

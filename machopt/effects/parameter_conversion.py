@@ -13,12 +13,12 @@ from machopt.effects.protocol import MEMORIES, BodyLaw, CompliantBody, Effect, J
 from machopt.numerics.array_types import Array
 
 
-def find_law(effect: Effect, given: ParameterReader) -> JointLaw:
+def find_law(effect: Effect, reader: ParameterReader) -> JointLaw:
     """Find the joint law that a file means: the stated word, otherwise the effect's default.
 
     Args:
         effect: Effect of the entry.
-        given: Reader of the entry's parameters.
+        reader: Reader of the entry's parameters.
 
     Returns:
         The law.
@@ -28,22 +28,22 @@ def find_law(effect: Effect, given: ParameterReader) -> JointLaw:
     """
     words = effect.law_words
     if not words:
-        return effect.find_law("", given.keys)
-    default = effect.default_law or (words[0] if given.is_empty else "")
-    word = given.read_choice("law", words, default)
+        return effect.find_law("", reader.keys)
+    default = effect.default_law or (words[0] if reader.is_empty else "")
+    word = reader.read_choice("law", words, default)
     if not word:
-        raise given.build_error("law", f"is missing; valid: {', '.join(words)}")
-    return effect.find_law(word, given.keys)
+        raise reader.build_error("law", f"is missing; valid: {', '.join(words)}")
+    return effect.find_law(word, reader.keys)
 
 
 def find_body_law(
-    effect: Effect, given: ParameterReader, body: CompliantBody
+    effect: Effect, reader: ParameterReader, body: CompliantBody
 ) -> tuple[BodyLaw, Array, Array, CompliantBody]:
     """Find the law of a compliant body that a file means, with its numbers.
 
     Args:
         effect: Effect of the entry.
-        given: Reader of the entry's parameters.
+        reader: Reader of the entry's parameters.
         body: Geometry of the compliant body, all joints at zero.
 
     Returns:
@@ -53,22 +53,22 @@ def find_body_law(
         InputError: An unknown word, or impossible numbers.
     """
     if effect.file_reader is not None:
-        return effect.file_reader(given, body)
+        return effect.file_reader(reader, body)
     words = tuple(dict.fromkeys(law.word for law in effect.body_laws if law.word))
-    word = given.read_choice("law", words, words[0]) if words else ""
+    word = reader.read_choice("law", words, words[0]) if words else ""
     known = [law for law in effect.body_laws if law.word == word]
     keys = [{p.key for p in (*law.coefficients, *law.shape)} for law in known]
-    law = next((law for law, own in zip(known, keys, strict=True) if given.keys <= own), known[-1])
-    values, shape, _ = read_law_parameters(law, given)
+    law = next((law for law, own in zip(known, keys, strict=True) if reader.keys <= own), known[-1])
+    values, shape, _ = read_law_parameters(law, reader)
     return law, values, shape, body
 
 
-def read_law_parameters(law: LawParameterSet, given: ParameterReader) -> tuple[Array, Array, str]:
+def read_law_parameters(law: LawParameterSet, reader: ParameterReader) -> tuple[Array, Array, str]:
     """Read the numbers of a law in SI.
 
     Args:
         law: Law that defines the parameters.
-        given: Reader of the entry's parameters.
+        reader: Reader of the entry's parameters.
 
     Returns:
         Coefficients (P,), shape (S,) with NaN for unstated numbers, and the kind of load history (empty if
@@ -77,15 +77,15 @@ def read_law_parameters(law: LawParameterSet, given: ParameterReader) -> tuple[A
     Raises:
         InputError: An impossible number, or lists of different lengths.
     """
-    groups = [[(p, _read_parameter_row(p, given)) for p in group] for group in (law.coefficients, law.shape)]
+    groups = [[(p, _read_parameter_row(p, reader)) for p in group] for group in (law.coefficients, law.shape)]
     rows = [(p, row) for group in groups for p, row in group if p.is_list]
     branches = max((len(row) for _, row in rows), default=1) or 1
     for p, row in rows:
         if len(row) not in (0, branches):
             longest = next(other.key for other, values in rows if len(values) == branches)
-            raise given.build_error(p.key, f"found {len(row)} numbers; expected {branches}, one for each of {longest}")
+            raise reader.build_error(p.key, f"found {len(row)} numbers; expected {branches}, one for each of {longest}")
     values, shape = (_join_branches(group, branches) for group in groups)
-    memory = given.read_choice("memory", MEMORIES, "") if law.has_memory else ""
+    memory = reader.read_choice("memory", MEMORIES, "") if law.has_memory else ""
     return values, shape, memory
 
 
@@ -180,19 +180,19 @@ def _join_branches(group: list[tuple[LawParameter, Array]], branches: int) -> Ar
     return np.concatenate([*single, *([np.stack(many, axis=1).ravel()] if many else []), np.empty(0)])
 
 
-def _read_parameter_row(p: LawParameter, given: ParameterReader) -> Array:
+def _read_parameter_row(p: LawParameter, reader: ParameterReader) -> Array:
     """Return the numbers of one key in SI; empty if it is not stated."""
-    if p.is_list and not (p.is_scalar_for_one_branch and given.read_single_key(p.key)):
-        row = given.read_row(p.key, least=p.lower_limit)
+    if p.is_list and not (p.is_scalar_for_one_branch and reader.read_single_key(p.key)):
+        row = reader.read_row(p.key, least=p.lower_limit)
         if p.positive and not (row > 0.0).all():
             what = "torques" if p.unit == "N·m" else "numbers"
-            raise given.build_error(p.key, f"found {row[row <= 0.0][0]:g}; expected {what} above zero")
+            raise reader.build_error(p.key, f"found {row[row <= 0.0][0]:g}; expected {what} above zero")
         return row * p.factor
-    if not given.has_key(p.key) and not p.required:
+    if not reader.has_key(p.key) and not p.required:
         return np.empty(0)
-    value = given.read_number(p.key, positive=p.positive)
+    value = reader.read_number(p.key, positive=p.positive)
     if value < p.lower_limit:
-        raise given.build_error(p.key, f"found {value:g}; expected at least {_format_bound(p.lower_limit)}")
+        raise reader.build_error(p.key, f"found {value:g}; expected at least {_format_bound(p.lower_limit)}")
     return np.array([1.0 / (value * p.factor) if p.inverse else value * p.factor])
 
 

@@ -12,15 +12,15 @@ from machopt.planning.pipeline.plan_data_types import Plan
 RIGID_FACTOR = 1e9  # times a joint's stiffness: practically rigid
 
 
-def find_softest_point(whole: Plan) -> tuple[float, tuple[float, ...]]:
+def find_softest_point(plan: Plan) -> tuple[float, tuple[float, ...]]:
     """Return the toolpath index of the worst index, and the share of it that would vanish if each joint were rigid.
 
     Args:
-        whole: plan of a job.
+        plan: plan of a job.
     """
-    cost = np.where(whole.path.counted, whole.chosen.cost, -np.inf)
+    cost = np.where(plan.path.counted, plan.chosen.cost, -np.inf)
     at = int(np.nanargmax(cost))
-    one, row = whole.at(at)
+    one, row = plan.at(at)
     p = np.array([row])
     q, elasticity, index = one.chosen.assignment.q[p], one.setup.elasticity, one.scores.index
     all_of_it = compute_configuration_cost(elasticity, one.directions, p, q, index)[0]
@@ -30,4 +30,4 @@ def find_softest_point(whole: Plan) -> tuple[float, tuple[float, ...]]:
         k[p, j] *= RIGID_FACTOR
         left = compute_configuration_cost(elasticity, replace(one.directions, k=k), p, q, index)[0]
         shares.append(float(1.0 - left / all_of_it))
-    return float(whole.path.index[at]), tuple(shares)
+    return float(plan.path.index[at]), tuple(shares)

@@ -158,10 +158,10 @@ def write_programs(
 
 
 def _write_program(
-    folder: Path, one: SelectedPost, segment: ToolSegment, made: MotionProgram, tolerance: ProgramTolerance
+    folder: Path, one: SelectedPost, segment: ToolSegment, motion_program: MotionProgram, tolerance: ProgramTolerance
 ) -> ExportedProgram:
     """One program of one post."""
-    cell, program = segment.cell, made.program
+    cell, program = segment.cell, motion_program.program
     controller = select_controller(cell, one.post)
     target = folder / one.folder
     target.mkdir(exist_ok=True)
@@ -179,7 +179,7 @@ def _write_program(
         label=one.label,
         files=tuple(f.relative_to(folder).as_posix() for f in files),
         lines=sum(f.read_bytes().count(b"\n") for f in files),
-        added=made.added_targets,
+        added=motion_program.added_targets,
         tolerance=tolerance.position,
         post=one.post,
         feed=estimate_program_feed(program, one.post, controller),

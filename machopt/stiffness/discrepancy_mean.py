@@ -40,7 +40,7 @@ class DiscrepancyMean:
     @classmethod
     def build(
         cls,
-        found: ModelDiscrepancy,
+        model_discrepancy: ModelDiscrepancy,
         robot: Robot,
         T_flange_tcp: Array,
         terms: tuple[LinearTerm, ...],
@@ -51,7 +51,7 @@ class DiscrepancyMean:
         """Combine the columns of a discrepancy.
 
         Args:
-            found: discrepancy of the file.
+            model_discrepancy: discrepancy of the file.
             robot: kinematic model.
             T_flange_tcp: (4, 4) TCP relative to the flange.
             terms: terms of the file, with their values.
@@ -61,13 +61,13 @@ class DiscrepancyMean:
         whole = DiscrepancyColumns(
             robot=robot,
             T_flange_tcp=T_flange_tcp,
-            names=found.parts,
-            torque=found.torque,
+            names=model_discrepancy.parts,
+            torque=model_discrepancy.torque,
             terms=terms,
             masses=masses,
             geometric=geometric,
         )
-        parts = _sort_shifts(found)
+        parts = _sort_shifts(model_discrepancy)
         return cls(
             joints=parts.joints,
             cosines=parts.cosines,
@@ -140,14 +140,14 @@ class _SortedShifts:
     rest: dict[str, float]  # values of the columns that are not summed here
 
 
-def _sort_shifts(found: ModelDiscrepancy) -> _SortedShifts:
+def _sort_shifts(model_discrepancy: ModelDiscrepancy) -> _SortedShifts:
     """Return the mean values of the parts of a discrepancy, each kind apart."""
-    n = len(found.torque)
+    n = len(model_discrepancy.torque)
     joints, cosines, sines = np.zeros((n, n)), np.zeros(n), np.zeros(n)
     gears: list[tuple[int, float, float]] = []
     bodies: dict[str, Array] = {}
     rest: dict[str, float] = {}
-    for name, value in zip(found.parts, found.shift.tolist(), strict=True):
+    for name, value in zip(model_discrepancy.parts, model_discrepancy.shift.tolist(), strict=True):
         part = parse_discrepancy_name(name)
         word, numbers = part.kind, part.numbers
         if value == 0.0:
@@ -161,7 +161,7 @@ def _sort_shifts(found: ModelDiscrepancy) -> _SortedShifts:
         elif word in (COS, SIN):
             (cosines if word == COS else sines)[numbers[0]] += value
         elif word in CURVE_SMOOTHING:
-            gears.append((numbers[0], float(CURVE_SMOOTHING[word] * found.torque[numbers[0]]), value))
+            gears.append((numbers[0], float(CURVE_SMOOTHING[word] * model_discrepancy.torque[numbers[0]]), value))
         elif word in (TERM, LOADED, LOOP_COLUMN):
             rest[name] = value
         else:

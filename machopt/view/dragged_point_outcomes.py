@@ -35,17 +35,17 @@ class LiveJob:
     parts: tuple[tuple[int, LiveOutcomes | None], ...]  # of each tool: first point, and its part of the plan
 
     @classmethod
-    def build(cls, made: OptimizeJobResult) -> LiveJob:
+    def build(cls, job_result: OptimizeJobResult) -> LiveJob:
         """Prepare a plan.
 
         Args:
-            made: The shown plan.
+            job_result: The shown plan.
         """
         parts = tuple(
             (one.segment.first, LiveOutcomes.build(one.plan, one.segment.toolpath, one.timeline))
-            for one in made.segments
+            for one in job_result.segments
         )
-        return cls(made, parts)
+        return cls(job_result, parts)
 
     def find_outcome(self, body: dict[str, Any]) -> ViewOutcomeSection | None:
         """Return the outcome of a point at a rotation; None where it has no tolerance.
@@ -80,15 +80,15 @@ class LiveJob:
         return np.asarray(postures[int(apart.argmin())], float)
 
 
-def _build_section(found: LiveOutcome, first: int) -> ViewOutcomeSection:
-    is_angle = found.error_name == "axis"
+def _build_section(live_outcome: LiveOutcome, first: int) -> ViewOutcomeSection:
+    is_angle = live_outcome.error_name == "axis"
     return ViewOutcomeSection(
-        point=found.point + first,
-        outcome=found.outcome,
-        error_name=found.error_name,
-        error_mm=nan if is_angle else 1e3 * found.error,
-        error_deg=degrees(found.error) if is_angle else nan,
-        tolerance_mm=1e3 * found.tolerance,
-        p_in=found.p_in,
-        reason=found.reason,
+        point=live_outcome.point + first,
+        outcome=live_outcome.outcome,
+        error_name=live_outcome.error_name,
+        error_mm=nan if is_angle else 1e3 * live_outcome.error,
+        error_deg=degrees(live_outcome.error) if is_angle else nan,
+        tolerance_mm=1e3 * live_outcome.tolerance,
+        p_in=live_outcome.p_in,
+        reason=live_outcome.reason,
     )

@@ -64,9 +64,9 @@ def _get_cell_name(manifest: FolderManifest) -> str:
     return next((f.name for f in manifest.inputs_of("cell")), "")
 
 
-def _matches_hash(file: Path, wanted: ManifestFile) -> bool:
+def _matches_hash(file: Path, manifest_file: ManifestFile) -> bool:
     try:
-        return file.stat().st_size == wanted.size and compute_sha256(file) == wanted.sha256
+        return file.stat().st_size == manifest_file.size and compute_sha256(file) == manifest_file.sha256
     except OSError:
         return False  # gone, or not ours to read: not the one
 

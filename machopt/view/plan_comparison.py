@@ -48,13 +48,13 @@ def _compute_objective(plan: Plan, scale: float) -> float:
     return float(o.total - o.preferred + (plan.scores.scale / scale - 1.0) * (w.mean * o.mean + w.worst * o.worst))
 
 
-def _get_cycle_time(made: OptimizeJobResult) -> float:
-    t = made.timeline.trajectory if made.timeline is not None else None
+def _get_cycle_time(job_result: OptimizeJobResult) -> float:
+    t = job_result.timeline.trajectory if job_result.timeline is not None else None
     return MISSING_VALUE if t is None else float(t.time[-1])
 
 
-def _get_minimum_clearance(made: OptimizeJobResult) -> float:
+def _get_minimum_clearance(job_result: OptimizeJobResult) -> float:
     """mm"""
-    values = made.points.table.clearance
+    values = job_result.points.table.clearance
     known = values[np.isfinite(values)]
     return 1e3 * float(known.min()) if len(known) else MISSING_VALUE

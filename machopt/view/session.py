@@ -59,7 +59,7 @@ class ViewSession:
     @classmethod
     def start(
         cls,
-        given: OptimizeInputs,
+        optimize_inputs: OptimizeInputs,
         file: Path,
         words: tuple[str, ...],
         progress: Progress,
@@ -70,7 +70,7 @@ class ViewSession:
         """Compute the first plan, and return the session.
 
         Args:
-            given: The loaded inputs.
+            optimize_inputs: The loaded inputs.
             file: Plan file that the page may write.
             words: Planning options of the command line.
             progress: Called with the name of each stage when it begins.
@@ -79,10 +79,10 @@ class ViewSession:
         """
         store = StepCache()
         with use_step_cache(store):
-            made = compute_optimize_plan(given, StageTimings(progress=progress))
+            made = compute_optimize_plan(optimize_inputs, StageTimings(progress=progress))
         message, good = _describe_outcome(made)
         return cls(
-            optimize_inputs=given,
+            optimize_inputs=optimize_inputs,
             file=file,
             words=words,
             current=made,
@@ -275,10 +275,10 @@ def _build_axis(cell: Cell, k: int) -> SteeringAxis:
     return SteeringAxis(cell.external_joints[k], unit, low, high)
 
 
-def _describe_outcome(made: OptimizeComputation) -> tuple[str, bool]:
+def _describe_outcome(optimize_computation: OptimizeComputation) -> tuple[str, bool]:
     """A sentence on what came of it, and whether there is a motion."""
-    plan, timeline = made.job_result.plan, made.job_result.timeline
-    seconds = sum(made.timings.seconds.values())
+    plan, timeline = optimize_computation.job_result.plan, optimize_computation.job_result.timeline
+    seconds = sum(optimize_computation.timings.seconds.values())
     if timeline is not None and timeline.trajectory is not None:
         return f"Planned in {seconds:.1f} s.", True
     if plan.conflict:

@@ -125,10 +125,10 @@ def _select_chain(
 
 
 def _track_chains(
-    arm: ReachingArm, found: PostureCandidates, M: int, R: int, B: int
+    arm: ReachingArm, candidates: PostureCandidates, M: int, R: int, B: int
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.uint8]]:
     """R·B chains over M samples: postures (M, R, B, 6), branches and reasons (M, R, B)."""
-    options, why = found.q.reshape(M, R, B, 6), found.reason.reshape(M, R, B)
+    options, why = candidates.q.reshape(M, R, B, 6), candidates.reason.reshape(M, R, B)
     q = np.full((M, R, B, 6), np.nan)
     branch = np.full((M, R, B), -1)
     reason = np.empty((M, R, B), np.uint8)

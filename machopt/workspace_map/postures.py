@@ -166,7 +166,7 @@ def choose_postures(
 
 
 def _choose_block(
-    found: PostureCandidates,
+    candidates: PostureCandidates,
     n: int,
     home: Array,
     gamma: Array,
@@ -174,8 +174,8 @@ def _choose_block(
     pick: BranchPick,
     collides: CollisionCheck | None,
 ) -> MapPostures:
-    R, B = len(gamma), found.reason.shape[1]
-    reason, q = found.reason.reshape(n, R, B).copy(), found.q.reshape(n, R, B, 6)
+    R, B = len(gamma), candidates.reason.shape[1]
+    reason, q = candidates.reason.reshape(n, R, B).copy(), candidates.q.reshape(n, R, B, 6)
     ok = np.asarray(reason == InfeasibilityReason.OK)
     allowed = ok & (np.arange(B) == pick) if isinstance(pick, int) else ok.copy()
     rotations = np.asarray(allowed.any(axis=2).mean(axis=1))
@@ -202,7 +202,7 @@ def _choose_block(
         branch=np.where(usable, branch, -1).astype(np.int8),
         gamma=np.where(usable, gamma[rotation], np.nan),
         reason=np.where(usable, InfeasibilityReason.OK, why).astype(np.uint8),
-        shortfall=found.shortfall.reshape(n, R).min(axis=1),
+        shortfall=candidates.shortfall.reshape(n, R).min(axis=1),
         count=np.asarray(ok.sum(axis=(1, 2))),
         rotations=rotations,
     )

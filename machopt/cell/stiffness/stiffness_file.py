@@ -243,47 +243,50 @@ def _format_position_error(p: PositionError) -> dict[str, object]:
     }
 
 
-def _parse_position_error(document: YamlDocument, given: _PositionErrorKeys, joints: int) -> PositionError:
-    _check_row_count(document, ("position_error", "joints_deg"), len(given.joints_deg), joints)
-    for n, row in enumerate(given.joints_deg):
+def _parse_position_error(
+    document: YamlDocument, position_error_keys: _PositionErrorKeys, joints: int
+) -> PositionError:
+    _check_row_count(document, ("position_error", "joints_deg"), len(position_error_keys.joints_deg), joints)
+    for n, row in enumerate(position_error_keys.joints_deg):
         if len(row) != 2 or not row[0] <= row[1] or not np.isfinite(row).all():
             raise document.build_error(
                 ("position_error", "joints_deg", n),
                 f"found {row}; expected two angles in degrees, the lower first, e.g. [-90, 75]",
             )
     return PositionError(
-        given.std_mm / 1e3,
-        given.plain_mm / 1e3,
-        given.noise_mm / 1e3,
-        given.poses,
-        np.radians(_copy_read_only(given.joints_deg)),
+        position_error_keys.std_mm / 1e3,
+        position_error_keys.plain_mm / 1e3,
+        position_error_keys.noise_mm / 1e3,
+        position_error_keys.poses,
+        np.radians(_copy_read_only(position_error_keys.joints_deg)),
     )
 
 
-def _parse_discrepancy(document: YamlDocument, given: _DiscrepancyKeys, joints: int) -> ModelDiscrepancy:
-    _check_row_count(document, ("discrepancy", "torques_Nm"), len(given.torques_Nm), joints)
-    rows = {"shift": given.shift} | {f"modes[{n}]": row for n, row in enumerate(given.modes)}
+def _parse_discrepancy(document: YamlDocument, discrepancy_keys: _DiscrepancyKeys, joints: int) -> ModelDiscrepancy:
+    _check_row_count(document, ("discrepancy", "torques_Nm"), len(discrepancy_keys.torques_Nm), joints)
+    rows = {"shift": discrepancy_keys.shift} | {f"modes[{n}]": row for n, row in enumerate(discrepancy_keys.modes)}
     for name, row in rows.items():
-        if len(row) != len(given.parts):
+        if len(row) != len(discrepancy_keys.parts):
             raise document.build_error(
-                ("discrepancy", name), f"found {len(row)} numbers; expected {len(given.parts)}, one for each of parts"
+                ("discrepancy", name),
+                f"found {len(row)} numbers; expected {len(discrepancy_keys.parts)}, one for each of parts",
             )
         if not np.isfinite(row).all():
             raise document.build_error(("discrepancy", name), "holds a number that is not finite")
-    if not min(given.torques_Nm) > 0:
+    if not min(discrepancy_keys.torques_Nm) > 0:
         raise document.build_error(
-            ("discrepancy", "torques_Nm"), f"found {min(given.torques_Nm):g}; expected more than zero"
+            ("discrepancy", "torques_Nm"), f"found {min(discrepancy_keys.torques_Nm):g}; expected more than zero"
         )
     return ModelDiscrepancy(
-        parts=tuple(given.parts),
-        torque=_copy_read_only(given.torques_Nm),
-        shift=_copy_read_only(given.shift),
-        modes=_copy_read_only(given.modes),
-        left=given.left_mm / 1e3,
-        noise=given.noise_mm / 1e3,
-        misfit=given.misfit,
-        local=given.local_m_per_N,
-        counted=given.counted,
+        parts=tuple(discrepancy_keys.parts),
+        torque=_copy_read_only(discrepancy_keys.torques_Nm),
+        shift=_copy_read_only(discrepancy_keys.shift),
+        modes=_copy_read_only(discrepancy_keys.modes),
+        left=discrepancy_keys.left_mm / 1e3,
+        noise=discrepancy_keys.noise_mm / 1e3,
+        misfit=discrepancy_keys.misfit,
+        local=discrepancy_keys.local_m_per_N,
+        counted=discrepancy_keys.counted,
     )
 
 

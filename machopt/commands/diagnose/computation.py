@@ -51,7 +51,7 @@ class DiagnoseComputation:
 def build_computation(
     request: DiagnoseRequest,
     cell: Cell,
-    found: DiagnosedRecording,
+    diagnosed_recording: DiagnosedRecording,
     assessed: ModelAssessment | None,
     model: ArmStiffness | None,
     result: DiagnosisDocument,
@@ -62,28 +62,28 @@ def build_computation(
     Args:
         request: The validated request.
         cell: The robot cell.
-        found: The diagnosed recording.
+        diagnosed_recording: The diagnosed recording.
         assessed: Errors of the written files; None of a motion.
         model: The extended model; None without one.
         result: The document.
         facts: Options and hashes of input files for the page.
     """
-    d = found.diagnosis
-    scene = None if found.recording.kind == "motion" else build_cell_scene(cell)[0]
+    d = diagnosed_recording.diagnosis
+    scene = None if diagnosed_recording.recording.kind == "motion" else build_cell_scene(cell)[0]
     page = build_diagnosis_page_data(
         cell,
-        found.recording,
+        diagnosed_recording.recording,
         d,
         tuple((k, format_option_value(v)) for k, v in facts.items()),
         result.effect_on_job,
-        problem=found.problem,
+        problem=diagnosed_recording.problem,
         scene=scene,
     )
     return DiagnoseComputation(
         request=request,
         cell=cell,
-        recording=found.recording,
-        problem=found.problem,
+        recording=diagnosed_recording.recording,
+        problem=diagnosed_recording.problem,
         assessed=assessed,
         diagnosis=d,
         model=model,

@@ -111,35 +111,35 @@ def _describe_misfit(request: IdentifyRequest, doubt: ModelDiscrepancy | None) -
     )
 
 
-def _widen_intervals(found: IdentificationResult) -> IdentificationResult:
+def _widen_intervals(result: IdentificationResult) -> IdentificationResult:
     """Return the result with joint intervals that hold for the arm as built."""
-    doubt, level = found.stiffness.discrepancy, found.uncertainty.level
+    doubt, level = result.stiffness.discrepancy, result.uncertainty.level
     if doubt is None:
-        return found
+        return result
     joints = tuple(
         replace(
             j,
-            interval=widen_interval(j.joint, j.k, j.interval, doubt, found.sessions, found.lever, level),
+            interval=widen_interval(j.joint, j.k, j.interval, doubt, result.sessions, result.lever, level),
         )
         if j.identified
         else j
-        for j in found.joints
+        for j in result.joints
     )
-    covariance = found.stiffness.covariance
+    covariance = result.stiffness.covariance
     if covariance is not None:
-        covariance = covariance + compute_gain_covariance(found.stiffness.joints, found.sessions)
-    return replace(found, joints=joints, stiffness=replace(found.stiffness, covariance=covariance))
+        covariance = covariance + compute_gain_covariance(result.stiffness.joints, result.sessions)
+    return replace(result, joints=joints, stiffness=replace(result.stiffness, covariance=covariance))
 
 
 def _test_misfit(
-    cell: Cell, robot: Robot, tests: LoadTestExperiment, found: IdentificationResult
+    cell: Cell, robot: Robot, tests: LoadTestExperiment, result: IdentificationResult
 ) -> ModelDiscrepancy | None:
     try:
         masses = load_masses(cell)
     except InputError:  # without weight
         masses = None
     return estimate_identification_discrepancy(
-        found.fit, tests, robot, cell.tool.T_flange_tcp, found.stiffness, masses, cell.arm_limits
+        result.fit, tests, robot, cell.tool.T_flange_tcp, result.stiffness, masses, cell.arm_limits
     )
 
 

@@ -57,18 +57,18 @@ class FrequencyResponseRun:
 
 
 def run_frequency_response_identification(
-    given: IdentifyRequest, progress: Callable[[str], None] = lambda _: None
+    identify_request: IdentifyRequest, progress: Callable[[str], None] = lambda _: None
 ) -> FrequencyResponseRun:
     """Identify joint stiffness and damping from frequency responses and write them out.
 
     Args:
-        given: Options as ``machopt identify`` has them.
+        identify_request: Options as ``machopt identify`` has them.
         progress: Called with the name of each stage when it begins.
 
     Raises:
         InputError: bad cell, recording, options or output folder; responses that the model does not explain.
     """
-    request = convert_identify_request(given)
+    request = convert_identify_request(identify_request)
     with write_output_folder(request.out, force=request.overwrite, inputs=list_request_paths(request)) as folder:
         refuse_without_pyarrow(request.tables)
         done = compute_frequency_response_identification(request, progress)

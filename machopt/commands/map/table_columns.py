@@ -24,7 +24,7 @@ def build_map_columns(
     samples: MapSamples,
     layer: MapLayerResult,
     options: MapOptions,
-    given: MapLayerResult,
+    map_layer_result: MapLayerResult,
     comparison: MeasuredComparison | None,
 ) -> list[MapColumn]:
     """Return the columns of one layer's table, one row for each sample, the last axis fastest.
@@ -33,7 +33,7 @@ def build_map_columns(
         samples: Sample positions of the map.
         layer: Results of the layer.
         options: Options of the map.
-        given: Results of the layer with given rotation about the tool axis.
+        map_layer_result: Results of the layer with given rotation about the tool axis.
         comparison: Comparison with measured stiffness; None without measurements.
     """
     p, v = layer.postures, layer.values

@@ -27,19 +27,19 @@ class OptimizeComputation:
 
 
 def compute_optimize_plan(
-    given: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = (), refused: str = ""
+    inputs: OptimizeInputs, timings: StageTimings, before: Sequence[Plan] = (), refused: str = ""
 ) -> OptimizeComputation:
     """Return the plan, and its motion where there is one; tool after tool where the job changes it.
 
     Args:
-        given: The loaded inputs.
+        inputs: The loaded inputs.
         timings: Collects the computing time of each stage.
         before: Earlier plans of the same segments with other steering rules, whose unchanged steps are reused.
         refused: Why the joint result of method joint is not to be driven; empty: it is tried.
     """
-    job = plan_job(given.segments, given.toolpath, given.options, timings, before, refused)
+    job = plan_job(inputs.segments, inputs.toolpath, inputs.options, timings, before, refused)
     with timings.stage("map"):
-        shown = compute_collision_map(job.plan, given.map_all)
+        shown = compute_collision_map(job.plan, inputs.map_all)
     shown = replace(shown, candidates=shown.candidates.without_joints())
     from machopt.commands.optimize.job_result import OptimizeJobResult, ToolSegmentResult
     from machopt.program_export.exported_programs import (
@@ -47,20 +47,20 @@ def compute_optimize_plan(
     )  # late: loaded in parallel to the plan (machopt.commands.optimize.run)
 
     made = OptimizeJobResult(
-        cell=given.cell,
-        toolpath=given.toolpath,
-        options=given.options,
+        cell=inputs.cell,
+        toolpath=inputs.toolpath,
+        options=inputs.options,
         segments=tuple(
             ToolSegmentResult(s, p.segment_plan.plan.without_grid_joints(), p.timeline)
-            for s, p in zip(given.segments, job.parts, strict=True)
+            for s, p in zip(inputs.segments, job.parts, strict=True)
         ),
         plan=job.plan.without_grid_joints(),
         points=job.points,
         shown=shown,
         timeline=job.timeline,
         verification=None,
-        programs=list_omitted_programs(given.posts, given.tolerance, "there is no motion"),
-        manifest=given.manifest,
-        stock=summarise_stock(given.cell, given.segments),
+        programs=list_omitted_programs(inputs.posts, inputs.tolerance, "there is no motion"),
+        manifest=inputs.manifest,
+        stock=summarise_stock(inputs.cell, inputs.segments),
     )
-    return OptimizeComputation(given, made, timings)
+    return OptimizeComputation(inputs, made, timings)

@@ -107,10 +107,10 @@ class OptimizeJobResult:
         listed = tuple(TouchingPair(a, b, reason) for (a, b), reason in pairs.items())
         return replace(self, manifest=replace(self.manifest, touching_pairs=listed))
 
-    def with_verification(self, found: Verification) -> OptimizeJobResult:
+    def with_verification(self, verification: Verification) -> OptimizeJobResult:
         """Return a copy with the verification, also for each program.
 
         Args:
-            found: The verification of the output folder.
+            verification: The verification of the output folder.
         """
-        return replace(self, verification=found, programs=add_read_back_results(self.programs, found))
+        return replace(self, verification=verification, programs=add_read_back_results(self.programs, verification))

@@ -30,36 +30,38 @@ from machopt.report.page_data.optimize import PlanEvidence, build_report_data
 from machopt.report.pages.optimize.optimize_page import write_report
 
 
-def write_report_files(made: OptimizeJobResult, folder: Path, timings: StageTimings) -> OptimizeDocument:
+def write_report_files(job_result: OptimizeJobResult, folder: Path, timings: StageTimings) -> OptimizeDocument:
     """Write report, result and manifest; remove the programs where the motion failed its verification.
 
     Args:
-        made: Result of the run.
+        job_result: Result of the run.
         folder: The output folder.
         timings: Computing time of each stage.
     """
-    if made.exit_code != 0 and any(p.files for p in made.programs):
-        made = made.with_programs(remove_programs(folder, made.programs, made.verdict))
+    if job_result.exit_code != 0 and any(p.files for p in job_result.programs):
+        job_result = job_result.with_programs(remove_programs(folder, job_result.programs, job_result.verdict))
     with timings.stage("report"):
         evidence = PlanEvidence(
-            verification=made.verification,
-            programs=[p.to_page_data() for p in made.programs],
-            front=made.front,
-            shown=made.shown,
-            unchecked=made.unchecked,
-            blockers=made.production_blockers,
-            hashes=map_hashes_by_name(made.manifest.inputs),
-            options=format_user_options(made.options),
+            verification=job_result.verification,
+            programs=[p.to_page_data() for p in job_result.programs],
+            front=job_result.front,
+            shown=job_result.shown,
+            unchecked=job_result.unchecked,
+            blockers=job_result.production_blockers,
+            hashes=map_hashes_by_name(job_result.manifest.inputs),
+            options=format_user_options(job_result.options),
             timings=timings.seconds,
-            stock=made.stock,
+            stock=job_result.stock,
         )
-        data = build_report_data(made.plan, made.toolpath, made.points, made.timeline, evidence)
+        data = build_report_data(job_result.plan, job_result.toolpath, job_result.points, job_result.timeline, evidence)
         write_report(folder / "report.html", data)
     for name in ("result.json", MANIFEST):
         (folder / name).unlink(missing_ok=True)
-    result = build_optimize_document(made, folder, timings.seconds)
+    result = build_optimize_document(job_result, folder, timings.seconds)
     write_result(folder / "result.json", result)
-    manifest = replace(made.manifest, verdict=made.verdict, exit_code=made.exit_code, unchecked=made.unchecked)
+    manifest = replace(
+        job_result.manifest, verdict=job_result.verdict, exit_code=job_result.exit_code, unchecked=job_result.unchecked
+    )
     write_manifest(folder, manifest, ROLES)
     return result
 

@@ -58,24 +58,24 @@ FRONT_COLUMNS = (
 )
 
 
-def compute_trade_off_front(given: OptimizeInputs, requested: Plan, own: FrontPlan) -> list[FrontPlan]:
+def compute_trade_off_front(inputs: OptimizeInputs, requested: Plan, front_plan: FrontPlan) -> list[FrontPlan]:
     """Return the requested plan, and every further one that is feasible and passes the checks.
 
     Args:
-        given: the job; where it changes tools each plan is one of all of them.
+        inputs: the job; where it changes tools each plan is one of all of them.
         requested: the plan requested.
-        own: what it comes to.
+        front_plan: what it comes to.
     """
-    found = [own]
-    cell, toolpath = given.cell, given.toolpath
+    found = [front_plan]
+    cell, toolpath = inputs.cell, inputs.toolpath
     for name, changed, other in (
-        *list_front_variants(given.options),
-        *list_process_variants([(s.cell, s.toolpath) for s in given.segments], given.options),
-        *list_reentry_variants(requested, toolpath, given.options),
+        *list_front_variants(inputs.options),
+        *list_process_variants([(s.cell, s.toolpath) for s in inputs.segments], inputs.options),
+        *list_reentry_variants(requested, toolpath, inputs.options),
     ):
-        job = plan_job(given.segments, toolpath, other, StageTimings())
+        job = plan_job(inputs.segments, toolpath, other, StageTimings())
         timeline = job.timeline
-        if other.max_reentries > given.options.max_reentries and not job.plan.path.is_reentry.any():
+        if other.max_reentries > inputs.options.max_reentries and not job.plan.path.is_reentry.any():
             continue  # none pays: it is the requested plan
         if timeline is None or timeline.trajectory is None:
             continue

@@ -54,8 +54,8 @@ def write_best_plans(
     return tuple(out)
 
 
-def _write_and_verify_plan(site: PlacementSite, wanted: _BestPlanTask) -> ConfirmedPlacement:
-    request, one, folder = wanted.request, wanted.one, wanted.folder
+def _write_and_verify_plan(site: PlacementSite, best_plan_task: _BestPlanTask) -> ConfirmedPlacement:
+    request, one, folder = best_plan_task.request, best_plan_task.one, best_plan_task.folder
     head = f"made by machopt place from {site.cell.name}: {one.place.shift.text}"
     cell = write_moved_cell(folder / "cell", site.cell, move_cell(site.cell, site.moved_bodies, one.place.shift), head)
     verdicts, code = [], 0

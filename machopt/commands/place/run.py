@@ -125,7 +125,7 @@ def compute_placements(
 
 
 def write_placement_files(
-    found: PlaceComputation,
+    place_computation: PlaceComputation,
     folder: Path,
     progress: Progress = lambda _: None,
     executor: PlacementExecutor | None = None,
@@ -133,7 +133,7 @@ def write_placement_files(
     """Write the best placements as complete plans, and all documents.
 
     Args:
-        found: Result of the search.
+        place_computation: Result of the search.
         folder: The empty folder.
         progress: Called with the name of each stage when it begins.
         executor: Worker processes; None computes in this process.
@@ -141,7 +141,7 @@ def write_placement_files(
     Returns:
         The content of place.json.
     """
-    request, site, siting = found.request, found.site, found.siting
+    request, site, siting = place_computation.request, place_computation.site, place_computation.siting
     best = write_best_plans(request, site, siting, folder, progress, executor)
     hashes = {**compute_input_hashes(site.cell), **{t.source: t.sha256 for t in site.toolpaths}}
     result = build_place_document(site, request.search, siting, best, hashes)

@@ -141,11 +141,11 @@ def project_to_semidefinite(C: Array) -> Array:
     return reduced if w[0] >= 0.0 else np.asarray((V * np.maximum(w, 0.0)) @ V.T * np.outer(size, size))
 
 
-def read_body_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:
+def read_body_law(reader: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:
     """Read a beam, a symmetric matrix with 21 coefficients, or its diagonal, depending on the keys of a file.
 
     Args:
-        given: Reader of the parameters that the file states.
+        reader: Reader of the parameters that the file states.
         body: Geometry of the compliant body, all joints at zero.
 
     Returns:
@@ -154,29 +154,29 @@ def read_body_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw,
     Raises:
         InputError: A form that the body does not have, or numbers that are physically impossible.
     """
-    form, none = find_parameter_form(given, beam=body.length > 0.0), np.empty(0)
+    form, none = find_parameter_form(reader, beam=body.length > 0.0), np.empty(0)
     if form == "beam":
-        law = UniformBeamLaw.from_keys(given.keys)
+        law = UniformBeamLaw.from_keys(reader.keys)
         if law.planes:
-            body = replace(body, normal=_read_normal(given, body.axes[:, 0]))
-        return law, parameter_conversion.read_law_parameters(law, given)[0], none, body
+            body = replace(body, normal=_read_normal(reader, body.axes[:, 0]))
+        return law, parameter_conversion.read_law_parameters(law, reader)[0], none, body
     entries = MatrixEntriesLaw() if form == "full" else MatrixEntriesLaw(DIAGONAL_ENTRIES)
     if form == "full":
-        C = given.read_array(MATRIX, (6, 6), np.full((6, 6), np.nan))
+        C = reader.read_array(MATRIX, (6, 6), np.full((6, 6), np.nan))
         if np.isfinite(C).all():
-            _refuse_negative_compliance(given, C)
+            _refuse_negative_compliance(reader, C)
         return entries, np.array([C[i, j] for i, j in entries.pairs]), none, body
-    values = given.read_array(RIGID, (6,), np.full(6, np.nan))
+    values = reader.read_array(RIGID, (6,), np.full(6, np.nan))
     if (values < 0).any():
-        raise given.build_error(RIGID, "expected compliances of at least zero")
+        raise reader.build_error(RIGID, "expected compliances of at least zero")
     return entries, values, none, body
 
 
-def find_parameter_form(given: ParameterReader, *, beam: bool) -> str:
+def find_parameter_form(reader: ParameterReader, *, beam: bool) -> str:
     """Return the form of the parameters in a file.
 
     Args:
-        given: Reader of the parameters that the file states.
+        reader: Reader of the parameters that the file states.
         beam: Whether the body is long enough to be a beam.
 
     Returns:
@@ -185,31 +185,31 @@ def find_parameter_form(given: ParameterReader, *, beam: bool) -> str:
     Raises:
         InputError: An unknown form.
     """
-    if given.has_key(MATRIX):
+    if reader.has_key(MATRIX):
         return "full"
-    if given.has_key(RIGID):
+    if reader.has_key(RIGID):
         return "diagonal"
-    if not given.has_key("form"):
+    if not reader.has_key("form"):
         return "beam" if beam else "diagonal"
-    form = given.read_word("form")
+    form = reader.read_word("form")
     valid = ("beam", "diagonal", "full") if beam else ("diagonal", "full")
     if form not in valid:
-        raise given.build_error("form", f"found {form!r}; valid: {', '.join(valid)}")
+        raise reader.build_error("form", f"found {form!r}; valid: {', '.join(valid)}")
     return form
 
 
-def _read_normal(given: ParameterReader, along: Array) -> Array:
+def _read_normal(reader: ParameterReader, along: Array) -> Array:
     """Return the stated principal axis (3,) of a beam, made orthogonal to the beam axis."""
-    stated = given.read_array(NORMAL_KEY, (3,))
+    stated = reader.read_array(NORMAL_KEY, (3,))
     square = stated - (stated @ along) * along
     if not np.linalg.norm(square) > LEAST_SINE * np.linalg.norm(stated):
-        raise given.build_error(NORMAL_KEY, f"found {stated.tolist()}, along the beam; an axis across it would work")
+        raise reader.build_error(NORMAL_KEY, f"found {stated.tolist()}, along the beam; an axis across it would work")
     return normalise_vectors(square)
 
 
-def _refuse_negative_compliance(given: ParameterReader, C: Array) -> None:
+def _refuse_negative_compliance(reader: ParameterReader, C: Array) -> None:
     if not np.allclose(C, C.T, rtol=SYMMETRY_TOLERANCE, atol=1e-9 * np.abs(C).max()):
-        raise given.build_error(MATRIX, "is not symmetric; a compliance is")
+        raise reader.build_error(MATRIX, "is not symmetric; a compliance is")
     scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
     if np.linalg.eigvalsh(C / np.outer(scale, scale)).min() < -1e-9 or (np.diag(C) < 0).any():
-        raise given.build_error(MATRIX, "gives way against the load in some direction (a negative eigenvalue)")
+        raise reader.build_error(MATRIX, "gives way against the load in some direction (a negative eigenvalue)")

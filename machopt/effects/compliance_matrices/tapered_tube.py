@@ -173,11 +173,11 @@ class TaperedTube(UniformBeamLaw):
 TAPERED = TaperedTube(("EI_Nm2", ACROSS_KEY, "GJ_Nm2"), planes=True)
 
 
-def read_tube_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:
+def read_tube_law(reader: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:
     """Read a tapered tube if the file states taper or shear, otherwise a uniform beam or a matrix.
 
     Args:
-        given: Reader of the parameters that the file states.
+        reader: Reader of the parameters that the file states.
         body: Geometry of the compliant body, all joints at zero.
 
     Returns:
@@ -186,15 +186,15 @@ def read_tube_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw,
     Raises:
         InputError: A form that the body does not have, or numbers that are physically impossible.
     """
-    plain = body_compliance_laws.read_body_law(given, body)
+    plain = body_compliance_laws.read_body_law(reader, body)
     if (
-        body_compliance_laws.find_parameter_form(given, beam=body.length > 0.0) != "beam"
-        or not {TAPER.key, SHEAR.key} & given.keys
+        body_compliance_laws.find_parameter_form(reader, beam=body.length > 0.0) != "beam"
+        or not {TAPER.key, SHEAR.key} & reader.keys
     ):
         return plain
-    beam = UniformBeamLaw.from_keys(given.keys)
+    beam = UniformBeamLaw.from_keys(reader.keys)
     law = TaperedTube(beam.keys, beam.planes)
-    return law, plain[1], parameter_conversion.read_law_parameters(law, given)[1], plain[3]
+    return law, plain[1], parameter_conversion.read_law_parameters(law, reader)[1], plain[3]
 
 
 def _fill_default_shape(shape: Array) -> Array:

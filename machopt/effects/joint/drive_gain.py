@@ -27,25 +27,25 @@ class DriveGainError:
     coefficients = (LawParameter(key="too_much", unit="1"),)
     shape: tuple[LawParameter, ...] = ()
 
-    def columns(self, shape: Array, seen: MotorLoading) -> Array:
+    def columns(self, shape: Array, motor_loading: MotorLoading) -> Array:
         """Return the torque error per unit of the gain error.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Torque, speed and acceleration of the joint in K samples.
+            motor_loading: Torque, speed and acceleration of the joint in K samples.
 
         Returns:
             (K, J, 1) N·m.
         """
-        return seen.required_torque[:, :, None]
+        return motor_loading.required_torque[:, :, None]
 
-    def sizes(self, values: Array, shape: Array, seen: MotorLoading) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, motor_loading: MotorLoading) -> Mapping[str, Quantity]:
         """Return the gain error.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Torque, speed and acceleration of the joint in K samples.
+            motor_loading: Torque, speed and acceleration of the joint in K samples.
 
         Returns:
             ``gain`` in %, positive where the drive reads too much.

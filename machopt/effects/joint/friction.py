@@ -34,30 +34,30 @@ class _FrictionDefaults(ABC):
     shape: tuple[LawParameter, ...] = ()
 
     @abstractmethod
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the friction torque per unit of each coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, P) N·m per unit of each coefficient.
         """
 
-    def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, friction_state: FrictionState) -> dict[str, Quantity]:
         """Return the size of the added torque: a high quantile of its deviation from the median.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             Quantities by name; the first one is the size of the effect.
         """
-        added = self.columns(shape, seen) @ values
-        unit = "N" if seen.is_prismatic else "N·m"
+        added = self.columns(shape, friction_state) @ values
+        unit = "N" if friction_state.is_prismatic else "N·m"
         return {self.size: Quantity(float(np.quantile(np.abs(added - np.median(added)), SIZE_QUANTILE)), unit)}
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
@@ -72,8 +72,8 @@ class _FrictionDefaults(ABC):
         return ((),)
 
 
-def _convert_speed(at: float, seen: FrictionState) -> Quantity:
-    return Quantity(1e3 * at, "mm/s") if seen.is_prismatic else Quantity(float(np.degrees(at)), "deg/s")
+def _convert_speed(at: float, friction_state: FrictionState) -> Quantity:
+    return Quantity(1e3 * at, "mm/s") if friction_state.is_prismatic else Quantity(float(np.degrees(at)), "deg/s")
 
 
 @dataclass(frozen=True)
@@ -87,30 +87,32 @@ class StribeckFriction(_FrictionDefaults):
     coefficients = (LawParameter(key="stribeck_Nm", unit="N·m", lower_limit=0.0),)
     shape = (LawParameter(key="speed_rad_s", unit="rad/s", positive=True),)
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the friction torque per unit of the Stribeck coefficient.
 
         Args:
             shape: (1,) Stribeck speed v_s, rad/s.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, 1) dimensionless.
         """
-        return np.asarray(seen.friction_direction * np.exp(-np.abs(seen.speed) / shape[0]))[:, None]
+        return np.asarray(friction_state.friction_direction * np.exp(-np.abs(friction_state.speed) / shape[0]))[:, None]
 
-    def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, friction_state: FrictionState) -> dict[str, Quantity]:
         """Return the size of the Stribeck torque and the Stribeck speed.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (1,) Stribeck speed v_s, rad/s.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             Quantities by name; the first one is the size of the effect.
         """
-        return super().sizes(values, shape, seen) | {"stribeck_speed": _convert_speed(float(shape[0]), seen)}
+        return super().sizes(values, shape, friction_state) | {
+            "stribeck_speed": _convert_speed(float(shape[0]), friction_state)
+        }
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
         """Return the Stribeck speeds that a search tries.
@@ -133,17 +135,17 @@ class LoadDependentFriction(_FrictionDefaults):
     note = "grows with the load"
     coefficients = (LawParameter(key="share", unit="1", lower_limit=0.0),)
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the friction torque per unit of the friction coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, 1) N·m.
         """
-        return (seen.friction_direction * seen.load)[:, None]
+        return (friction_state.friction_direction * friction_state.load)[:, None]
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
         """Return one empty shape; none if the load of the joint does not vary.
@@ -168,17 +170,17 @@ class DirectionDependentFriction(_FrictionDefaults):
     coefficients = (LawParameter(key="viscous", unit=VISCOUS), LawParameter(key="at_low_speed_Nm", unit="N·m"))
     shape = (LawParameter(key="speed_rad_s", unit="rad/s", positive=True),)
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the direction-independent torque terms |q̇| and exp(−|q̇|/v).
 
         Args:
             shape: (1,) decay speed v, rad/s.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, 2) per unit of each coefficient.
         """
-        v = np.abs(seen.speed)
+        v = np.abs(friction_state.speed)
         return np.stack([v, np.exp(-v / shape[0])], axis=1)
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
@@ -205,18 +207,18 @@ class CurvedViscousFriction(_FrictionDefaults):
         LawParameter(key="root", unit="N·m·√(s/rad)"),
     )
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the square and square-root terms of the speed.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, 2) per unit of each coefficient.
         """
-        v = seen.speed
-        return np.stack([v * np.abs(v), seen.friction_direction * np.sqrt(np.abs(v))], axis=1)
+        v = friction_state.speed
+        return np.stack([v * np.abs(v), friction_state.friction_direction * np.sqrt(np.abs(v))], axis=1)
 
 
 @dataclass(frozen=True)
@@ -249,32 +251,36 @@ class CombinedFriction(_FrictionDefaults):
     def shape(self) -> tuple[LawParameter, ...]:  # type: ignore[override]  # a property of the base is a constant
         return (*StribeckFriction.shape, *TemperatureDependentFriction.shape) if self.warm else StribeckFriction.shape
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the friction torque per unit of each coefficient.
 
         Args:
             shape: Stribeck speed, rad/s, and with warm-up the time constant, s.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, P) N·m per unit of each coefficient.
         """
-        low, z = np.exp(-np.abs(seen.speed) / shape[0]), seen.friction_direction
-        parts = [z * low, np.abs(z) * low, z * seen.load]
-        return np.stack([*parts, seen.warmth(float(shape[1])) * seen.speed] if self.warm else parts, axis=1)
+        low, z = np.exp(-np.abs(friction_state.speed) / shape[0]), friction_state.friction_direction
+        parts = [z * low, np.abs(z) * low, z * friction_state.load]
+        return np.stack(
+            [*parts, friction_state.warmth(float(shape[1])) * friction_state.speed] if self.warm else parts, axis=1
+        )
 
-    def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, friction_state: FrictionState) -> dict[str, Quantity]:
         """Return the size of the added torque and the Stribeck speed.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: Stribeck speed, rad/s, and with warm-up the time constant, s.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             Quantities by name; the first one is the size of the effect.
         """
-        return super().sizes(values, shape, seen) | {"stribeck_speed": _convert_speed(float(shape[0]), seen)}
+        return super().sizes(values, shape, friction_state) | {
+            "stribeck_speed": _convert_speed(float(shape[0]), friction_state)
+        }
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
         """Return the Stribeck speeds, with warm-up times if the joint warms.
@@ -301,32 +307,34 @@ class CableDragFriction(_FrictionDefaults):
     coefficients = (LawParameter(key="drag_Nm", unit="N·m", lower_limit=0.0),)
     shape = (LawParameter(key="path_rad", unit="rad", positive=True),)
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the presliding direction with a long displacement.
 
         Args:
             shape: (1,) presliding displacement d, rad.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, 1) −1 to 1.
         """
-        return compute_presliding_direction(seen.speed, seen.time_step, seen.segment_start, float(shape[0]))[:, None]
+        return compute_presliding_direction(
+            friction_state.speed, friction_state.time_step, friction_state.segment_start, float(shape[0])
+        )[:, None]
 
-    def sizes(self, values: Array, shape: Array, seen: FrictionState) -> dict[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, friction_state: FrictionState) -> dict[str, Quantity]:
         """Return the size of the drag torque and the presliding displacement.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (1,) presliding displacement d, rad.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             Quantities by name; the first one is the size of the effect.
         """
         d = float(shape[0])
-        path = Quantity(1e3 * d, "mm") if seen.is_prismatic else Quantity(float(np.degrees(d)), "deg")
-        return super().sizes(values, shape, seen) | {"path": path}
+        path = Quantity(1e3 * d, "mm") if friction_state.is_prismatic else Quantity(float(np.degrees(d)), "deg")
+        return super().sizes(values, shape, friction_state) | {"path": path}
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
         """Return the presliding displacements that a search tries.
@@ -350,18 +358,18 @@ class TemperatureDependentFriction(_FrictionDefaults):
     coefficients = (LawParameter(key="coulomb_warm_Nm", unit="N·m"), LawParameter(key="viscous_warm", unit=VISCOUS))
     shape = (LawParameter(key="time_constant_s", unit="s"),)  # zero: the recorded temperature
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return Coulomb and viscous terms multiplied by the warm-up state.
 
         Args:
             shape: (1,) warm-up time constant, s; zero means the recorded temperature.
-            seen: Speed, direction, load and warm-up of the joint in K samples.
+            friction_state: Speed, direction, load and warm-up of the joint in K samples.
 
         Returns:
             (K, 2) per unit of each coefficient.
         """
-        w = seen.warmth(float(shape[0]))
-        return np.stack([w * seen.friction_direction, w * seen.speed], axis=1)
+        w = friction_state.warmth(float(shape[0]))
+        return np.stack([w * friction_state.friction_direction, w * friction_state.speed], axis=1)
 
     def grid(self, pace: JointSpeedRange) -> tuple[Shape, ...]:
         """Return the warm-up time constants that the recording can show.

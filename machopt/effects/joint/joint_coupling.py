@@ -222,40 +222,40 @@ class ThroughShaftCoupling:
         )
         return (*own, LawParameter(key="share", unit="1", lower_limit=0.0)) if self.is_motor_side else own
 
-    def columns(self, shape: Array, seen: MotorLoading) -> Array:
+    def columns(self, shape: Array, motor_loading: MotorLoading) -> Array:
         """Return the additional torques at joints i and j per unit of each coefficient.
 
         Args:
             shape: (1,) coupling ratio |κ|, rad/rad.
-            seen: Torque, speed and acceleration of both joints in K samples.
+            motor_loading: Torque, speed and acceleration of both joints in K samples.
 
         Returns:
             (K, 2, P) N·m; coefficients are Coulomb friction, viscous friction, inertia and, on the motor side, the
             torque transfer.
         """
         ratio = float(shape[0]) * (1.0 if self.forward else -1.0)
-        v, a = (x[:, 1] + ratio * x[:, 0] for x in (seen.speed, seen.acceleration))
+        v, a = (x[:, 1] + ratio * x[:, 0] for x in (motor_loading.speed, motor_loading.acceleration))
         out = np.zeros((len(v), 2, 4 if self.is_motor_side else 3))
-        for k, x in enumerate((seen.compute_friction_direction(v), v, a)):
+        for k, x in enumerate((motor_loading.compute_friction_direction(v), v, a)):
             out[:, 1, k] = x
         if self.is_motor_side:
-            out[:, 0, 3] = -ratio * seen.required_torque[:, 1]
+            out[:, 0, 3] = -ratio * motor_loading.required_torque[:, 1]
         else:
             out[:, 0] = ratio * out[:, 1]
         return out
 
-    def sizes(self, values: Array, shape: Array, seen: MotorLoading) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, motor_loading: MotorLoading) -> Mapping[str, Quantity]:
         """Return the size of the friction torque and the coupling ratio.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (1,) coupling ratio |κ|, rad/rad.
-            seen: Torque, speed and acceleration of both joints in K samples.
+            motor_loading: Torque, speed and acceleration of both joints in K samples.
 
         Returns:
             ``torque`` in N·m and ``ratio`` in rad/rad.
         """
-        friction_torque = self.columns(shape, seen)[:, 1, :3] @ values[:3]
+        friction_torque = self.columns(shape, motor_loading)[:, 1, :3] @ values[:3]
         return {
             "torque": Quantity(
                 float(np.quantile(np.abs(friction_torque - np.median(friction_torque)), SIZE_QUANTILE)), "N·m"

@@ -88,40 +88,45 @@ class JointVibration:
         LawParameter(key="damping", unit="1", positive=True),
     )
 
-    def stiffness(self, shape: Array, seen: VibrationLoading) -> float:
+    def stiffness(self, shape: Array, vibration_loading: VibrationLoading) -> float:
         """Return the stiffness that the shape's frequency implies for the mean inertia.
 
         Args:
             shape: (1,) frequency in Hz, or (2,) with the damping ratio.
-            seen: Torque and inertia of the joint in K samples.
+            vibration_loading: Torque and inertia of the joint in K samples.
 
         Returns:
             N·m/rad.
         """
-        return float(np.mean(seen.inertia)) * float(2.0 * np.pi * shape[0]) ** 2
+        return float(np.mean(vibration_loading.inertia)) * float(2.0 * np.pi * shape[0]) ** 2
 
-    def deflection(self, shape: Array, seen: VibrationLoading) -> Array:
+    def deflection(self, shape: Array, vibration_loading: VibrationLoading) -> Array:
         """Return the deflection of a spring of that stiffness along the samples.
 
         Args:
             shape: (1,) frequency in Hz, or (2,) with the damping ratio.
-            seen: Torque and inertia of the joint in K samples.
+            vibration_loading: Torque and inertia of the joint in K samples.
 
         Returns:
             (K,) rad.
         """
         damping = float(shape[1]) if len(shape) > 1 else TORQUE_DAMPING
         return simulate_mass_on_spring(
-            seen.load, seen.inertia, seen.time_step, seen.segment_start, self.stiffness(shape, seen), damping
+            vibration_loading.load,
+            vibration_loading.inertia,
+            vibration_loading.time_step,
+            vibration_loading.segment_start,
+            self.stiffness(shape, vibration_loading),
+            damping,
         )
 
-    def sizes(self, compliance: float, shape: Array, seen: VibrationLoading) -> Mapping[str, Quantity]:
+    def sizes(self, compliance: float, shape: Array, vibration_loading: VibrationLoading) -> Mapping[str, Quantity]:
         """Return compliance, frequency and damping.
 
         Args:
             compliance: Fitted joint compliance, rad/(N·m).
             shape: (1,) frequency in Hz, or (2,) with the damping ratio.
-            seen: Torque and inertia of the joint in K samples.
+            vibration_loading: Torque and inertia of the joint in K samples.
 
         Returns:
             Quantities by name; the first one is the size of the effect.

@@ -47,25 +47,25 @@ class FrictionLaw(DescribedLaw, Protocol):
         """Whether its figure is plotted over the joint's angle; else over its speed."""
         ...
 
-    def columns(self, shape: Array, seen: FrictionState) -> Array:
+    def columns(self, shape: Array, friction_state: FrictionState) -> Array:
         """Return the friction torque per unit of each coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Input of the law for K samples.
+            friction_state: Input of the law for K samples.
 
         Returns:
             (K, P) N·m per unit of each coefficient.
         """
         ...
 
-    def sizes(self, values: Array, shape: Array, seen: FrictionState) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, friction_state: FrictionState) -> Mapping[str, Quantity]:
         """Return the coefficients as reported quantities.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Input of the law for K samples.
+            friction_state: Input of the law for K samples.
 
         Returns:
             Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
@@ -97,37 +97,37 @@ class VibrationLoading:
 class VibrationLaw(DescribedLaw, Protocol):
     """Law of a joint's spring with the inertia behind it, linear in a compliance. Stateless; SI."""
 
-    def stiffness(self, shape: Array, seen: VibrationLoading) -> float:
+    def stiffness(self, shape: Array, vibration_loading: VibrationLoading) -> float:
         """Return the stiffness that a shape implies for this inertia.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Input of the law for K samples.
+            vibration_loading: Input of the law for K samples.
 
         Returns:
             N·m/rad.
         """
         ...
 
-    def deflection(self, shape: Array, seen: VibrationLoading) -> Array:
+    def deflection(self, shape: Array, vibration_loading: VibrationLoading) -> Array:
         """Return the deflection of a spring of that stiffness. Times stiffness and compliance it is the joint twist.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Input of the law for K samples.
+            vibration_loading: Input of the law for K samples.
 
         Returns:
             (K,) rad.
         """
         ...
 
-    def sizes(self, compliance: float, shape: Array, seen: VibrationLoading) -> Mapping[str, Quantity]:
+    def sizes(self, compliance: float, shape: Array, vibration_loading: VibrationLoading) -> Mapping[str, Quantity]:
         """Return the compliance and the shape as reported quantities.
 
         Args:
             compliance: Fitted joint compliance, rad/(N·m).
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Input of the law for K samples.
+            vibration_loading: Input of the law for K samples.
 
         Returns:
             Quantities by name. The first one is the size of the effect and is proportional to the compliance.
@@ -180,25 +180,25 @@ class MotorLaw(DescribedLaw, Protocol):
         """Whether a fitted gain per joint already contains the effect, if currents are recorded instead of torques."""
         ...
 
-    def columns(self, shape: Array, seen: MotorLoading) -> Array:
+    def columns(self, shape: Array, motor_loading: MotorLoading) -> Array:
         """Return the torque deviation per unit of each coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Input of the law for K samples.
+            motor_loading: Input of the law for K samples.
 
         Returns:
             (K, J, P) N·m per unit of each coefficient.
         """
         ...
 
-    def sizes(self, values: Array, shape: Array, seen: MotorLoading) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, motor_loading: MotorLoading) -> Mapping[str, Quantity]:
         """Return the coefficients as reported quantities.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Input of the law for K samples.
+            motor_loading: Input of the law for K samples.
 
         Returns:
             Quantities by name. The first one is the size of the effect and is proportional to the coefficients.

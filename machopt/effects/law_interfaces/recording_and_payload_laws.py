@@ -39,12 +39,12 @@ class RecordLaw(DescribedLaw, Protocol):
         """
         ...
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the change of the affected quantity per unit of each coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             Wrench: (K, 6, P) N, N·m. Displacement or position: (K, D, P) m, rad. Point: (K, 6, P) m in the first
@@ -90,34 +90,34 @@ class PayloadLaw(LawParameterSet, Protocol):
         """Description of the load, appended to the equation of the channel."""
         ...
 
-    def columns(self, seen: ToolSideLoad) -> Array:
+    def columns(self, tool_side_load: ToolSideLoad) -> Array:
         """Return the change of the readings per unit of each coefficient.
 
         Args:
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             (N, D, P) in units of the readings.
         """
         ...
 
-    def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, tool_side_load: ToolSideLoad) -> Mapping[str, Quantity]:
         """Return the coefficients as reported quantities.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
         """
         ...
 
-    def grid(self, seen: ToolSideLoad) -> tuple[Shape, ...]:
+    def grid(self, tool_side_load: ToolSideLoad) -> tuple[Shape, ...]:
         """Return the shapes that a search tries.
 
         Args:
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             Shapes in SI; empty if the law is not applicable to the stated payload.
@@ -151,48 +151,48 @@ class DelayLaw(DescribedLaw, Protocol):
         """Whether the column describes a delay of any size without remainder."""
         ...
 
-    def columns(self, shape: Array, seen: DelayedChannel) -> Array:
+    def columns(self, shape: Array, delayed_channel: DelayedChannel) -> Array:
         """Return the change of the channel per unit of each coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             (N, D, P) in units of the channel.
         """
         ...
 
-    def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, delayed_channel: DelayedChannel) -> Mapping[str, Quantity]:
         """Return the coefficients as reported quantities.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
         """
         ...
 
-    def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
+    def to_file_parameters(self, values: Array, delayed_channel: DelayedChannel) -> dict[str, float | list[float]]:
         """Return the parameters as the diagnosis file states them.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             Keys and values in the units of the keys.
         """
         ...
 
-    def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
+    def grid(self, delayed_channel: DelayedChannel) -> tuple[Shape, ...]:
         """Return the shapes that a search tries.
 
         Args:
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             Shapes in SI; empty if the samples cannot show the effect.

@@ -172,36 +172,36 @@ class DriftLaw(DescribedLaw, Protocol):
         """Additional gain that the law must reach beyond that of its coefficients, because it is flexible."""
         ...
 
-    def columns(self, shape: Array, seen: ThermalState) -> Array:
+    def columns(self, shape: Array, thermal_state: ThermalState) -> Array:
         """Return the TCP drift per unit of each coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N, D, P) m, rad per unit of each coefficient.
         """
         ...
 
-    def sizes(self, values: Array, shape: Array, seen: ThermalState) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, thermal_state: ThermalState) -> Mapping[str, Quantity]:
         """Return the coefficients as reported quantities.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             Quantities by name. The first one is the size of the effect and is proportional to the coefficients.
         """
         ...
 
-    def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+    def grid(self, thermal_state: ThermalState) -> tuple[Shape, ...]:
         """Return the shapes that a search tries.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             Shapes in SI; empty if the readings cannot show the effect.

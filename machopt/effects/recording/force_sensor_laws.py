@@ -45,17 +45,17 @@ class ForceZeroOffset(SensorErrorDefaults):
     equation = "w_recorded = w + b, b constant in the sensor"
     coefficients = build_axis_parameters("offset", "N")
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the wrench per unit of offset along each sensor axis.
 
         Args:
             shape: Empty; the law has no shape parameters.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, 6, 3) N per N, in base_link axes.
         """
-        return np.concatenate([-seen.axes, np.zeros_like(seen.axes)], axis=1)
+        return np.concatenate([-recorded_load.axes, np.zeros_like(recorded_load.axes)], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         """Return the magnitude and the components of the offset.
@@ -79,18 +79,18 @@ class ForceAxisGain(SensorErrorDefaults):
     coefficients = (LawParameter(key="too_much", unit="1"),)
     shape = (LawParameter(key="axis", unit="1"),)  # 0, 1, 2
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the wrench per unit of the relative excess.
 
         Args:
             shape: (1,) sensor axis: 0, 1 or 2.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, 6, 1) N, in base_link axes.
         """
-        e = seen.axes[:, :, int(shape[0])]
-        part = -e * np.einsum("nc,nc->n", e, seen.wrench[:, :3])[:, None]
+        e = recorded_load.axes[:, :, int(shape[0])]
+        part = -e * np.einsum("nc,nc->n", e, recorded_load.wrench[:, :3])[:, None]
         return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
@@ -120,19 +120,19 @@ class ForceAxisNonlinearity(SensorErrorDefaults):
     coefficients = (LawParameter(key="too_much_per_N", unit="1/N"),)
     shape = (LawParameter(key="axis", unit="1"), LawParameter(key="alike", unit="1"))  # 0, 1, 2; 0 or 1
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the wrench per unit of the coefficient.
 
         Args:
             shape: (2,) sensor axis (0, 1 or 2), and 1 if the error has the same sign for tension and compression,
                 else 0.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, 6, 1) N², in base_link axes.
         """
-        e = seen.axes[:, :, int(shape[0])]
-        f = np.einsum("nc,nc->n", e, seen.wrench[:, :3])
+        e = recorded_load.axes[:, :, int(shape[0])]
+        f = np.einsum("nc,nc->n", e, recorded_load.wrench[:, :3])
         part = -e * (f * (np.abs(f) if shape[1] else f))[:, None]
         return np.concatenate([part, np.zeros_like(part)], axis=1)[:, :, None]
 
@@ -172,20 +172,23 @@ class SensorAxisRotation(SensorErrorDefaults):
             return "δ_recorded = (I + [φ]×) δ"
         return "w_recorded = (I + [φ]×) w: C w breaks Maxwell reciprocity"
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the change of wrench or displacement per radian about each sensor axis.
 
         Args:
             shape: Empty; the law has no shape parameters.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, 6, 3) N, N·m or (K, D, 3) m, rad per rad, in base_link axes.
         """
-        of, sign = (seen.wrench, -1.0) if self.affected_quantity == "wrench" else (seen.displacement, 1.0)
+        of, sign = (
+            (recorded_load.wrench, -1.0) if self.affected_quantity == "wrench" else (recorded_load.displacement, 1.0)
+        )
         halves = range(0, of.shape[1], 3)
         turned = [
-            np.concatenate([np.cross(seen.axes[:, :, k], of[:, a : a + 3]) for a in halves], axis=1) for k in range(3)
+            np.concatenate([np.cross(recorded_load.axes[:, :, k], of[:, a : a + 3]) for a in halves], axis=1)
+            for k in range(3)
         ]
         return sign * np.stack(turned, axis=2)
 

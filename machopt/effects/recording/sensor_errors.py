@@ -36,18 +36,18 @@ class LoadPointOffset(SensorErrorDefaults):
     equation = "m = m_recorded + r × f, r constant in the tool"
     coefficients = build_axis_parameters("offset", "m", 1e-3)
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the moment per metre of offset along each tool axis.
 
         Args:
             shape: Empty; the law has no shape parameters.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, 6, 3) N·m/m, in base_link axes.
         """
-        f = seen.wrench[:, :3]
-        moment = np.stack([np.cross(seen.tool[:, :, k], f) for k in range(3)], axis=2)
+        f = recorded_load.wrench[:, :3]
+        moment = np.stack([np.cross(recorded_load.tool[:, :, k], f) for k in range(3)], axis=2)
         return np.concatenate([np.zeros_like(moment), moment], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
@@ -72,17 +72,17 @@ class TcpOffset(SensorErrorDefaults):
     affected_quantity = "point"
     coefficients = build_axis_parameters("offset", "m", 1e-3)
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the displacement of the tool point per metre along each tool axis.
 
         Args:
             shape: Empty; the law has no shape parameters.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, 6, 3) m/m in the first three rows, in base_link axes.
         """
-        return np.concatenate([seen.tool, np.zeros_like(seen.tool)], axis=1)
+        return np.concatenate([recorded_load.tool, np.zeros_like(recorded_load.tool)], axis=1)
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         """Return the magnitude and the components of the offset.
@@ -105,17 +105,17 @@ class LoadDirectionError(SensorErrorDefaults):
     equation = "f along e + u instead of e, u constant in base_link"
     coefficients = build_axis_parameters("askew", "rad", DEGREE)
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the force across the recorded direction per radian of deviation.
 
         Args:
             shape: Empty; the law has no shape parameters.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, 6, 3) N/rad, in base_link axes.
         """
-        f = seen.wrench[:, :3]
+        f = recorded_load.wrench[:, :3]
         size = np.linalg.norm(f, axis=1, keepdims=True)
         e = np.divide(f, size, out=np.zeros_like(f), where=size > 0)
         across = size[:, :, None] * (np.eye(3) - e[:, :, None] * e[:, None, :])
@@ -146,18 +146,20 @@ class TrackerFrameError(SensorErrorDefaults):
     affected_quantity = "position"
     coefficients = (*build_axis_parameters("shift", "m", 1e-3), *build_axis_parameters("about", "rad", DEGREE))
 
-    def columns(self, shape: Array, seen: RecordedLoad) -> Array:
+    def columns(self, shape: Array, recorded_load: RecordedLoad) -> Array:
         """Return the change of the measured positions per unit translation and rotation of the frame.
 
         Args:
             shape: Empty; the law has no shape parameters.
-            seen: Recorded loads and predicted displacements of K readings.
+            recorded_load: Recorded loads and predicted displacements of K readings.
 
         Returns:
             (K, D, 6) m, rad per m and rad, about the centroid of the points.
         """
-        assert seen.position is not None  # the law is used for measured poses only
-        return compute_frame_motion_matrix(seen.position, seen.position.mean(axis=0))[:, : seen.displacement.shape[1]]
+        assert recorded_load.position is not None  # the law is used for measured poses only
+        return compute_frame_motion_matrix(recorded_load.position, recorded_load.position.mean(axis=0))[
+            :, : recorded_load.displacement.shape[1]
+        ]
 
     def sizes(self, values: Array, shape: Array) -> Mapping[str, Quantity]:
         """Return the rotation and the translation of the frame, with their components about and along base_link.

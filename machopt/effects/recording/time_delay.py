@@ -32,60 +32,60 @@ class ChannelDelay:
     coefficients = (DELAY_PARAMETER,)
     shape = (LawParameter(key="secant_ms", unit="s", factor=1e-3),)
 
-    def columns(self, shape: Array, seen: DelayedChannel) -> Array:
+    def columns(self, shape: Array, delayed_channel: DelayedChannel) -> Array:
         """Return the change of the channel per second of delay.
 
         Args:
             shape: (1,) delay of the secant, s.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             (N, D, 1) channel units per s.
         """
         d = float(shape[0])
         if abs(d) > MIN_SECANT_DELAY:
-            secant = seen.compute_change(d) / d
+            secant = delayed_channel.compute_change(d) / d
         else:
-            d = seen.tangent_step
-            secant = (seen.compute_change(d) - seen.compute_change(-d)) / (2.0 * d)
-        return seen.sign * secant[:, :, None]
+            d = delayed_channel.tangent_step
+            secant = (delayed_channel.compute_change(d) - delayed_channel.compute_change(-d)) / (2.0 * d)
+        return delayed_channel.sign * secant[:, :, None]
 
-    def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, delayed_channel: DelayedChannel) -> Mapping[str, Quantity]:
         """Return the delay.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             ``late`` in ms.
         """
         return {"late": Quantity(1e3 * float(values[0]), "ms")}
 
-    def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
+    def to_file_parameters(self, values: Array, delayed_channel: DelayedChannel) -> dict[str, float | list[float]]:
         """Return the parameters as the diagnosis file states them.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             ``late_ms``.
         """
         return {"late_ms": 1e3 * float(values[0])}
 
-    def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
+    def grid(self, delayed_channel: DelayedChannel) -> tuple[Shape, ...]:
         # a single column, so that both descriptions of one clock difference are identical
         """Return the single secant delay that a search tries.
 
         Args:
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             Shapes (delay,) in s.
         """
-        return ((seen.best_delay if abs(seen.best_delay) > MIN_SECANT_DELAY else 0.0,),)
+        return ((delayed_channel.best_delay if abs(delayed_channel.best_delay) > MIN_SECANT_DELAY else 0.0,),)
 
 
 @dataclass(frozen=True)
@@ -100,57 +100,61 @@ class EncoderFollowingError:
     coefficients = (LawParameter(key="share", unit="1"),)
     shape: tuple[LawParameter, ...] = ()
 
-    def columns(self, shape: Array, seen: DelayedChannel) -> Array:
+    def columns(self, shape: Array, delayed_channel: DelayedChannel) -> Array:
         """Return the TCP error caused by the following error of the encoders.
 
         Args:
             shape: Empty; the law has no shape parameters.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             (N, D, 1) channel units.
         """
-        assert seen.following_columns is not None  # ensured by grid
-        return seen.following_columns
+        assert delayed_channel.following_columns is not None  # ensured by grid
+        return delayed_channel.following_columns
 
-    def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, delayed_channel: DelayedChannel) -> Mapping[str, Quantity]:
         """Return the mean delay, the share and the delay of each joint.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             Delays in ms, ``share`` in %.
         """
         share = float(values[0])
-        return {"delay": Quantity(1e3 * share * seen.mean, "ms"), "share": Quantity(100.0 * share, "%")} | {
-            f"delay_{j + 1}": Quantity(1e3 * float(share * v), "ms") for j, v in enumerate(seen.delays)
+        return {"delay": Quantity(1e3 * share * delayed_channel.mean, "ms"), "share": Quantity(100.0 * share, "%")} | {
+            f"delay_{j + 1}": Quantity(1e3 * float(share * v), "ms") for j, v in enumerate(delayed_channel.delays)
         }
 
-    def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
+    def to_file_parameters(self, values: Array, delayed_channel: DelayedChannel) -> dict[str, float | list[float]]:
         """Return the parameters as the diagnosis file states them.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             ``delay_ms`` of each joint.
         """
-        return {"delay_ms": [1e3 * float(values[0] * v) for v in seen.delays]}
+        return {"delay_ms": [1e3 * float(values[0] * v) for v in delayed_channel.delays]}
 
-    def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
+    def grid(self, delayed_channel: DelayedChannel) -> tuple[Shape, ...]:
         """Return one empty shape; none if the encoders show no following error.
 
         Args:
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             The shapes that a search tries.
         """
-        return ((),) if seen.following_columns is not None and abs(seen.mean) > MIN_ENCODER_DELAY else ()
+        return (
+            ((),)
+            if delayed_channel.following_columns is not None and abs(delayed_channel.mean) > MIN_ENCODER_DELAY
+            else ()
+        )
 
 
 @dataclass(frozen=True)
@@ -165,54 +169,54 @@ class CommandDelay:
     coefficients = (LawParameter(key="delay_ms", unit="s", factor=1e-3, lower_limit=0.0),)
     shape = (LawParameter(key="secant_ms", unit="s", factor=1e-3),)
 
-    def columns(self, shape: Array, seen: DelayedChannel) -> Array:
+    def columns(self, shape: Array, delayed_channel: DelayedChannel) -> Array:
         """Return the change of the channel per second of delay.
 
         Args:
             shape: (1,) delay of the secant, s.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             (N, D, 1) channel units per s.
         """
-        d = float(shape[0]) if abs(shape[0]) > MIN_SECANT_DELAY else seen.tangent_step
-        return np.asarray((seen.compute_change(d) / d)[:, :, None])
+        d = float(shape[0]) if abs(shape[0]) > MIN_SECANT_DELAY else delayed_channel.tangent_step
+        return np.asarray((delayed_channel.compute_change(d) / d)[:, :, None])
 
-    def sizes(self, values: Array, shape: Array, seen: DelayedChannel) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, delayed_channel: DelayedChannel) -> Mapping[str, Quantity]:
         """Return the delay.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             ``delay`` in ms.
         """
         return {"delay": Quantity(1e3 * float(values[0]), "ms")}
 
-    def to_file_parameters(self, values: Array, seen: DelayedChannel) -> dict[str, float | list[float]]:
+    def to_file_parameters(self, values: Array, delayed_channel: DelayedChannel) -> dict[str, float | list[float]]:
         """Return the parameters as the diagnosis file states them.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             ``delay_ms``.
         """
         return {"delay_ms": 1e3 * float(values[0])}
 
-    def grid(self, seen: DelayedChannel) -> tuple[Shape, ...]:
+    def grid(self, delayed_channel: DelayedChannel) -> tuple[Shape, ...]:
         """Return the secant delays that a search tries.
 
         Args:
-            seen: Samples of the delayed channel.
+            delayed_channel: Samples of the delayed channel.
 
         Returns:
             Shapes (delay,) in s.
         """
-        return ((0.0,),) if seen.best_delay < LEAST_LAG else ((0.0,), (seen.best_delay,))
+        return ((0.0,),) if delayed_channel.best_delay < LEAST_LAG else ((0.0,), (delayed_channel.best_delay,))
 
 
 CLOCK_EFFECT = Effect(

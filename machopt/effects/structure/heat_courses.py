@@ -34,29 +34,29 @@ class TemperatureCourse:
     shape: tuple[LawParameter, ...] = ()
     warms = True  # castings expand
 
-    def course(self, shape: Array, seen: ThermalState) -> Array:
+    def course(self, shape: Array, thermal_state: ThermalState) -> Array:
         """Return the recorded temperature rise.
 
         Args:
             shape: Empty; the course has no shape parameters.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N,) K.
         """
-        assert seen.temperature_rise is not None  # ensured by grid
-        return seen.temperature_rise
+        assert thermal_state.temperature_rise is not None  # ensured by grid
+        return thermal_state.temperature_rise
 
-    def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+    def grid(self, thermal_state: ThermalState) -> tuple[Shape, ...]:
         """Return one empty shape; none if no temperature was recorded.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             The shapes that a search tries.
         """
-        return ((),) if seen.temperature_rise is not None else ()
+        return ((),) if thermal_state.temperature_rise is not None else ()
 
 
 @dataclass(frozen=True)
@@ -68,28 +68,28 @@ class WarmUpCourse:
     shape = (LawParameter(key="time_constant_s", unit="s", positive=True),)
     warms = True
 
-    def course(self, shape: Array, seen: ThermalState) -> Array:
+    def course(self, shape: Array, thermal_state: ThermalState) -> Array:
         """Return the warm-up state of each reading relative to its reference state.
 
         Args:
             shape: (1,) time constant T, s.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N,) dimensionless.
         """
-        return _subtract_unloaded_state(seen, lambda t: -np.expm1(-t / shape[0]))
+        return _subtract_unloaded_state(thermal_state, lambda t: -np.expm1(-t / shape[0]))
 
-    def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+    def grid(self, thermal_state: ThermalState) -> tuple[Shape, ...]:
         """Return the time constants that a search tries, matched to the longest session.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             Shapes (time constant,) in s.
         """
-        longest = seen.longest_session
+        longest = thermal_state.longest_session
         if longest <= LEAST_SPAN:
             return ()
         return tuple((t,) for t in WARM if LEAST_WARM * longest <= t <= MOST_WARM * longest)
@@ -104,28 +104,28 @@ class LinearTimeCourse:
     shape: tuple[LawParameter, ...] = ()
     warms = False  # expansion or contraction
 
-    def course(self, shape: Array, seen: ThermalState) -> Array:
+    def course(self, shape: Array, thermal_state: ThermalState) -> Array:
         """Return the time of each reading relative to its reference state, in units of the longest session.
 
         Args:
             shape: Empty; the course has no shape parameters.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N,) dimensionless.
         """
-        return _subtract_unloaded_state(seen, lambda t: t / seen.longest_session)
+        return _subtract_unloaded_state(thermal_state, lambda t: t / thermal_state.longest_session)
 
-    def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+    def grid(self, thermal_state: ThermalState) -> tuple[Shape, ...]:
         """Return one empty shape; none for short sessions.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             The shapes that a search tries.
         """
-        return ((),) if seen.longest_session > LEAST_SPAN else ()
+        return ((),) if thermal_state.longest_session > LEAST_SPAN else ()
 
 
 class HeatCourse(Protocol):
@@ -147,23 +147,23 @@ class HeatCourse(Protocol):
         """Whether castings can only expand along this course."""
         ...
 
-    def course(self, shape: Array, seen: ThermalState) -> Array:
+    def course(self, shape: Array, thermal_state: ThermalState) -> Array:
         """Return the course at each reading relative to its reference state.
 
         Args:
             shape: (S,) shape parameters of the course, SI.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N,) in the unit of the course.
         """
         ...
 
-    def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+    def grid(self, thermal_state: ThermalState) -> tuple[Shape, ...]:
         """Return the shapes that a search tries.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             Shapes in SI; empty if the readings cannot show the course.
@@ -171,10 +171,10 @@ class HeatCourse(Protocol):
         ...
 
 
-def _subtract_unloaded_state(seen: ThermalState, law: Callable[[Array], Array]) -> Array:
+def _subtract_unloaded_state(thermal_state: ThermalState, law: Callable[[Array], Array]) -> Array:
     """Return the course (N,) of each reading minus that of its unloaded reference state."""
-    assert seen.time_since_start is not None  # ensured by grid
+    assert thermal_state.time_since_start is not None  # ensured by grid
     return np.asarray(
-        law(seen.time_since_start)
-        - (0.0 if seen.unloaded_time_since_start is None else law(seen.unloaded_time_since_start))
+        law(thermal_state.time_since_start)
+        - (0.0 if thermal_state.unloaded_time_since_start is None else law(thermal_state.unloaded_time_since_start))
     )

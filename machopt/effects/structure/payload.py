@@ -26,7 +26,7 @@ class _PayloadDefaults:
     has_memory = False
     shape: tuple[LawParameter, ...] = ()
 
-    def grid(self, seen: ToolSideLoad) -> tuple[Shape, ...]:
+    def grid(self, tool_side_load: ToolSideLoad) -> tuple[Shape, ...]:
         return ((),)
 
 
@@ -38,28 +38,30 @@ class MassDeviation(_PayloadDefaults):
     equation = "the weight of Δm at the tool side"
     coefficients = (MASS,)
 
-    def columns(self, seen: ToolSideLoad) -> Array:
+    def columns(self, tool_side_load: ToolSideLoad) -> Array:
         """Return the change of the readings per kilogram.
 
         Args:
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             (N, D, 1).
         """
-        return np.asarray(seen.columns @ np.r_[1.0, seen.centre - seen.reference_point][:, None])
+        return np.asarray(
+            tool_side_load.columns @ np.r_[1.0, tool_side_load.centre - tool_side_load.reference_point][:, None]
+        )
 
-    def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, tool_side_load: ToolSideLoad) -> Mapping[str, Quantity]:
         """Return the mass error and the resulting first moments.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             Quantities by name; the first one is the size of the effect.
         """
-        return {"mass": Quantity(float(values[0]), "kg"), **_describe_moments(float(values[0]) * seen.centre)}
+        return {"mass": Quantity(float(values[0]), "kg"), **_describe_moments(float(values[0]) * tool_side_load.centre)}
 
 
 @dataclass(frozen=True)
@@ -70,30 +72,30 @@ class MassAndMomentError(_PayloadDefaults):
     equation = "the weight of Δm at the tool side, with Δ(m c)"
     coefficients = (MASS, *MOMENTS)
 
-    def columns(self, seen: ToolSideLoad) -> Array:
+    def columns(self, tool_side_load: ToolSideLoad) -> Array:
         """Return the change of the readings per kilogram and per kilogram metre.
 
         Args:
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             (N, D, 4).
         """
-        return seen.columns
+        return tool_side_load.columns
 
-    def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, tool_side_load: ToolSideLoad) -> Mapping[str, Quantity]:
         """Return the mass error and the errors of the first moments.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             Quantities by name; the first one is the size of the effect.
         """
         return {
             "mass": Quantity(float(values[0]), "kg"),
-            **_describe_moments(values[0] * seen.reference_point + values[1:]),
+            **_describe_moments(values[0] * tool_side_load.reference_point + values[1:]),
         }
 
 
@@ -105,40 +107,40 @@ class CenterOfMassError(_PayloadDefaults):
     equation = "the weight of Δ(m c), Δm = 0, at the tool side"
     coefficients = MOMENTS
 
-    def columns(self, seen: ToolSideLoad) -> Array:
+    def columns(self, tool_side_load: ToolSideLoad) -> Array:
         """Return the change of the readings per kilogram metre.
 
         Args:
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             (N, D, 3).
         """
-        return seen.columns[:, :, 1:]
+        return tool_side_load.columns[:, :, 1:]
 
-    def sizes(self, values: Array, seen: ToolSideLoad) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, tool_side_load: ToolSideLoad) -> Mapping[str, Quantity]:
         """Return the shift of the centre of mass and the errors of the first moments.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             Quantities by name; the first one is the size of the effect.
         """
-        shift = 1e3 * float(np.linalg.norm(values)) / seen.mass
+        shift = 1e3 * float(np.linalg.norm(values)) / tool_side_load.mass
         return {"shift": Quantity(shift, "mm"), **_describe_moments(values)}
 
-    def grid(self, seen: ToolSideLoad) -> tuple[Shape, ...]:
+    def grid(self, tool_side_load: ToolSideLoad) -> tuple[Shape, ...]:
         """Return one empty shape; none without a stated mass.
 
         Args:
-            seen: Stated payload and sensitivity of N readings.
+            tool_side_load: Stated payload and sensitivity of N readings.
 
         Returns:
             The shapes that a search tries.
         """
-        return ((),) if seen.mass > 0.0 else ()  # a zero mass has no centre of mass
+        return ((),) if tool_side_load.mass > 0.0 else ()  # a zero mass has no centre of mass
 
 
 def _describe_moments(h: Array) -> dict[str, Quantity]:

@@ -44,22 +44,22 @@ class ThermalMotion(Protocol):
         """
         ...
 
-    def patterns(self, seen: ThermalState) -> Array:
+    def patterns(self, thermal_state: ThermalState) -> Array:
         """Return the TCP motion per unit of each coefficient for a course value of 1.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N, D, P) m, rad per unit of each coefficient.
         """
         ...
 
-    def is_testable(self, seen: ThermalState) -> bool:
+    def is_testable(self, thermal_state: ThermalState) -> bool:
         """Return whether the readings can distinguish the pattern from others.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
         """
         ...
 
@@ -96,28 +96,39 @@ class CastingExpansion:
         parts = ("carousel", "upper_arm", "forearm") if self.per_casting else ("arm",)
         return tuple(LawParameter(key=f"strain_{p}", unit="1", lower_limit=least) for p in parts)
 
-    def patterns(self, seen: ThermalState) -> Array:
+    def patterns(self, thermal_state: ThermalState) -> Array:
         """Return the TCP motion per unit strain.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N, D, P) m, rad per unit strain.
         """
-        return seen.casting_columns if self.per_casting else seen.casting_columns.sum(axis=2, keepdims=True)
+        return (
+            thermal_state.casting_columns
+            if self.per_casting
+            else thermal_state.casting_columns.sum(axis=2, keepdims=True)
+        )
 
-    def is_testable(self, seen: ThermalState) -> bool:
+    def is_testable(self, thermal_state: ThermalState) -> bool:
         """Return whether the readings span enough time for the castings to expand.
 
         A reading relative to a reference state a minute earlier cannot show it.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
         """
-        if not seen.is_relative or seen.time_since_start is None or seen.unloaded_time_since_start is None:
+        if (
+            not thermal_state.is_relative
+            or thermal_state.time_since_start is None
+            or thermal_state.unloaded_time_since_start is None
+        ):
             return True
-        return float((seen.time_since_start - seen.unloaded_time_since_start).max(initial=0.0)) > LEAST_SPAN
+        return (
+            float((thermal_state.time_since_start - thermal_state.unloaded_time_since_start).max(initial=0.0))
+            > LEAST_SPAN
+        )
 
     def estimate_temperature_rise(self, values: Array, course: Array) -> Mapping[str, Quantity]:
         """Estimate the temperature rise for castings of iron or steel.
@@ -152,25 +163,25 @@ class StandDrift:
         turns = tuple(LawParameter(key=f"turn_{a}", unit="rad") for a in "xyz") if self.includes_tilt else ()
         return (*(LawParameter(key=f"shift_{a}", unit="m") for a in "xyz"), *turns)
 
-    def patterns(self, seen: ThermalState) -> Array:
+    def patterns(self, thermal_state: ThermalState) -> Array:
         """Return the TCP motion per unit translation and rotation of the stand.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N, D, P) m, rad per m and rad.
         """
-        return seen.stand_columns if self.includes_tilt else seen.stand_columns[:, :, :3]
+        return thermal_state.stand_columns if self.includes_tilt else thermal_state.stand_columns[:, :, :3]
 
-    def is_testable(self, seen: ThermalState) -> bool:
+    def is_testable(self, thermal_state: ThermalState) -> bool:
         # measured poses have a fitted frame: a pure translation is hardly distinguishable from one with tilt
         """Return whether the readings can distinguish the pattern from others.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
         """
-        return self.includes_tilt or seen.is_relative
+        return self.includes_tilt or thermal_state.is_relative
 
     def estimate_temperature_rise(self, values: Array, course: Array) -> Mapping[str, Quantity]:
         """Return nothing: a moving stand implies no temperature rise.
@@ -205,24 +216,26 @@ class ExpansionAndStandDrift:
         """
         return (*self.expansion.coefficients(least), *self.stand_drift.coefficients(least))
 
-    def patterns(self, seen: ThermalState) -> Array:
+    def patterns(self, thermal_state: ThermalState) -> Array:
         """Return the TCP motion per unit of each coefficient.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N, D, P) m, rad per unit of each coefficient.
         """
-        return np.concatenate([self.expansion.patterns(seen), self.stand_drift.patterns(seen)], axis=2)
+        return np.concatenate(
+            [self.expansion.patterns(thermal_state), self.stand_drift.patterns(thermal_state)], axis=2
+        )
 
-    def is_testable(self, seen: ThermalState) -> bool:
+    def is_testable(self, thermal_state: ThermalState) -> bool:
         """Return whether the readings are absolute.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
         """
-        return not seen.is_relative  # a load test has many readings at the same TCP position
+        return not thermal_state.is_relative  # a load test has many readings at the same TCP position
 
     def estimate_temperature_rise(self, values: Array, course: Array) -> Mapping[str, Quantity]:
         """Estimate the temperature rise from the strain of the castings.
@@ -263,45 +276,45 @@ class ThermalDrift:
     def coefficients(self) -> tuple[LawParameter, ...]:
         return self.motion.coefficients(0.0 if self.course.warms else -np.inf)
 
-    def columns(self, shape: Array, seen: ThermalState) -> Array:
+    def columns(self, shape: Array, thermal_state: ThermalState) -> Array:
         """Return the TCP drift per unit of each coefficient.
 
         Args:
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             (N, D, P) m, rad per unit of each coefficient.
         """
-        return np.asarray(self.motion.patterns(seen) * self.course.course(shape, seen)[:, None, None])
+        return np.asarray(self.motion.patterns(thermal_state) * self.course.course(shape, thermal_state)[:, None, None])
 
-    def sizes(self, values: Array, shape: Array, seen: ThermalState) -> Mapping[str, Quantity]:
+    def sizes(self, values: Array, shape: Array, thermal_state: ThermalState) -> Mapping[str, Quantity]:
         """Return the largest drift, the implied temperature rise and the time constant.
 
         Args:
             values: (P,) coefficients of the law (linear), SI, in the order of ``self.coefficients``.
             shape: (S,) shape parameters of the law (nonlinear), SI, in the order of ``self.shape``.
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             ``drift`` in mm first, then the others.
         """
-        moved = np.linalg.norm((self.columns(shape, seen) @ values)[:, :3], axis=1)
+        moved = np.linalg.norm((self.columns(shape, thermal_state) @ values)[:, :3], axis=1)
         size = {"drift": Quantity(1e3 * float(moved.max()), "mm")}
-        temperature_rise = self.motion.estimate_temperature_rise(values, self.course.course(shape, seen))
+        temperature_rise = self.motion.estimate_temperature_rise(values, self.course.course(shape, thermal_state))
         slow = {"time_constant": Quantity(float(shape[0]), "s")} if len(shape) else {}
         return {**size, **temperature_rise, **slow}
 
-    def grid(self, seen: ThermalState) -> tuple[Shape, ...]:
+    def grid(self, thermal_state: ThermalState) -> tuple[Shape, ...]:
         """Return the shapes of the course if the motion pattern is testable.
 
         Args:
-            seen: Times, temperatures and motion patterns of N readings.
+            thermal_state: Times, temperatures and motion patterns of N readings.
 
         Returns:
             Shapes in SI.
         """
-        return self.course.grid(seen) if self.motion.is_testable(seen) else ()
+        return self.course.grid(thermal_state) if self.motion.is_testable(thermal_state) else ()
 
 
 def _build_drift_laws(course: HeatCourse) -> tuple[DriftLaw, ...]:

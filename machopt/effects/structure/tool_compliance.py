@@ -296,19 +296,19 @@ def _build_axes_along(line: Array) -> Array:
     return np.stack([x, y, np.cross(x, y)], axis=-1)
 
 
-def _read_tool_law(given: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:
-    if not given.has_key("cylinders"):
-        return read_body_law(given, body)
-    fixed, stated = _read_stepped_tool(given, body)
-    return SteppedToolAndSensor(fixed, stated), np.array([given.read_number("scale", 1.0)]), np.empty(0), body
+def _read_tool_law(reader: ParameterReader, body: CompliantBody) -> tuple[BodyLaw, Array, Array, CompliantBody]:
+    if not reader.has_key("cylinders"):
+        return read_body_law(reader, body)
+    fixed, stated = _read_stepped_tool(reader, body)
+    return SteppedToolAndSensor(fixed, stated), np.array([reader.read_number("scale", 1.0)]), np.empty(0), body
 
 
-def _read_stepped_tool(given: ParameterReader, body: CompliantBody) -> tuple[Array, dict[str, Any]]:
+def _read_stepped_tool(reader: ParameterReader, body: CompliantBody) -> tuple[Array, dict[str, Any]]:
     """Return the compliance at the TCP of stepped cylinders (tian2025 eqs. 2–3, with lever arms) and a force sensor."""
-    stated: dict[str, Any] = {"cylinders": given.read_mappings("cylinders")}
+    stated: dict[str, Any] = {"cylinders": reader.read_mappings("cylinders")}
     steps = []
     for n, entry in enumerate(stated["cylinders"]):
-        one = given.read_nested(f"cylinders[{n}]", entry)
+        one = reader.read_nested(f"cylinders[{n}]", entry)
         bore = one.read_number("bore_mm", 0.0, positive=False) / 1e3
         step = BeamCylinder(
             one.read_number("diameter_mm") / 1e3,
@@ -322,14 +322,14 @@ def _read_stepped_tool(given: ParameterReader, body: CompliantBody) -> tuple[Arr
             raise one.build_error("bore_mm", "expected at least 0 and less than the diameter")
         steps.append(step)
     C = compute_stepped_beam_compliance(steps)
-    given_keys = [given.has_key(key) for key in SENSOR]  # both, so that neither is an unknown key
+    given_keys = [reader.has_key(key) for key in SENSOR]  # both, so that neither is an unknown key
     if any(given_keys):
         # the sensor sits at the flange, its axes are the flange's
-        linear = given.read_array(SENSOR[0], (3,), np.full(3, np.inf)) * 1e3
-        angular = given.read_array(SENSOR[1], (3,), np.full(3, np.inf))
+        linear = reader.read_array(SENSOR[0], (3,), np.full(3, np.inf)) * 1e3
+        angular = reader.read_array(SENSOR[1], (3,), np.full(3, np.inf))
         for key, values in zip(SENSOR, (linear, angular), strict=True):
             if not (values > 0).all():
-                raise given.build_error(key, "expected three stiffnesses above zero")
+                raise reader.build_error(key, "expected three stiffnesses above zero")
             if np.isfinite(values).all():
                 stated[key] = (values / (1e3 if key.endswith("mm") else 1.0)).tolist()
         assert body.root is not None  # a tool begins at its flange

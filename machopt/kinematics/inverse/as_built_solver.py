@@ -61,9 +61,9 @@ class AsBuiltSolver:
         found = self._drawn.solve_grid(T_base_flange, q)  # type: ignore[attr-defined]
         return self._refine_branches(found, T_base_flange.reshape(-1, 4, 4))
 
-    def _refine_branches(self, found: KinematicBranches, T: Array) -> KinematicBranches:
-        refine_branches(*self._lines, np.ascontiguousarray(T, float), found.q)
-        return found
+    def _refine_branches(self, branches: KinematicBranches, T: Array) -> KinematicBranches:
+        refine_branches(*self._lines, np.ascontiguousarray(T, float), branches.q)
+        return branches
 
 
 @jit_compile

@@ -136,13 +136,13 @@ class LinkageSolver:
         found = self.lines.compute_margins(T_base_flange, self.robot.compute_line_angles(q))
         return None if found is None else replace(found, q=q[:, None])
 
-    def _convert_to_joints(self, found: KinematicBranches, out: Array | None) -> KinematicBranches:
-        q = self.robot.compute_joint_positions(found.q)
+    def _convert_to_joints(self, branches: KinematicBranches, out: Array | None) -> KinematicBranches:
+        q = self.robot.compute_joint_positions(branches.q)
         q = np.pi - np.remainder(np.pi - q, 2 * np.pi)
         if out is not None:
             out[:] = q
             q = out
-        return replace(found, q=q)
+        return replace(branches, q=q)
 
 
 def list_whole_turns(lower: Array, upper: Array) -> Array:

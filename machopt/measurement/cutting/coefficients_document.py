@@ -82,16 +82,16 @@ def build_coefficients_document(
     )
 
 
-def build_waveform_section(recording: CuttingRecording, found: WaveformResult) -> WaveformSection:
+def build_waveform_section(recording: CuttingRecording, waveform_result: WaveformResult) -> WaveformSection:
     """Build the section ``waveform`` of coefficients.json.
 
     Args:
         recording: One row a cut.
-        found: Run-out, offsets and residuals.
+        waveform_result: Run-out, offsets and residuals.
     """
     runout = None
-    if found.runout is not None:
-        one = found.runout
+    if waveform_result.runout is not None:
+        one = waveform_result.runout
         low, high = (None, None) if one.angle_interval is None else map(math.degrees, one.angle_interval)
         runout = RunoutSection(
             amplitude_mm=1e3 * one.amplitude,
@@ -100,17 +100,17 @@ def build_waveform_section(recording: CuttingRecording, found: WaveformResult) -
             angle_interval_deg=(low, high),
         )
     return WaveformSection(
-        samples=found.samples,
+        samples=waveform_result.samples,
         runout=runout,
-        noise_order=found.noise_order,
-        misfit_ratio=found.misfit_ratio,
-        misfit_significant=found.has_misfit,
+        noise_order=waveform_result.noise_order,
+        misfit_ratio=waveform_result.misfit_ratio,
+        misfit_significant=waveform_result.has_misfit,
         cuts=tuple(
             WaveformCutEntry(
                 place=recording.format_place(n),
-                spindle_rpm=60.0 * float(found.spindle_speed[n]),
-                offset_deg=math.degrees(found.offset[n]),
-                offset_sigma_deg=math.degrees(found.offset_sigma[n]),
+                spindle_rpm=60.0 * float(waveform_result.spindle_speed[n]),
+                offset_deg=math.degrees(waveform_result.offset[n]),
+                offset_sigma_deg=math.degrees(waveform_result.offset_sigma[n]),
             )
             for n in range(len(recording))
         ),

@@ -73,23 +73,25 @@ def compute_expected_accuracy(M: Array) -> ExpectedAccuracy:
     return ExpectedAccuracy(covariance, sigma, condition, _group_confounded_unknowns(null_vectors, is_unobserved))
 
 
-def compute_design_efficiency(found: ExpectedAccuracy, reference: ExpectedAccuracy) -> tuple[float, float, float]:
+def compute_design_efficiency(
+    expected_accuracy: ExpectedAccuracy, reference: ExpectedAccuracy
+) -> tuple[float, float, float]:
     """Compute the D-, A- and E-efficiency relative to another design, over the unknowns that the reference
     identifies.
 
     D: (det C*/det C)^(1/P); A: tr C*/tr C; E: λ_max(C*)/λ_max(C), with C the covariance.
 
     Args:
-        found: Accuracy of the design.
+        expected_accuracy: Accuracy of the design.
         reference: Accuracy of the reference design.
 
     Returns:
         D, A, E; 1 means equal, 0 if an unknown is not identified.
     """
     among = reference.is_identified
-    if not among.any() or not found.is_identified[among].all():
+    if not among.any() or not expected_accuracy.is_identified[among].all():
         return 0.0, 0.0, 0.0
-    C, best = (a.covariance[np.ix_(among, among)] for a in (found, reference))
+    C, best = (a.covariance[np.ix_(among, among)] for a in (expected_accuracy, reference))
     d = float(np.exp((np.linalg.slogdet(best)[1] - np.linalg.slogdet(C)[1]) / len(C)))
     e = float(np.linalg.eigvalsh(best)[-1] / np.linalg.eigvalsh(C)[-1])
     return d, float(np.trace(best) / np.trace(C)), e

@@ -84,9 +84,11 @@ class StationState:
         return _compute_margins(self.found)
 
 
-def _compute_margins(found: JointAssignment) -> Array:
+def _compute_margins(joint_assignment: JointAssignment) -> Array:
     """(n, 3) of shoulder, elbow and wrist, :data:`NEVER` where an arm without a spherical wrist has one at infinity."""
-    return np.minimum(np.column_stack([found.shoulder, found.elbow, found.wrist]), NEVER)
+    return np.minimum(
+        np.column_stack([joint_assignment.shoulder, joint_assignment.elbow, joint_assignment.wrist]), NEVER
+    )
 
 
 @dataclass(frozen=True)
@@ -249,12 +251,12 @@ class PlanRefinement:
             phi=phi, e=e, found=found, q=found.q, cost=cost, merit=self._compute_merit(phi, e, found.q, cost)
         )
 
-    def _find_lost_stations(self, found: JointAssignment, e: Array) -> Bools:
+    def _find_lost_stations(self, joint_assignment: JointAssignment, e: Array) -> Bools:
         """Return the (n,) stations without a pose, or whose pose has a contact."""
-        lost = np.asarray(found.reason != InfeasibilityReason.OK)
+        lost = np.asarray(joint_assignment.reason != InfeasibilityReason.OK)
         if self.setup.collision is not None and not lost.all():
             there = np.flatnonzero(~lost)
-            x = np.hstack([found.q[there], e[there]])
+            x = np.hstack([joint_assignment.q[there], e[there]])
             lost[there] |= self.setup.collision.check_configurations(x, self.path.may_touch[self.rows][there]).hit
         return lost
 

@@ -167,14 +167,16 @@ def _prepare_group(
     )
 
 
-def _find_coarse_steps(own: _GroupSearch, free: NDArray[np.intp], counts: list[int]) -> tuple[Array, Array]:
+def _find_coarse_steps(group_search: _GroupSearch, free: NDArray[np.intp], counts: list[int]) -> tuple[Array, Array]:
     """Return the best sequence (S, E) over the coarse grid, and the (E,) values of the joints that keep one."""
-    low, high, near = own.group.low, own.group.high, _number_neighbours(counts)
+    low, high, near = group_search.group.low, group_search.group.high, _number_neighbours(counts)
     of_each = [np.linspace(low[k], high[k], n) for k, n in zip(free, counts, strict=True)]
     tries = []
-    for fixed_values in _list_held_values(own.group):  # of joints that keep one value
+    for fixed_values in _list_held_values(group_search.group):  # of joints that keep one value
         grid = _combine_values(free, of_each, fixed_values)
-        cost, stairs = own.find_steps(np.broadcast_to(grid, (len(own.part.stations), *grid.shape)), near, again=True)
+        cost, stairs = group_search.find_steps(
+            np.broadcast_to(grid, (len(group_search.part.stations), *grid.shape)), near, again=True
+        )
         tries.append((cost, stairs, fixed_values))
     _, stairs, fixed_values = min(tries, key=lambda found: found[0])
     return stairs, fixed_values
@@ -241,10 +243,10 @@ class _ValueVertices:
     edges: NDArray[np.float32]  # (S, 3^(k+1), G·R·B) price of the steps without the travel of the external joints
 
 
-def _build_vertices(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> _ValueVertices:
+def _build_vertices(group_search: _GroupSearch, values: Array, near: NDArray[np.int64]) -> _ValueVertices:
     """Return the vertices at values of the external joints (S, G, E) and the steps between neighbours (G, 3^k)."""
-    cost, q, is_stable = _score_values(own, values, near)
-    edges = _compute_edges(own, values, near, q, is_stable)
+    cost, q, is_stable = _score_values(group_search, values, near)
+    edges = _compute_edges(group_search, values, near, q, is_stable)
     return _ValueVertices(values=values, near=near, cost=cost, edges=edges)
 
 
@@ -253,11 +255,11 @@ def _find_joined(part: PlanningPath) -> Bools:
     return np.asarray(np.r_[False, part.run[part.stations][1:] == part.run[part.stations][:-1]])
 
 
-def _find_best_sequence(own: _GroupSearch, vertices: _ValueVertices) -> tuple[float, NDArray[np.int64]]:
+def _find_best_sequence(group_search: _GroupSearch, vertices: _ValueVertices) -> tuple[float, NDArray[np.int64]]:
     """Return the cost of the best sequence through a grid of values, and the index (S,) in G it takes."""
-    setup, part, values = own.search.setup, own.part, vertices.values
+    setup, part, values = group_search.search.setup, group_search.part, vertices.values
     S, (R, B) = len(values), vertices.cost.shape[2:]
-    terms, w = ObjectiveTerms.at_stations(part, setup.velocity, own.options), own.options.weights
+    terms, w = ObjectiveTerms.at_stations(part, setup.velocity, group_search.options), group_search.options.weights
     joined = _find_joined(part)
     flown = np.ascontiguousarray(w.travel * terms.travel)
     c = vertices.cost.reshape(S, -1)
@@ -265,14 +267,14 @@ def _find_best_sequence(own: _GroupSearch, vertices: _ValueVertices) -> tuple[fl
     node = np.where(np.isfinite(node), node, LOST / S)
     counted = np.asarray(part.counted[part.stations])
     raw = np.where(counted[:, None] & np.isfinite(c), c, 0.0)
-    scaled = values * setup.per_rad[6:] * own.weight
+    scaled = values * setup.per_rad[6:] * group_search.weight
 
     def under(cap: float) -> tuple[float, float, NDArray[np.int64]]:
         way, total = find_cheapest_value_sequence(
             np.where(raw > cap, LOST / S, node), vertices.edges, vertices.near, scaled, R, B, joined, flown
         )
         worst = float(raw[np.arange(S), way].max())
-        return total + w.worst / max(own.group.share, 1e-9) * worst, worst, way
+        return total + w.worst / max(group_search.group.share, 1e-9) * worst, worst, way
 
     best = under(np.inf)
     most = best[1]
@@ -284,46 +286,46 @@ def _find_best_sequence(own: _GroupSearch, vertices: _ValueVertices) -> tuple[fl
     return best[0], best[2] // (R * B)
 
 
-def _score_values(own: _GroupSearch, values: Array, near: NDArray[np.int64]) -> tuple[Array, Array, bool]:
+def _score_values(group_search: _GroupSearch, values: Array, near: NDArray[np.int64]) -> tuple[Array, Array, bool]:
     """Return index and joints of the configurations at every value of the grid (S, G, E).
 
     Returns:
         (S, G, R, B) index in units of c₀, and (S, G·R·B, 6) rad, NaN each where infeasible, B the branches that occur;
         whether a branch is the same assembly mode at every pose.
     """
-    setup, part = own.search.setup, own.part
+    setup, part = group_search.search.setup, group_search.part
     S, G = values.shape[:2]
     station_of = np.minimum(np.searchsorted(part.stations, np.arange(len(part.index))), S - 1)
     across = compute_sideways_directions(part)
 
     def at(g: int) -> tuple[Array, Array, bool]:
         there = replace(part, external=values[station_of, g])
-        candidates = enumerate_candidates(there, setup.arm, own.options, every_branch=True)
-        d = compute_load_directions(there, setup.arm, setup.elasticity, own.options.force, across)
-        cost = score_candidates(there, candidates, setup.elasticity, d, own.options).cost
-        if own.search.clear:
+        candidates = enumerate_candidates(there, setup.arm, group_search.options, every_branch=True)
+        d = compute_load_directions(there, setup.arm, setup.elasticity, group_search.options.force, across)
+        cost = score_candidates(there, candidates, setup.elasticity, d, group_search.options).cost
+        if group_search.search.clear:
             cost = _free(cost, candidates.q, values[:, g], part, setup)
         return cost, candidates.q, candidates.stable
 
     found_at = map_in_threads(at, range(G))
     occurs = np.any([np.isfinite(cost).any(axis=(0, 1)) for cost, _, _ in found_at], axis=0)
     occurs[0] |= not occurs.any()
-    c = np.stack([cost[..., occurs] for cost, _, _ in found_at], axis=1) / own.search.scale  # (S, G, R, B)
+    c = np.stack([cost[..., occurs] for cost, _, _ in found_at], axis=1) / group_search.search.scale  # (S, G, R, B)
     q = np.stack([q[..., occurs, :] for _, q, _ in found_at], axis=1)
     q[~np.isfinite(c)] = np.nan
-    if own.search.clear:
+    if group_search.search.clear:
         c[_find_near_contact(np.asarray(np.isfinite(c).any(axis=(2, 3))), near)] = np.nan
     return c, q.reshape(S, -1, 6), found_at[0][2]
 
 
 def _compute_edges(
-    own: _GroupSearch, values: Array, near: NDArray[np.int64], q: Array, is_stable: bool
+    group_search: _GroupSearch, values: Array, near: NDArray[np.int64], q: Array, is_stable: bool
 ) -> NDArray[np.float32]:
     """Return the price of every transition between neighbouring vertices of one run, whose joints are q (S, V, 6)."""
-    part, w, setup = own.part, own.options.weights, own.search.setup
-    terms = ObjectiveTerms.at_stations(part, setup.velocity, own.options)
+    part, w, setup = group_search.part, group_search.options.weights, group_search.search.setup
+    terms = ObjectiveTerms.at_stations(part, setup.velocity, group_search.options)
     still: Bools = part.is_drilling | part.plunge
-    R = round(2 * np.pi / own.options.rotation_step)
+    R = round(2 * np.pi / group_search.options.rotation_step)
     return compute_transition_costs(
         q,
         np.ascontiguousarray(values * setup.per_rad[6:]),
@@ -332,7 +334,7 @@ def _compute_edges(
         q.shape[1] // (values.shape[1] * R),
         _find_joined(part),
         still[part.stations],
-        own.winds,
+        group_search.winds,
         terms.seconds,
         terms.slowness,
         np.ascontiguousarray(w.travel * terms.travel),

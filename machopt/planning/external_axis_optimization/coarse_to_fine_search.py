@@ -192,14 +192,14 @@ def _search_refined(request: _SearchRequest) -> Plan:
     return found
 
 
-def _improve_coarser_plan(found: Plan, request: _SearchRequest) -> Plan:
+def _improve_coarser_plan(plan: Plan, request: _SearchRequest) -> Plan:
     """Return the improvement by sequences of a plan that a finer rotation grid has made better."""
     toolpath, clock = request.toolpath, request.clock
-    groups = build_operation_groups(request.cell, toolpath, found.path, request.axes, found.options.steer)
-    ranking = AxisPlanRanking.build(found.setup, request.axes)
+    groups = build_operation_groups(request.cell, toolpath, plan.path, request.axes, plan.options.steer)
+    ranking = AxisPlanRanking.build(plan.setup, request.axes)
     job = RefinementJob(toolpath=toolpath, groups=groups, worth=ranking, clock=clock, before=request.before)
-    led = leap_to_better_sequences(found, job)
-    for one in sorted(led[1:], key=_build_ranking_key(found.setup, request.axes)):
+    led = leap_to_better_sequences(plan, job)
+    for one in sorted(led[1:], key=_build_ranking_key(plan.setup, request.axes)):
         if is_drivable(one, toolpath, clock):
             return one
     return led[0]
@@ -382,11 +382,11 @@ class _Tries:
         return [self._plan_with_values(ways[0])]
 
 
-def _list_lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
+def _list_lost_groups(plan: Plan, groups: Sequence[OperationGroup]) -> list[int]:
     """Groups with points that have no configuration, or with breaks."""
-    path = found.path
-    runs = set(path.run[found.missing[path.may_touch[found.missing]]].tolist())
-    for b in found.breaks:
+    path = plan.path
+    runs = set(path.run[plan.missing[path.may_touch[plan.missing]]].tolist())
+    for b in plan.breaks:
         if np.isfinite(b.after):
             runs.add(int(path.run[np.searchsorted(path.index, b.after - 1e-9)]))
     return [n for n, group in enumerate(groups) if runs & set(group.runs)]

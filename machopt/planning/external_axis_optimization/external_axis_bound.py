@@ -181,17 +181,17 @@ class BoundSearch:
             found = lattice.best(GAP, onward, self.own)
         return None if found is None else BoundSequence(*found)
 
-    def bound(self, found: BoundSequence | None) -> ExternalAxisBound:
+    def bound(self, bound_sequence: BoundSequence | None) -> ExternalAxisBound:
         """Return the bound of the plan from the best sequence.
 
         Args:
-            found: best sequence, or None.
+            bound_sequence: best sequence, or None.
         """
-        if found is None:
+        if bound_sequence is None:
             return ExternalAxisBound(why="no sequence of the grid leads through all of the path")
         return ExternalAxisBound(
-            bound=found.bound,
-            sequence=found.total,
+            bound=bound_sequence.bound,
+            sequence=bound_sequence.total,
             plan=self.own,
             values=self.values,
             stations=len(self.part.stations),

@@ -94,19 +94,19 @@ def refine_other_starts(starts: Sequence[Plan], job: RefinementJob, trust: float
     return out
 
 
-def count_lost_points(found: Plan) -> float:
+def count_lost_points(plan: Plan) -> float:
     """Return the number of points without a configuration plus the number of breaks.
 
     Args:
-        found: plan.
+        plan: plan.
     """
-    return float(count_unreached_points(found) + len(found.breaks))
+    return float(count_unreached_points(plan) + len(plan.breaks))
 
 
-def count_unreached_points(found: Plan) -> int:
+def count_unreached_points(plan: Plan) -> int:
     """Return the number of points without a configuration where contacts count.
 
     Args:
-        found: plan.
+        plan: plan.
     """
-    return int(found.path.may_touch[found.missing].sum())
+    return int(plan.path.may_touch[plan.missing].sum())

@@ -87,14 +87,14 @@ def drive_posture_and_feed(
     return _conclude(fixed if reason else joint, toolpath, joint.seconds, reason, windows, fixed.seconds)
 
 
-def _find_reason_against(fixed: DrivenCandidate, joint: DrivenCandidate, wanted: Plan, toolpath: Toolpath) -> str:
+def _find_reason_against(fixed: DrivenCandidate, joint: DrivenCandidate, plan: Plan, toolpath: Toolpath) -> str:
     """Return why the joint result is not driven; empty where it is."""
     if not np.isfinite(joint.seconds):
         stopped = joint.timeline.obstructions if joint.timeline is not None else ()
         return f"its motion is not possible: {stopped[0].text}" if stopped else "its motion is not possible"
-    if joint.plan.chosen.assignment is not wanted.chosen.assignment:
+    if joint.plan.chosen.assignment is not plan.chosen.assignment:
         return "its rapid moves or margins need another plan"
-    if joint.seconds >= fixed.seconds - wanted.options.sample:
+    if joint.seconds >= fixed.seconds - plan.options.sample:
         return f"its cycle time is {joint.seconds:.2f} s, that of the fixed path {fixed.seconds:.2f} s"
     before, after = (compute_driven_outcomes(c.driven, toolpath, c.timeline).count("pass") for c in (fixed, joint))
     if after < before:

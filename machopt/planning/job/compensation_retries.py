@@ -32,7 +32,7 @@ MOST = 200  # maximum number of points without shift: with more, other rotations
 def compensate_with_retries(
     segment: ToolSegment,
     planned: Plan,
-    whole: PlanOptions,
+    plan_options: PlanOptions,
     timings: StageTimings,
     replan: Callable[[PlanOptions], Plan],
 ) -> Plan:
@@ -41,7 +41,7 @@ def compensate_with_retries(
     Args:
         segment: toolpath of one tool.
         planned: plan before the shift.
-        whole: options it was planned with, for the whole job.
+        plan_options: options it was planned with, for the whole job.
         timings: receives the duration of the stages.
         replan: plans the same with other options for the whole job.
 
@@ -55,9 +55,11 @@ def compensate_with_retries(
             return compensate_plan(plan, segment.toolpath)
 
     best = found = shifted(planned)
-    options, avoided = whole, set[int]()
+    options, avoided = plan_options, set[int]()
     for n in range(TRIES if requested.is_searched else 0):
-        zones = _build_excluded_zones(found, segment.first, min(max(whole.rotation_step, NARROWEST) * 2**n, WIDEST))
+        zones = _build_excluded_zones(
+            found, segment.first, min(max(plan_options.rotation_step, NARROWEST) * 2**n, WIDEST)
+        )
         if not zones:
             break
         options = replace(options, steer=(*options.steer, *zones))

@@ -223,7 +223,7 @@ def _join_paths(paths: Sequence[PlanningPath]) -> PlanningPath:
     return whole if all(path.untilted is None for path in paths) else _add_tilts(whole, paths)
 
 
-def _add_tilts(whole: PlanningPath, paths: Sequence[PlanningPath]) -> PlanningPath:
+def _add_tilts(planning_path: PlanningPath, paths: Sequence[PlanningPath]) -> PlanningPath:
     """Return the joined path with the tilts of its stretches, zero where a stretch has none."""
     tilts: dict[str, Any] = {
         name: np.concatenate(
@@ -231,7 +231,9 @@ def _add_tilts(whole: PlanningPath, paths: Sequence[PlanningPath]) -> PlanningPa
         )
         for name in ("lead", "side")
     }
-    return replace(whole, untilted=_join_paths([replace(path.programmed, index=path.index) for path in paths]), **tilts)
+    return replace(
+        planning_path, untilted=_join_paths([replace(path.programmed, index=path.index) for path in paths]), **tilts
+    )
 
 
 def _find_furthest_dropped(c: CandidateGrid) -> NDArray[np.uint8]:

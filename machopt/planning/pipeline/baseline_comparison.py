@@ -98,7 +98,7 @@ def select_baseline(
 
 
 def select_best_assignment(
-    found: CollisionFreeSequence,
+    sequence: CollisionFreeSequence,
     scored: Callable[[JointAssignment], ScoredAssignment],
     others: Sequence[ScoredAssignment],
     path: PlanningPath,
@@ -106,7 +106,7 @@ def select_best_assignment(
     arm: PlanningArm,
 ) -> SelectedAssignment:
     """Return the result of a search, or a baseline that is better: the paper's first, then the CAM file's."""
-    best = SelectedAssignment(scored(found.assignment), found.source, found.check, searched=True)
+    best = SelectedAssignment(scored(sequence.assignment), sequence.source, sequence.check, searched=True)
     for other, name in zip(others, (PAPER, DEFAULT), strict=False):
         is_allowed = is_rotation_allowed(other.assignment.phi, path, options)
         is_allowed &= not find_unstable_points(other.assignment, path, arm).any()

@@ -97,15 +97,15 @@ class CollisionFreeSearch:
             wide=np.zeros(len(self.candidates.feasible), bool),
         )
 
-    def resume(self, found: CollisionFreeSequence) -> None:
+    def resume(self, sequence: CollisionFreeSequence) -> None:
         """Start with the exclusions of an earlier search over the same candidates.
 
         Args:
-            found: result of the earlier search.
+            sequence: result of the earlier search.
         """
         exclusions = self.strikes
-        exclusions.pairs[:], exclusions.looked[:], self.chooser.wide[:] = found.pairs, found.looked, found.wide
-        exclusions.edges, exclusions.banned = found.edges, dict(found.banned)
+        exclusions.pairs[:], exclusions.looked[:], self.chooser.wide[:] = sequence.pairs, sequence.looked, sequence.wide
+        exclusions.edges, exclusions.banned = sequence.edges, dict(sequence.banned)
 
     def begin(self) -> None:
         """Make the first choice, which needs no contact checks; :meth:`run` then starts with it."""

@@ -347,16 +347,16 @@ def _build_plan(problem: PathProblem, choice: SequenceChoice, marked: _MarkedAss
     )
 
 
-def _build_searched_plan(problem: PathProblem, found: CollisionFreeSequence, marked: _MarkedAssignments) -> Plan:
+def _build_searched_plan(problem: PathProblem, sequence: CollisionFreeSequence, marked: _MarkedAssignments) -> Plan:
     """Return the plan after a search, which has selected its result or a baseline."""
-    plan = replace(_build_plan(problem, found.choice, marked), rounds=found.rounds, found=found)
+    plan = replace(_build_plan(problem, sequence.choice, marked), rounds=sequence.rounds, found=sequence)
     if not marked.selected.searched:
         return plan
     path, candidates = problem.path, problem.candidates
     return replace(
         plan,
-        breaks=find_sequence_breaks(path, problem.setup, candidates, found),
-        chosen=_with_names(path, found.choice, candidates, plan.chosen),
+        breaks=find_sequence_breaks(path, problem.setup, candidates, sequence),
+        chosen=_with_names(path, sequence.choice, candidates, plan.chosen),
     )
 
 

@@ -23,30 +23,30 @@ from machopt.planning.sampling.candidate_grid import CandidateGrid
 
 
 def search_with_worst_price(
-    before: Plan, found: CollisionFreeSequence, worst: float, elsewhere: float, clock: StageTimings
+    before: Plan, sequence: CollisionFreeSequence, worst: float, elsewhere: float, clock: StageTimings
 ) -> Plan:
     """Return the plan searched again with another price of the worst index; exclusions remain.
 
     Args:
         before: plan without gaps or breaks; its candidates are not changed.
-        found: result of its search.
+        sequence: result of its search.
         worst: price of the worst index.
         elsewhere: worst index of the other tools, in units of c₀: below it a lower one gains nothing.
         clock: stage timings.
     """
     options = replace(before.options, weights=replace(before.options.weights, worst=worst))
     scores = replace(before.scores, elsewhere=elsewhere)
-    return _search_again(before, found, _copy_candidates(before.candidates), scores, options, clock)
+    return _search_again(before, sequence, _copy_candidates(before.candidates), scores, options, clock)
 
 
 def search_without_branch_changes(
-    before: Plan, found: CollisionFreeSequence, shut: Bools, ends: Sequence[tuple[int, int]], clock: StageTimings
+    before: Plan, sequence: CollisionFreeSequence, shut: Bools, ends: Sequence[tuple[int, int]], clock: StageTimings
 ) -> Plan:
     """Return the plan searched again without some changes of branch; exclusions remain.
 
     Args:
         before: plan without gaps or breaks; its candidates are not changed.
-        found: result of its search.
+        sequence: result of its search.
         shut: (A, A) branch changes that rapid moves must not make, by the arm's branch numbers.
         ends: stations at the ends of the path, and numbers of branches that cannot be reached there.
         clock: stage timings.
@@ -61,7 +61,7 @@ def search_without_branch_changes(
             InfeasibilityReason.NO_PATH,
             c.reason[station, :, branch],
         )
-    after = _search_again(before, found, candidates, before.scores, before.options, clock)
+    after = _search_again(before, sequence, candidates, before.scores, before.options, clock)
     bound = min(after.choice.bound, before.choice.bound)  # an unsuccessful search is no proof that no path exists
     return replace(after, choice=replace(after.choice, bound=bound), over_external=None)
 
@@ -73,7 +73,7 @@ def _copy_candidates(c: CandidateGrid) -> CandidateGrid:
 
 def _search_again(
     before: Plan,
-    found: CollisionFreeSequence,
+    sequence: CollisionFreeSequence,
     candidates: CandidateGrid,
     scores: CandidateScores,
     options: PlanOptions,
@@ -89,19 +89,19 @@ def _search_again(
         pricing=before.pricing,
     )
     search = problem.build_search(clock)
-    search.resume(found)
-    found = problem.find_sequence(search, clock)
+    search.resume(sequence)
+    sequence = problem.find_sequence(search, clock)
     return replace(
         before,
         options=options,
         candidates=candidates,
         scores=scores,
-        choice=found.choice,
-        chosen=mark_contacts(problem.score(found.assignment), found.check),
-        chosen_from=found.source,
-        grid=problem.rate_grid_choice(found.choice),
-        check=found.check,
-        rounds=before.rounds + found.rounds,
-        breaks=find_sequence_breaks(problem.path, problem.setup, candidates, found),
-        found=found,
+        choice=sequence.choice,
+        chosen=mark_contacts(problem.score(sequence.assignment), sequence.check),
+        chosen_from=sequence.source,
+        grid=problem.rate_grid_choice(sequence.choice),
+        check=sequence.check,
+        rounds=before.rounds + sequence.rounds,
+        breaks=find_sequence_breaks(problem.path, problem.setup, candidates, sequence),
+        found=sequence,
     )

@@ -34,7 +34,7 @@ Run = tuple[int, int]
 
 def spread_rotation_steps(
     search: CollisionFreeSearch,
-    found: CollisionFreeSequence,
+    sequence: CollisionFreeSequence,
     limits: JointLimits,
     total: Callable[[JointAssignment], float],
 ) -> CollisionFreeSequence:
@@ -42,31 +42,31 @@ def spread_rotation_steps(
 
     Args:
         search: search on the grid.
-        found: its result.
+        sequence: its result.
         limits: of the joints.
         total: J of an assignment.
     """
     options = search.options
-    if options.fixed or options.steer or not found.check.free or not np.isfinite(found.assignment.q).all():
-        return found
+    if options.fixed or options.steer or not sequence.check.free or not np.isfinite(sequence.assignment.q).all():
+        return sequence
     step = SHARE * 2 * np.pi / len(search.candidates.phi)
-    runs = find_abrupt_runs(search.path, found.assignment, limits, options.limit_scale, step)
+    runs = find_abrupt_runs(search.path, sequence.assignment, limits, options.limit_scale, step)
     if not runs:
-        return found
-    best = total(found.assignment)
+        return sequence
+    best = total(sequence.assignment)
     groups = [runs, *([run] for run in runs[:MOST_RUNS])] if len(runs) > 1 else [runs]
     done: set[Run] = set()
     for group in groups:
         if done.issuperset(group):
             continue
         for width in WIDTHS:
-            spread = _spread_runs(search, found, group, width)
+            spread = _spread_runs(search, sequence, group, width)
             value = np.inf if spread is None else total(spread.assignment)
             if spread is not None and value <= best:
-                best, found = value, spread
+                best, sequence = value, spread
                 done.update(group)
                 break
-    return found
+    return sequence
 
 
 def find_abrupt_runs(
@@ -116,19 +116,19 @@ def compute_moving_average(time: Array, values: Array, width: float) -> Array:
 
 
 def _spread_runs(
-    search: CollisionFreeSearch, found: CollisionFreeSequence, runs: list[Run], width: float
+    search: CollisionFreeSearch, sequence: CollisionFreeSequence, runs: list[Run], width: float
 ) -> CollisionFreeSequence | None:
     """Return the sequence with the rotation of some runs averaged; None where it is not free of contacts."""
     path, checker = search.path, search.checker
-    phi = found.assignment.phi.copy()
+    phi = sequence.assignment.phi.copy()
     for first, last in runs:
         seconds = np.diff(path.time[first : last + 1])
         seconds[path.plunge[first + 1 : last + 1]] = 0.0
         time = np.r_[0.0, np.cumsum(seconds)]
         phi[first : last + 1] = compute_moving_average(time, phi[first : last + 1], width)
-    assignment = solve_joint_path(path, checker.arm, checker.robot, phi, found.assignment.q)
+    assignment = solve_joint_path(path, checker.arm, checker.robot, phi, sequence.assignment.q)
     if (assignment.reason != InfeasibilityReason.OK).any():
         return None
     check = checker.whole(assignment.phi, assignment.q)
-    source = "smooth and grid" if found.source == "grid" else found.source
-    return replace(found, assignment=assignment, check=check, source=source) if check.free else None
+    source = "smooth and grid" if sequence.source == "grid" else sequence.source
+    return replace(sequence, assignment=assignment, check=check, source=source) if check.free else None

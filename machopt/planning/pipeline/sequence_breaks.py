@@ -121,7 +121,7 @@ def build_undriven_break(before: float, after: float, why: str) -> SequenceBreak
 
 
 def find_sequence_breaks(
-    path: PlanningPath, setup: PlanningSetup, candidates: CandidateGrid, found: CollisionFreeSequence
+    path: PlanningPath, setup: PlanningSetup, candidates: CandidateGrid, sequence: CollisionFreeSequence
 ) -> tuple[SequenceBreak, ...]:
     """Return every break of the search's choice.
 
@@ -129,9 +129,9 @@ def find_sequence_breaks(
         path: planning points.
         setup: planning setup of the cell.
         candidates: candidate grid with its exclusions.
-        found: result of the search.
+        sequence: result of the search.
     """
-    return tuple(_build_break(path, setup, candidates, found, s) for s in found.choice.broken)
+    return tuple(_build_break(path, setup, candidates, sequence, s) for s in sequence.choice.broken)
 
 
 def find_configuration_jumps(path: PlanningPath, scored: ScoredAssignment) -> tuple[SequenceBreak, ...]:
@@ -176,11 +176,11 @@ class _Tally:
 
 
 def _build_break(
-    path: PlanningPath, setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeSequence, s: int
+    path: PlanningPath, setup: PlanningSetup, c: CandidateGrid, sequence: CollisionFreeSequence, s: int
 ) -> SequenceBreak:
-    st, choice = path.stations, found.choice
+    st, choice = path.stations, sequence.choice
     before, after = float(path.index[st[s - 1]]), float(path.index[st[s]])
-    tally, largest = _count_continuations(setup, c, found, s), compute_joint_jump_limit(c.stable)
+    tally, largest = _count_continuations(setup, c, sequence, s), compute_joint_jump_limit(c.stable)
 
     def made(
         code: Code, text: str, joint: int = 0, value: float = np.nan, limit: float = np.nan, pair: str = ""
@@ -210,7 +210,7 @@ def _build_break(
             return made("singularity", f"the arm would come too near a singularity ({of})")
         if most == "unstable":
             return made("stability", f"the stable depth of cut would fall below min_stability_ratio ({of})")
-        pair = _name(setup, tally.pair.most_common(1)[0][0] if tally.pair else found.banned.get(s, -1))
+        pair = _name(setup, tally.pair.most_common(1)[0][0] if tally.pair else sequence.banned.get(s, -1))
         if pair:
             return made("collision", f"{pair} touch or come nearer than the clearance on the way ({of})", pair=pair)
         return made("no_pose", f"between the two no pose of the same configuration is within limits and margins ({of})")
@@ -243,11 +243,11 @@ _SENTENCE = {
 }
 
 
-def _count_continuations(setup: PlanningSetup, c: CandidateGrid, found: CollisionFreeSequence, s: int) -> _Tally:
+def _count_continuations(setup: PlanningSetup, c: CandidateGrid, sequence: CollisionFreeSequence, s: int) -> _Tally:
     """Count every continuation from the configurations reached at station s − 1 into station s."""
     arm = setup.arm
     _, R, B, T = c.feasible.shape
-    reached = found.choice.reached
+    reached = sequence.choice.reached
     alive = np.zeros((R, B, T), bool) if reached is None else reached[s - 1].reshape(R, B, T)
     window = max(int(compute_joint_jump_limit(c.stable) / (2 * np.pi / R)), 1)
     tally = _Tally(Counter(), Counter())
@@ -273,7 +273,7 @@ def _count_continuations(setup: PlanningSetup, c: CandidateGrid, found: Collisio
                         arm.upper,
                         qa[r] + step[r] + c.turns[alive[r, bu]],
                         why,
-                        int(found.pairs[s, target[r], b]),
+                        int(sequence.pairs[s, target[r], b]),
                     )
     return tally
 

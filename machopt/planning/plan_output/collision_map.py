@@ -122,28 +122,28 @@ def find_cut_stations(plan: Plan) -> NDArray[np.intp]:
     return np.flatnonzero(plan.path.counted[plan.path.stations])
 
 
-def find_best_branch(plan: Plan, shown: CollisionMap, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+def find_best_branch(plan: Plan, collision_map: CollisionMap, st: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
     """Return (N, R) the feasible branch with the least cost, and that cost; infinite where none is feasible.
 
     Args:
         plan: The plan.
-        shown: The map of feasible rotations and branches.
+        collision_map: The map of feasible rotations and branches.
         st: (N,) numbers of the stations.
     """
-    usable = compute_any_last(shown.candidates.feasible[st])
+    usable = compute_any_last(collision_map.candidates.feasible[st])
     rated = np.where(usable, plan.scores.cost[st], np.inf)
     first = rated.argmin(axis=2)
     return first, np.take_along_axis(rated, first[:, :, None], axis=2)[:, :, 0]
 
 
-def _select_postures(plan: Plan, shown: CollisionMap) -> NDArray[np.float32]:
+def _select_postures(plan: Plan, collision_map: CollisionMap) -> NDArray[np.float32]:
     """Return (N, R, 6) rad the posture at each cut station and rotation whose index or reason the map shows.
 
     It is wound into the middle of the joint limits, and NaN where there is none.
     """
-    c, limits, st = shown.candidates, plan.setup.driven.limits, find_cut_stations(plan)
+    c, limits, st = collision_map.candidates, plan.setup.driven.limits, find_cut_stations(plan)
     usable: Bools = compute_any_last(c.feasible[st])
-    branch, _ = find_best_branch(plan, shown, st)
+    branch, _ = find_best_branch(plan, collision_map, st)
     farthest = np.where(np.isfinite(c.q[st, :, :, 0]), c.reason[st], 0).argmax(axis=2)
     pick = np.where(usable.any(axis=2), branch, farthest)
     q = c.q[st[:, None], np.arange(pick.shape[1]), pick]

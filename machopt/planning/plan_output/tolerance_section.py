@@ -88,14 +88,14 @@ def _build_stock_section(stock: StockSummary) -> StockSection:
     )
 
 
-def _build_comparison_section(found: StockComparison) -> StockComparisonSection:
+def _build_comparison_section(stock_comparison: StockComparison) -> StockComparisonSection:
     return StockComparisonSection(
-        gouge_depth_mm=1e3 * found.gouge_depth,
-        gouge_at_mm=_convert_place(found.gouge_place),
-        gouge_volume_mm3=1e9 * found.gouge_volume,
-        left_depth_mm=1e3 * found.left_depth,
-        left_at_mm=_convert_place(found.left_place),
-        left_volume_mm3=1e9 * found.left_volume,
+        gouge_depth_mm=1e3 * stock_comparison.gouge_depth,
+        gouge_at_mm=_convert_place(stock_comparison.gouge_place),
+        gouge_volume_mm3=1e9 * stock_comparison.gouge_volume,
+        left_depth_mm=1e3 * stock_comparison.left_depth,
+        left_at_mm=_convert_place(stock_comparison.left_place),
+        left_volume_mm3=1e9 * stock_comparison.left_volume,
     )
 
 

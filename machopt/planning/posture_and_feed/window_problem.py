@@ -112,7 +112,7 @@ def _create_variables(n: int, count: int) -> _Variables:
     )
 
 
-def _add_poses(found: _Constraints, machine: SymbolicMachine, data: WindowData, v: _Variables) -> None:
+def _add_poses(constraints: _Constraints, machine: SymbolicMachine, data: WindowData, v: _Variables) -> None:
     """Tip and axes of the tool are those of the path at the rotation."""
     x, phi = ca.SX.sym("x", machine.count), ca.SX.sym("phi")
     place, axes = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
@@ -130,15 +130,15 @@ def _add_poses(found: _Constraints, machine: SymbolicMachine, data: WindowData, 
     out = node.map(count)(v.x, v.phi, ca.DM(data.position.T), frames)
     free = np.flatnonzero(~data.is_fixed).tolist()
     if free:
-        found.add(out[:, free], 0.0, 0.0)
+        constraints.add(out[:, free], 0.0, 0.0)
 
 
-def _add_motion_limits(found: _Constraints, data: WindowData, v: _Variables, tau: ca.MX) -> None:
+def _add_motion_limits(constraints: _Constraints, data: WindowData, v: _Variables, tau: ca.MX) -> None:
     """Velocity, acceleration and jerk of every axis, each in units of its limit."""
     count = len(data.phi)
     axes = np.flatnonzero(np.r_[np.ones(6, bool), data.is_free]).tolist()
     rate = (v.x[axes, 1:] - v.x[axes, :-1]) / ca.repmat(tau, len(axes), 1)
-    found.add(rate / ca.DM(np.tile(data.velocity[axes][:, None], count - 1)), -1.0, 1.0)
+    constraints.add(rate / ca.DM(np.tile(data.velocity[axes][:, None], count - 1)), -1.0, 1.0)
     still = ca.MX.zeros(len(axes), 1)
     left = [still] if data.starts_at_rest else []
     right = [still] if data.ends_at_rest else []
@@ -146,15 +146,15 @@ def _add_motion_limits(found: _Constraints, data: WindowData, v: _Variables, tau
     times = ca.horzcat(*([tau[:, 0]] if left else []), tau, *([tau[:, -1]] if right else []))
     span = 0.5 * (times[:, 1:] + times[:, :-1])
     change = (rates[:, 1:] - rates[:, :-1]) / ca.repmat(span, len(axes), 1)
-    found.add(change / ca.DM(np.tile(data.acceleration[axes][:, None], change.shape[1])), -1.0, 1.0)
+    constraints.add(change / ca.DM(np.tile(data.acceleration[axes][:, None], change.shape[1])), -1.0, 1.0)
     if change.shape[1] < 2:
         return
     between = times[:, 1:-1]
     jerk = (change[:, 1:] - change[:, :-1]) / ca.repmat(between, len(axes), 1)
-    found.add(jerk / ca.DM(np.tile(data.jerk[axes][:, None], jerk.shape[1])), -1.0, 1.0)
+    constraints.add(jerk / ca.DM(np.tile(data.jerk[axes][:, None], jerk.shape[1])), -1.0, 1.0)
 
 
-def _add_joint_ranges(found: _Constraints, data: WindowData, v: _Variables) -> None:
+def _add_joint_ranges(constraints: _Constraints, data: WindowData, v: _Variables) -> None:
     """Joints keep their range between nodes.
 
     A parabola through three nodes at distances g, h leaves its chord by c max(g, h)² / 4; c is its divided difference.
@@ -173,10 +173,10 @@ def _add_joint_ranges(found: _Constraints, data: WindowData, v: _Variables) -> N
     at = rows.tolist()
     for n in np.flatnonzero(axes).tolist():
         low, high = np.minimum(data.lower[n], now[rows, n]), np.maximum(data.upper[n], now[rows, n])
-        found.add(inner[n, at], low[None], high[None])
+        constraints.add(inner[n, at], low[None], high[None])
 
 
-def _add_errors(found: _Constraints, machine: SymbolicMachine, data: WindowData, v: _Variables) -> None:
+def _add_errors(constraints: _Constraints, machine: SymbolicMachine, data: WindowData, v: _Variables) -> None:
     """The nominal error at both segments of a node stays within its limit, but for the excess."""
     loads, count = data.loads, len(data.phi)
     share = data.cap * data.length / data.way  # tip speed at full speed
@@ -192,11 +192,11 @@ def _add_errors(found: _Constraints, machine: SymbolicMachine, data: WindowData,
             v.x[:, columns], ca.DM(loads.compliance[rows].T), wrench, ca.DM(loads.normal[rows].T)
         )
         use = error / ca.DM(loads.limit[rows]).T
-        found.add(use - v.excess[:, columns], -np.inf, 1.0)
-        found.add(use + v.excess[:, columns], -1.0, np.inf)
+        constraints.add(use - v.excess[:, columns], -np.inf, 1.0)
+        constraints.add(use + v.excess[:, columns], -1.0, np.inf)
 
 
-def _add_local_limits(found: _Constraints, data: WindowData, v: _Variables) -> None:
+def _add_local_limits(constraints: _Constraints, data: WindowData, v: _Variables) -> None:
     limits, free = data.limits, np.flatnonzero(~data.is_fixed)
     for column in range(limits.count):
         rows = free[np.isfinite(limits.value[free, column])]
@@ -208,13 +208,13 @@ def _add_local_limits(found: _Constraints, data: WindowData, v: _Variables) -> N
             moved = v.x[6 + e, at] - ca.DM(data.x[rows, 6 + e]).T
             change = change + moved * ca.DM(limits.by_external[rows, column, e]).T
         # where the present plan is nearer than the linear model's reserve, it must not get nearer
-        found.add(change, -np.maximum(limits.value[rows, column], 0.0)[None], np.inf)
+        constraints.add(change, -np.maximum(limits.value[rows, column], 0.0)[None], np.inf)
 
 
-def _add_plunges(found: _Constraints, data: WindowData, v: _Variables) -> None:
+def _add_plunges(constraints: _Constraints, data: WindowData, v: _Variables) -> None:
     rows = np.flatnonzero(data.is_plunge & ~(data.is_fixed[1:] & data.is_fixed[:-1])).tolist()
     if rows:
-        found.add(v.phi[:, [k + 1 for k in rows]] - v.phi[:, rows], 0.0, 0.0)
+        constraints.add(v.phi[:, [k + 1 for k in rows]] - v.phi[:, rows], 0.0, 0.0)
 
 
 def _weigh_nodes(data: WindowData) -> Array:

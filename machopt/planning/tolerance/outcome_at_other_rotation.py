@@ -103,7 +103,7 @@ class LiveOutcomes:
         chosen = replace(plan.chosen, assignment=replace(before, q=q, reason=reason))
         return replace(plan, chosen=chosen)
 
-    def _describe(self, row: int, found: PointErrors) -> LiveOutcome:
+    def _describe(self, row: int, point_errors: PointErrors) -> LiveOutcome:
         process = self.plan.setup.cell.process
         operation = self.toolpath.process_operation
         assert process is not None
@@ -116,13 +116,13 @@ class LiveOutcomes:
             ("normal", limits.surface),
         )
         name = next((name for name, limit in pairs if np.isfinite(limit)), "normal")
-        p = found.p_in[row]
+        p = point_errors.p_in[row]
         return LiveOutcome(
             point=row,
-            outcome=found.outcome[row],
+            outcome=point_errors.outcome[row],
             error_name=name,
-            error=float(found.errors[name][row]),
-            tolerance=float(found.tolerance[row]),
-            p_in=float(p if np.isfinite(p) else found.p_in_deflection_only[row]),
-            reason=found.unknown_because.get(row, ""),
+            error=float(point_errors.errors[name][row]),
+            tolerance=float(point_errors.tolerance[row]),
+            p_in=float(p if np.isfinite(p) else point_errors.p_in_deflection_only[row]),
+            reason=point_errors.unknown_because.get(row, ""),
         )

@@ -204,18 +204,18 @@ class _ErrorTable:
             search = HoleFeedSearch(self.plan, model, self.loads, draw_terms)
             self._write_feeds(search.find_feeds(scales))
 
-    def _write_feeds(self, found: FeedLimits) -> None:
+    def _write_feeds(self, feed_limits: FeedLimits) -> None:
         """Write the feeds of points whose outcome is known."""
-        known = np.array([self.outcome[row] != "unknown" for row in found.rows], bool)
-        self.feed_max[found.rows[known]] = found.feed[known]
+        known = np.array([self.outcome[row] != "unknown" for row in feed_limits.rows], bool)
+        self.feed_max[feed_limits.rows[known]] = feed_limits.feed[known]
 
-    def _write_hole(self, row: int, found: HoleDraws, columns: dict[str, Array]) -> None:
-        columns["across"][row] = found.distance[0]
-        columns["along"][row] = found.along[0]
-        columns["axis"][row] = found.axis[0]
+    def _write_hole(self, row: int, hole_draws: HoleDraws, columns: dict[str, Array]) -> None:
+        columns["across"][row] = hole_draws.distance[0]
+        columns["along"][row] = hole_draws.along[0]
+        columns["axis"][row] = hole_draws.axis[0]
 
-    def _write_interval(self, row: int, found: HoleDraws) -> None:
-        for name, values in (("across", found.distance), ("along", found.along), ("axis", found.axis)):
+    def _write_interval(self, row: int, hole_draws: HoleDraws) -> None:
+        for name, values in (("across", hole_draws.distance), ("along", hole_draws.along), ("axis", hole_draws.axis)):
             self.lower[name][row], self.upper[name][row] = np.quantile(values, (LOW, HIGH))
 
     def _add_hole_variance(
@@ -369,10 +369,10 @@ def _isolate(draws: UncertaintyDraws, spread: StiffnessSpread) -> dict[str, Unce
     }
 
 
-def list_tolerance_rows(found: PointErrors) -> NDArray[np.intp]:
+def list_tolerance_rows(point_errors: PointErrors) -> NDArray[np.intp]:
     """Return the toolpath points that have an outcome.
 
     Args:
-        found: Errors of a plan.
+        point_errors: Errors of a plan.
     """
-    return np.flatnonzero(np.array([bool(word) for word in found.outcome]))
+    return np.flatnonzero(np.array([bool(word) for word in point_errors.outcome]))

@@ -98,7 +98,7 @@ def find_driven_feed(toolpath: Toolpath, timeline: MotionTimeline | None) -> Arr
     return np.where(np.isnan(toolpath.feed), np.nan, np.fmin(reached, toolpath.feed))
 
 
-def _build_columns(loads: PointLoads, found: PointErrors, dynamics: CuttingDynamics) -> ProcessColumns:
+def _build_columns(loads: PointLoads, point_errors: PointErrors, dynamics: CuttingDynamics) -> ProcessColumns:
     unknown = loads.is_unknown
     return ProcessColumns(
         force=np.where(unknown[:, None], np.nan, loads.force),
@@ -108,18 +108,18 @@ def _build_columns(loads: PointLoads, found: PointErrors, dynamics: CuttingDynam
         ap=loads.ap,
         entry_angle=loads.entry_angle,
         exit_angle=loads.exit_angle,
-        errors=found.errors,
-        lower=found.lower,
-        upper=found.upper,
-        tolerance=found.tolerance,
-        p_in=found.p_in,
-        p_in_deflection_only=found.p_in_deflection_only,
-        outcome=found.outcome,
-        cause=found.cause,
+        errors=point_errors.errors,
+        lower=point_errors.lower,
+        upper=point_errors.upper,
+        tolerance=point_errors.tolerance,
+        p_in=point_errors.p_in,
+        p_in_deflection_only=point_errors.p_in_deflection_only,
+        outcome=point_errors.outcome,
+        cause=point_errors.cause,
         f1=dynamics.f1,
         depth_limit=dynamics.depth_limit,
         chatter=dynamics.chatter,
-        feed_max=found.feed_max,
+        feed_max=point_errors.feed_max,
     )
 
 
@@ -128,21 +128,21 @@ def _summarise(
     plan: Plan,
     toolpath: Toolpath,
     loads: PointLoads,
-    found: PointErrors,
+    point_errors: PointErrors,
     dynamics: CuttingDynamics,
 ) -> ProcessSummary:
     return ProcessSummary(
         before=_count_before(plan, toolpath, loads, dynamics.wall_force),
-        after=found.count_outcomes(),
-        tolerances=_summarise_operations(process, toolpath, found),
-        variance_shares=_compute_variance_shares(found),
+        after=point_errors.count_outcomes(),
+        tolerances=_summarise_operations(process, toolpath, point_errors),
+        variance_shares=_compute_variance_shares(point_errors),
         sources=_list_sources(process, plan, toolpath),
         validity=(
             *_note_unused_stock(process),
             *loads.notes,
             *list_skid_notes(process, plan, loads),
             *dynamics.notes,
-            *_list_limits_of_validity(process, plan, toolpath, found),
+            *_list_limits_of_validity(process, plan, toolpath, point_errors),
         ),
     )
 
@@ -166,9 +166,9 @@ def _count_before(plan: Plan, toolpath: Toolpath, loads: PointLoads, wall_force:
 
 
 def _summarise_operations(
-    process: CuttingProcess, toolpath: Toolpath, found: PointErrors
+    process: CuttingProcess, toolpath: Toolpath, point_errors: PointErrors
 ) -> tuple[ToleranceSummary, ...]:
-    rows = list_tolerance_rows(found)
+    rows = list_tolerance_rows(point_errors)
     assert toolpath.process_operation is not None
     operation = toolpath.process_operation[rows]
     out = []
@@ -176,12 +176,12 @@ def _summarise_operations(
     for k, one in enumerate(process.operations):
         mine = rows[operation == k]
         if len(mine):
-            out.append(_summarise_operation(one, mine, rows[is_hole == one.is_hole], found))
+            out.append(_summarise_operation(one, mine, rows[is_hole == one.is_hole], point_errors))
     return tuple(out)
 
 
 def _summarise_operation(
-    one: ProcessOperation, mine: NDArray[np.intp], rows: NDArray[np.intp], found: PointErrors
+    one: ProcessOperation, mine: NDArray[np.intp], rows: NDArray[np.intp], point_errors: PointErrors
 ) -> ToleranceSummary:
     limits = one.tolerance
     shown = {
@@ -191,11 +191,13 @@ def _summarise_operation(
         "surface_mm": limits.surface * MM,
     }
     name = _choose_shown_error(one)
-    error = np.abs(found.errors[name][mine])
-    probability = np.where(np.isfinite(found.p_in[mine]), found.p_in[mine], found.p_in_deflection_only[mine])
+    error = np.abs(point_errors.errors[name][mine])
+    probability = np.where(
+        np.isfinite(point_errors.p_in[mine]), point_errors.p_in[mine], point_errors.p_in_deflection_only[mine]
+    )
     order = np.lexsort((-np.nan_to_num(error), np.nan_to_num(probability, nan=1.0)))
     worst = int(order[0])
-    words = [found.outcome[row] for row in mine]
+    words = [point_errors.outcome[row] for row in mine]
     return ToleranceSummary(
         operation=one.label,
         is_hole=one.is_hole,
@@ -207,7 +209,7 @@ def _summarise_operation(
         worst_error=float(error[worst]),
         is_angle=name == "axis",
         worst_p_in=float(probability[worst]),
-        worst_cause=found.cause[mine[worst]],
+        worst_cause=point_errors.cause[mine[worst]],
     )
 
 
@@ -218,8 +220,8 @@ def _choose_shown_error(one: ProcessOperation) -> str:
     return next((name for name, limit in pairs if np.isfinite(limit)), "normal")
 
 
-def _compute_variance_shares(found: PointErrors) -> dict[str, float]:
-    parts = {name: values[np.isfinite(values)] for name, values in found.variance.items()}
+def _compute_variance_shares(point_errors: PointErrors) -> dict[str, float]:
+    parts = {name: values[np.isfinite(values)] for name, values in point_errors.variance.items()}
     if not parts or not all(len(values) for values in parts.values()):
         return {}
     total = np.sum(list(parts.values()), axis=0)
@@ -252,7 +254,9 @@ def _list_used_operations(process: CuttingProcess, toolpath: Toolpath) -> list[P
     return [process.operations[k] for k in used]
 
 
-def _list_limits_of_validity(process: CuttingProcess, plan: Plan, toolpath: Toolpath, found: PointErrors) -> list[str]:
+def _list_limits_of_validity(
+    process: CuttingProcess, plan: Plan, toolpath: Toolpath, point_errors: PointErrors
+) -> list[str]:
     cell = plan.setup.cell
     used = _list_used_operations(process, toolpath)
     out = [
@@ -270,7 +274,7 @@ def _list_limits_of_validity(process: CuttingProcess, plan: Plan, toolpath: Tool
         out.append("the orientation of the arm counts as exact: accuracy.absolute_deg is not stated")
     if any(one.tolerance.reference == "absolute" for one in used) and cell.workpiece.pose_covariance is None:
         out.append("the pose of the part counts as exact: workpiece.pose_covariance is not stated")
-    for text in dict.fromkeys(found.unknown_because.values()):
-        count = sum(1 for why in found.unknown_because.values() if why == text)
+    for text in dict.fromkeys(point_errors.unknown_because.values()):
+        count = sum(1 for why in point_errors.unknown_because.values() if why == text)
         out.append(f"{count} outcome{'s' if count != 1 else ''} unknown: {text}")
     return out

@@ -304,20 +304,22 @@ def _place_at_home(plan: Plan) -> Plan:
     )
 
 
-def _compute_gain_std(own: UncertainCost, other: UncertainCost, spread: ComplianceCovariance, parted: float) -> float:
-    """``parted``: share of the variance of ``own`` that the two do not have in common."""
+def _compute_gain_std(
+    uncertain_cost: UncertainCost, other: UncertainCost, spread: ComplianceCovariance, parted: float
+) -> float:
+    """``parted``: share of the variance of ``uncertain_cost`` that the two do not have in common."""
     if not spread.known:
         return float("nan")
-    a, b = own.value, other.value
-    by_arm = spread.std(-own.by_springs / b + a / b**2 * other.by_springs)
-    by_springs = float(np.hypot(by_arm, np.linalg.norm(-own.by_carriers / b + a / b**2 * other.by_carriers)))
-    if own.by_doubt is None or other.by_doubt is None:
+    a, b = uncertain_cost.value, other.value
+    by_arm = spread.std(-uncertain_cost.by_springs / b + a / b**2 * other.by_springs)
+    by_springs = float(np.hypot(by_arm, np.linalg.norm(-uncertain_cost.by_carriers / b + a / b**2 * other.by_carriers)))
+    if uncertain_cost.by_doubt is None or other.by_doubt is None:
         return by_springs
-    ma, mb = own.by_doubt, other.by_doubt
+    ma, mb = uncertain_cost.by_doubt, other.by_doubt
     there, here = max(a + ma[0], 0.0), max(b + mb[0], 0.1 * b)  # means with the discrepancy included
     ways = -ma / here + there / here**2 * mb
     ways[0] = (1.0 - there / here) - (1.0 - a / b)
-    alone = parted * (own.own**2 + (there / here * other.own) ** 2) / here**2
+    alone = parted * (uncertain_cost.own**2 + (there / here * other.own) ** 2) / here**2
     return float(compute_reported_std(ways, by_springs**2 + alone))
 
 

@@ -48,7 +48,12 @@ def measure_descents(position: Array, axis: Array, cutting: NDArray[np.bool_]) -
 
 
 def find_end_cuts(
-    position: Array, axis: Array, cutting: NDArray[np.bool_], found: StockEngagement, end: Array, radius: float
+    position: Array,
+    axis: Array,
+    cutting: NDArray[np.bool_],
+    stock_engagement: StockEngagement,
+    end: Array,
+    radius: float,
 ) -> NDArray[np.bool_]:
     """Return (N,) whether the end of the cutter removes material on the way to a point, so that its force is unknown.
 
@@ -59,16 +64,24 @@ def find_end_cuts(
         position: (N, 3) m, the tip.
         axis: (N, 3) unit.
         cutting: (N,) cut moves.
-        found: Contact of the points.
+        stock_engagement: Contact of the points.
         end: (N,) m³ that each move removes beneath the flat end at its start.
         radius: m, of the cutter.
     """
     _, across, total = measure_descents(position, axis, cutting)
     side = np.zeros(len(position))
-    np.add.at(side, found.point, (found.high - found.low) * radius * (np.cos(found.start) - np.cos(found.end)))
+    np.add.at(
+        side,
+        stock_engagement.point,
+        (stock_engagement.high - stock_engagement.low)
+        * radius
+        * (np.cos(stock_engagement.start) - np.cos(stock_engagement.end)),
+    )
     descends = total > THIN + ROUNDING
     ramps = descends & (end > np.maximum(THROUGH, END_SHARE * (end + side * across)))
-    return found.is_computed & (ramps | (find_plunges(position, axis, cutting) & (found.volume > THROUGH)))
+    return stock_engagement.is_computed & (
+        ramps | (find_plunges(position, axis, cutting) & (stock_engagement.volume > THROUGH))
+    )
 
 
 def find_plunges(position: Array, axis: Array, cutting: NDArray[np.bool_]) -> NDArray[np.bool_]:

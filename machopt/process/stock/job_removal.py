@@ -124,10 +124,13 @@ def _remove_segment(
     return replace(found, notes=tuple(_list_notes(path, found, stock)))
 
 
-def _leave_out_plunges(found: StockEngagement, plunges: NDArray[np.bool_]) -> StockEngagement:
+def _leave_out_plunges(stock_engagement: StockEngagement, plunges: NDArray[np.bool_]) -> StockEngagement:
     """Return the contact without arcs of plunges, whose side has no feed across the axis to speak of."""
-    keep = ~plunges[found.point]
-    return replace(found, **{name: getattr(found, name)[keep] for name in ("point", "low", "high", "start", "end")})
+    keep = ~plunges[stock_engagement.point]
+    return replace(
+        stock_engagement,
+        **{name: getattr(stock_engagement, name)[keep] for name in ("point", "low", "high", "start", "end")},
+    )
 
 
 def _build_tip(cutter: CutterGeometry) -> tuple[float, float, float]:
@@ -136,30 +139,30 @@ def _build_tip(cutter: CutterGeometry) -> tuple[float, float, float]:
     return 0.5 * cutter.diameter, min(cutter.corner, 0.5 * cutter.diameter), cone
 
 
-def _list_notes(path: Toolpath, found: StockEngagement, stock: StockModel) -> list[str]:
+def _list_notes(path: Toolpath, stock_engagement: StockEngagement, stock: StockModel) -> list[str]:
     """Return what the contact does not cover, and the moves that a user should look at."""
     out: list[str] = []
-    cuts, removes = found.is_computed, found.volume > THROUGH
+    cuts, removes = stock_engagement.is_computed, stock_engagement.volume > THROUGH
     if not cuts.any():
         return out
-    air = cuts & (found.volume <= NOTHING)
+    air = cuts & (stock_engagement.volume <= NOTHING)
     out.append(
         f"engagement from the stock at {1e3 * stock.size:.3g} mm cells: 1 sigma of a boundary is "
-        f"{1e3 * found.edge_sigma:.2g} mm; the spread of a force grows by that over ae_mm"
+        f"{1e3 * stock_engagement.edge_sigma:.2g} mm; the spread of a force grows by that over ae_mm"
     )
     if air.any():
         out.append(f"{int(air.sum())} of {int(cuts.sum())} cut moves remove nothing: they have no force")
-    if found.is_end_cut.any():
+    if stock_engagement.is_end_cut.any():
         out.append(
-            f"{int(found.is_end_cut.sum())} cut moves remove material with the end of the cutter (first at point "
-            f"{int(np.argmax(found.is_end_cut))}): the force of plunges and ramps is unknown"
+            f"{int(stock_engagement.is_end_cut.sum())} cut moves remove material with the end of the cutter (first at "
+            f"point {int(np.argmax(stock_engagement.is_end_cut))}): the force of plunges and ramps is unknown"
         )
     rapid = ~path.cutting & removes
     if rapid.any():
-        worst = int(np.argmax(np.where(rapid, found.volume, 0.0)))
+        worst = int(np.argmax(np.where(rapid, stock_engagement.volume, 0.0)))
         out.append(
             f"{int(rapid.sum())} moves that are no cuts go through material, most of all the move to point {worst} "
-            f"({1e9 * found.volume[worst]:.3g} mm³); it counts as removed"
+            f"({1e9 * stock_engagement.volume[worst]:.3g} mm³); it counts as removed"
         )
     if stock.gap_volume > 0:
         out.append(f"the stock has gaps along the tool axis of {1e9 * stock.gap_volume:.3g} mm³ that count as filled")

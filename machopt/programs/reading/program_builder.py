@@ -101,7 +101,7 @@ class ProgramBuilder(ProgramAnnotations):
         self,
         axes_deg: Sequence[float],
         line: int,
-        given: MoveAttributes = NOTHING_GIVEN,
+        move_attributes: MoveAttributes = NOTHING_GIVEN,
         *,
         kind: int = JOINT,
         pose: Array | None = None,
@@ -111,7 +111,7 @@ class ProgramBuilder(ProgramAnnotations):
         Args:
             axes_deg: Six axes in degrees; NaN where only pulses are known.
             line: Line number in the file (1-based).
-            given: What the program states beside the target.
+            move_attributes: What the program states beside the target.
             kind: Kind of move: joint, linear or circular.
             pose: Pose (4, 4) of the target in m, where the file gives it too.
 
@@ -121,7 +121,7 @@ class ProgramBuilder(ProgramAnnotations):
         for value in axes_deg:
             if abs(value) > MOST_DEGREES or math.isinf(value):
                 raise self.error(f"axis at {value:g} degrees; expected a position of a robot's axis", line)
-        self._add(kind, tuple(axes_deg), pose, line, given)
+        self._add(kind, tuple(axes_deg), pose, line, move_attributes)
         self.last = pose
 
     def pose(
@@ -130,7 +130,7 @@ class ProgramBuilder(ProgramAnnotations):
         rows: Rows,
         position: tuple[float, float, float],
         line: int,
-        given: MoveAttributes = NOTHING_GIVEN,
+        move_attributes: MoveAttributes = NOTHING_GIVEN,
     ) -> None:
         """Add a target as a rotation and a position.
 
@@ -139,21 +139,21 @@ class ProgramBuilder(ProgramAnnotations):
             rows: Rotation, nine numbers row by row.
             position: Position along x, y and z, m.
             line: Line number in the file (1-based).
-            given: What the program states beside the target.
+            move_attributes: What the program states beside the target.
         """
         a, b, c, d, e, f, g, h, i = rows
         x, y, z = position
         T = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
-        self.add_pose_move(kind, T, line, given)
+        self.add_pose_move(kind, T, line, move_attributes)
 
-    def add_pose_move(self, kind: int, T: Array, line: int, given: MoveAttributes = NOTHING_GIVEN) -> None:
+    def add_pose_move(self, kind: int, T: Array, line: int, move_attributes: MoveAttributes = NOTHING_GIVEN) -> None:
         """Add a target as a pose.
 
         Args:
             kind: Kind of move: joint, linear or circular.
             T: Pose (4, 4), m.
             line: Line number in the file (1-based).
-            given: What the program states beside the target.
+            move_attributes: What the program states beside the target.
 
         Raises:
             InputError: the target is malformed.
@@ -161,11 +161,11 @@ class ProgramBuilder(ProgramAnnotations):
         x, y, z = T[:3, 3].tolist()
         if not all(math.isfinite(v) and abs(v) <= FARTHEST for v in (x, y, z)):
             raise self.error(f"target at {x:g}, {y:g}, {z:g} m; expected a place in a robot cell", line)
-        self._add(kind, None, T, line, given)
+        self._add(kind, None, T, line, move_attributes)
         self.last = T
 
     def circle(
-        self, via: Array, end: Array, line: int, given: MoveAttributes, *, sweep_deg: float | None = None
+        self, via: Array, end: Array, line: int, move_attributes: MoveAttributes, *, sweep_deg: float | None = None
     ) -> None:
         """Add an arc from the present pose through ``via`` to ``end`` as chords.
 
@@ -175,7 +175,7 @@ class ProgramBuilder(ProgramAnnotations):
             via: Pose (4, 4) on the arc, m.
             end: Pose (4, 4) at its end, m.
             line: Line number in the file (1-based).
-            given: What the program states beside the target.
+            move_attributes: What the program states beside the target.
             sweep_deg: Angle of the arc in degrees, None where ``end`` ends it.
 
         Raises:
@@ -188,30 +188,32 @@ class ProgramBuilder(ProgramAnnotations):
             poses = compute_circle_poses(self.last, via, end, self.arc_tolerance, sweep_deg)
         except ArcError as problem:
             raise self.error(str(problem), line) from None
-        between = replace(given, blend=math.nan)
+        between = replace(move_attributes, blend=math.nan)
         for T in poses[:-1]:
             self.add_pose_move(LINEAR, T, line, between)
         for T in poses[-1:]:
-            self.add_pose_move(LINEAR, T, line, given)
+            self.add_pose_move(LINEAR, T, line, move_attributes)
 
     def _add(
-        self, kind: int, axes: tuple[float, ...] | None, T: Array | None, line: int, given: MoveAttributes
+        self, kind: int, axes: tuple[float, ...] | None, T: Array | None, line: int, move_attributes: MoveAttributes
     ) -> None:
         if len(self) >= MOST_MOVES + line:
             raise self.error(f"more than {MOST_MOVES} moves beyond one a line", line)
         nan = math.nan
         self._numbers.extend(axes if axes is not None else (nan,) * 6)
         self._numbers.extend(T[:3].ravel().tolist() if T is not None else (nan,) * 12)
-        feed = given.feed * self.speed_override
-        self._numbers.extend((feed if feed > 0.0 and math.isfinite(feed) else nan, given.blend, given.time))
+        feed = move_attributes.feed * self.speed_override
+        self._numbers.extend(
+            (feed if feed > 0.0 and math.isfinite(feed) else nan, move_attributes.blend, move_attributes.time)
+        )
         move = MoveKind.RAPID if kind == JOINT else self._word
         if not self._bases:
             self.set_base(ProgramFrame("base", None))
         if not self._tools:
             self.set_tool(ProgramFrame("tool", None))
         self._codes.extend((kind, self._base, self._tool, move, self._operation, line))
-        self._external.append(tuple(given.external) or self.commented_external_values)
-        self._configuration.append(given.configuration or {})
+        self._external.append(tuple(move_attributes.external) or self.commented_external_values)
+        self._configuration.append(move_attributes.configuration or {})
         self._is_last_event_comment = False
 
     # ---- frames

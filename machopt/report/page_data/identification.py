@@ -23,13 +23,13 @@ from machopt.version import __version__
 MAJORITY_SHARE = 0.5  # share of the displacements' power; real arms show 0.8 and more (dumas2011 section 5.3)
 
 
-def _select_badge(found: IdentificationResult) -> tuple[str, str]:
+def _select_badge(result: IdentificationResult) -> tuple[str, str]:
     """Return tone and text of the badge."""
-    if found.errors.explained < MAJORITY_SHARE:  # whatever the intervals say: this arm is not what was measured
+    if result.errors.explained < MAJORITY_SHARE:  # whatever the intervals say: this arm is not what was measured
         return "bad", "NOT EXPLAINED"
-    known = sum(j.identified for j in found.joints)
-    if known == len(found.joints):
-        return "warn" if found.warnings else "good", "IDENTIFIED"
+    known = sum(j.identified for j in result.joints)
+    if known == len(result.joints):
+        return "warn" if result.warnings else "good", "IDENTIFIED"
     return ("warn", "IN PART") if known else ("bad", "NOT SEEN")
 
 
@@ -37,7 +37,7 @@ def build_identification_page_data(
     cell: Cell,
     recording: Recording,
     tests: LoadTestExperiment,
-    found: IdentificationResult,
+    result: IdentificationResult,
     facts: tuple[tuple[str, str], ...],
 ) -> IdentificationPageData:
     """Return everything that the page shows.
@@ -46,15 +46,15 @@ def build_identification_page_data(
         cell: The robot cell.
         recording: The recording, or the joined recordings.
         tests: Load tests of the recording.
-        found: Result of the identification.
+        result: Result of the identification.
         facts: Label and text of each fact in the page's table.
     """
-    t = found.table
+    t = result.table
     sigma = np.empty(t.measured.shape)
-    for c, scatter in enumerate(found.scatter):
+    for c, scatter in enumerate(result.scatter):
         sigma[:, 3 * c : 3 * c + 3] = scatter.total
-    tone, badge = _select_badge(found)
-    heldout_rmse = found.heldout.rmse if found.heldout is not None else np.nan
+    tone, badge = _select_badge(result)
+    heldout_rmse = result.heldout.rmse if result.heldout is not None else np.nan
     prior = None if cell.stiffness is None else cell.stiffness.joints
     return IdentificationPageData(
         title=f"Stiffness of {cell.name}",
@@ -63,10 +63,10 @@ def build_identification_page_data(
         version=__version__,
         tone=tone,
         badge=badge,
-        sentence=_format_verdict(found, heldout_rmse),
-        cautions=(*cell.warnings, *recording.warnings, *found.warnings, *found.combinations),
-        joints=tuple(_build_joint_coefficient(j, prior) for j in found.joints),
-        terms=tuple(_build_term_coefficient(x) for x in found.terms),
+        sentence=_format_verdict(result, heldout_rmse),
+        cautions=(*cell.warnings, *recording.warnings, *result.warnings, *result.combinations),
+        joints=tuple(_build_joint_coefficient(j, prior) for j in result.joints),
+        terms=tuple(_build_term_coefficient(x) for x in result.terms),
         measured=t.measured,
         predicted=t.predicted,
         heldout=t.measured - t.heldout,
@@ -75,30 +75,30 @@ def build_identification_page_data(
         line=tests.line,
         load=np.linalg.norm(tests.wrench[:, :3], axis=1),
         outlier=np.asarray((t.weight < 0.5).any(axis=1)),
-        leverage=found.influence.leverage,
-        compliances=1.0 / found.stiffness.joints,
-        covariance=np.zeros((6, 6)) if found.stiffness.covariance is None else found.stiffness.covariance,
-        rmse=found.errors.rmse,
+        leverage=result.influence.leverage,
+        compliances=1.0 / result.stiffness.joints,
+        covariance=np.zeros((6, 6)) if result.stiffness.covariance is None else result.stiffness.covariance,
+        rmse=result.errors.rmse,
         heldout_rmse=heldout_rmse,
-        explained=found.errors.explained,
+        explained=result.errors.explained,
         displacement=float(np.sqrt(np.mean(t.measured[:, :3] ** 2))),
-        condition_number=found.condition_number,
-        level=found.uncertainty.level,
-        comparisons=_list_model_comparisons(found),
-        subset=_build_subset_study(found),
-        monte_carlo=None if found.monte_carlo is None else found.monte_carlo.spread,
-        grid=_build_grid_view(found),
+        condition_number=result.condition_number,
+        level=result.uncertainty.level,
+        comparisons=_list_model_comparisons(result),
+        subset=_build_subset_study(result),
+        monte_carlo=None if result.monte_carlo is None else result.monte_carlo.spread,
+        grid=_build_grid_view(result),
         facts=facts,
     )
 
 
-def _format_verdict(found: IdentificationResult, heldout: float) -> str:
-    known = [j for j in found.joints if j.identified]
-    blind = [j for j in found.joints if not j.identified]
-    if found.errors.explained < MAJORITY_SHARE:
+def _format_verdict(result: IdentificationResult, heldout: float) -> str:
+    known = [j for j in result.joints if j.identified]
+    blind = [j for j in result.joints if not j.identified]
+    if result.errors.explained < MAJORITY_SHARE:
         return (
             "These readings do not follow an arm of elastic joints: the fit explains "
-            f"{max(100 * found.errors.explained, 0.0):.0f} % of the squared displacements. Do not plan with this "
+            f"{max(100 * result.errors.explained, 0.0):.0f} % of the squared displacements. Do not plan with this "
             "stiffness; check loads, frames and units first."
         )
     if not known:
@@ -110,11 +110,11 @@ def _format_verdict(found: IdentificationResult, heldout: float) -> str:
     if blind:
         text += f"; {_format_joints(blind)} not seen by these readings"
     if isfinite(heldout):
-        size = float(np.sqrt(np.mean(found.table.measured[:, :3] ** 2)))
+        size = float(np.sqrt(np.mean(result.table.measured[:, :3] ** 2)))
         text += (
             f". On poses the fit did not see it errs by {1e3 * heldout:.3f} mm where {1e3 * size:.3f} mm were measured"
         )
-    return text + (" (a stiffness for each grid cell)." if found.grid is not None else ".")
+    return text + (" (a stiffness for each grid cell)." if result.grid is not None else ".")
 
 
 def _format_joints(joints: list[JointResult]) -> str:
@@ -153,21 +153,21 @@ def _build_term_coefficient(t: TermResult) -> IdentifiedCoefficient:
     )
 
 
-def _list_model_comparisons(found: IdentificationResult) -> tuple[ModelComparisonRow, ...]:
-    if found.grid is None or found.heldout is None:
+def _list_model_comparisons(result: IdentificationResult) -> tuple[ModelComparisonRow, ...]:
+    if result.grid is None or result.heldout is None:
         return ()
-    grid, constant = found.grid.heldout.rmse
-    cells = len(found.grid.readings)
-    inside = found.grid.heldout.counts
+    grid, constant = result.grid.heldout.rmse
+    cells = len(result.grid.readings)
+    inside = result.grid.heldout.counts
     count = int(inside.sum())
     return (
-        ModelComparisonRow("one stiffness for the whole space", 6, found.errors.rmse, constant, False),
+        ModelComparisonRow("one stiffness for the whole space", 6, result.errors.rmse, constant, False),
         ModelComparisonRow(f"a stiffness for each of {cells} cells ({count} readings)", 6 * cells, np.nan, grid, True),
     )
 
 
-def _build_subset_study(found: IdentificationResult) -> SubsetSpread | None:
-    s = found.subsets
+def _build_subset_study(result: IdentificationResult) -> SubsetSpread | None:
+    s = result.subsets
     if s is None:
         return None
     seen = np.isfinite(s.k).mean(axis=1) > 0.5  # a median of a few lucky subsets says nothing
@@ -191,13 +191,13 @@ def _compute_quantile(k: Array, percent: float) -> Array:
     return out
 
 
-def _build_grid_view(found: IdentificationResult) -> StiffnessGridView | None:
-    if found.grid is None:
+def _build_grid_view(result: IdentificationResult) -> StiffnessGridView | None:
+    if result.grid is None:
         return None
-    g = found.grid.grid
+    g = result.grid.grid
     index = np.stack(np.unravel_index(np.arange(int(np.prod(g.shape))), g.shape, order="F"), axis=1)
     std = np.zeros_like(g.joints) if g.std is None else g.std
     centre = g.origin + g.cell * (index + 0.5)
     return StiffnessGridView(
-        shape=g.shape, centre=centre, k=g.joints, std=std, readings=found.grid.readings, constant=found.grid.centre
+        shape=g.shape, centre=centre, k=g.joints, std=std, readings=result.grid.readings, constant=result.grid.centre
     )

@@ -18,7 +18,7 @@ _DISPLAYED_CODE = {PlaceCode.NO_PATH: PlaceCode.NOT_CHECKED}  # this map has no 
 
 
 def build_rotation_map(
-    plan: Plan, shown: CollisionMap, s: Array, before: Plan | None = None
+    plan: Plan, collision_map: CollisionMap, s: Array, before: Plan | None = None
 ) -> page.RotationMap | None:
     """Return the best branch per station and rotation, with a mark where its pose was not checked for collisions.
 
@@ -26,16 +26,16 @@ def build_rotation_map(
 
     Args:
         plan: The plan.
-        shown: The map of feasible rotations and branches.
+        collision_map: The map of feasible rotations and branches.
         s: (N,) path length at the toolpath's points, m.
         before: Another plan of the same toolpath, whose line is drawn too.
     """
-    st, c = plan.path.stations, shown.candidates
+    st, c = plan.path.stations, collision_map.candidates
     cut = find_cut_stations(plan)
     if not len(cut):
         return None
-    first, best = find_best_branch(plan, shown, cut)
-    known = np.take_along_axis(shown.known[cut], first[:, :, None], axis=2)[:, :, 0]
+    first, best = find_best_branch(plan, collision_map, cut)
+    known = np.take_along_axis(collision_map.known[cut], first[:, :, None], axis=2)[:, :, 0]
     value = np.where(np.isfinite(best), best, np.nan)
     if plan.scores.index != "deflection":
         value = 1.0 / value
@@ -58,25 +58,25 @@ def build_rotation_map(
         jiao2022=line(plan.jiao2022),
         cam_default=line(plan.cam_default),
         offset=plan.path.offset[st[cut]],
-        collisions=_describe_collision_coverage(plan, shown),
+        collisions=_describe_collision_coverage(plan, collision_map),
         before=line(before.chosen) if before is not None and len(before.path.index) == len(plan.path.index) else None,
     )
 
 
-def _describe_collision_coverage(plan: Plan, shown: CollisionMap) -> str:
+def _describe_collision_coverage(plan: Plan, collision_map: CollisionMap) -> str:
     """How much of the map has been checked for collisions, in words."""
     if plan.setup.collision is None:
         return "Collisions were not checked."
-    known, left = shown.looked_at, shown.open
+    known, left = collision_map.looked_at, collision_map.open
     some = f"{known:,} of {known + left:,} configurations within reach, limits and margins were checked for collisions"
-    if not shown.is_full_check:
+    if not collision_map.is_full_check:
         return (
             f"{some}, where the choice wanted to go; dotted places are reachable, but not proven free "
             "(--map-collisions full checks them all)."
         )
     if left:
         return (
-            f"{some} in the {shown.seconds:.0f} s that --map-collisions full may take; dotted places were left and "
-            "are not proven free."
+            f"{some} in the {collision_map.seconds:.0f} s that --map-collisions full may take; dotted places were left "
+            "and are not proven free."
         )
-    return f"{some} (--map-collisions full, {shown.seconds:.1f} s)."
+    return f"{some} (--map-collisions full, {collision_map.seconds:.1f} s)."

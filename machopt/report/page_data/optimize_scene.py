@@ -38,7 +38,7 @@ def build_optimize_scene(
     toolpath: Toolpath,
     points: PointResults,
     timeline: MotionTimeline | None,
-    shown: CollisionMap,
+    collision_map: CollisionMap,
     index: Array,
 ) -> OptimizeScene:
     """Return everything that the 3-D view shows.
@@ -48,13 +48,13 @@ def build_optimize_scene(
         toolpath: The toolpath, points in the workpiece frame, SI.
         points: Results at the toolpath's points.
         timeline: The motion over time; None where there is no motion.
-        shown: The map of feasible rotations and branches.
+        collision_map: The map of feasible rotations and branches.
         index: (N,) stiffness index of the plan, in the quantity of the page.
     """
     return OptimizeScene(
         scene=_build_cell_scene(plan),
         path=_build_toolpath_scene(plan, toolpath, points, index),
-        stations=_build_stations(plan, points, shown),
+        stations=_build_stations(plan, points, collision_map),
         motion=_build_motion_scene(plan, toolpath, points, timeline),
         corrected=plan.setup.correction is not None,
     )
@@ -144,9 +144,9 @@ def _build_outcomes(points: PointResults, k: NDArray[np.intp]) -> dict[str, Any]
     }
 
 
-def _build_stations(plan: Plan, points: PointResults, shown: CollisionMap) -> StationPostures | None:
+def _build_stations(plan: Plan, points: PointResults, collision_map: CollisionMap) -> StationPostures | None:
     st = find_cut_stations(plan)
-    if not len(st) or shown.postures is None:
+    if not len(st) or collision_map.postures is None:
         return None
     rows = plan.path.stations[st]
     a, d = plan.chosen.assignment, plan.directions
@@ -166,7 +166,7 @@ def _build_stations(plan: Plan, points: PointResults, shown: CollisionMap) -> St
             bend[some] = elastic.compute_deflection(d.force[rows[some]])
     near = np.clip(np.round(plan.path.index[rows]).astype(int), 0, len(points.rows) - 1)
     return StationPostures(
-        q=_append_external_joints(np.asarray(shown.postures), plan.path.external[rows][:, None]),
+        q=_append_external_joints(np.asarray(collision_map.postures), plan.path.external[rows][:, None]),
         chosen=_append_external_joints(
             np.where((a.reason[rows] == InfeasibilityReason.OK)[:, None], a.q[rows], np.nan), plan.path.external[rows]
         ),

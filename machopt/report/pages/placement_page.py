@@ -201,10 +201,10 @@ def _build_neighbours(r: PlaceDocument) -> Body:
     return build_section("around", "If the place is missed", lead, build_table(columns, rows))
 
 
-def _format_neighbour(near: NeighbourPlaceEntry) -> str:
-    if near.refused or near.change_percent is None:
-        return near.refused or "no way"
-    return f"{format_fixed(near.change_percent, 1, signed=True)} %"
+def _format_neighbour(neighbour_place_entry: NeighbourPlaceEntry) -> str:
+    if neighbour_place_entry.refused or neighbour_place_entry.change_percent is None:
+        return neighbour_place_entry.refused or "no way"
+    return f"{format_fixed(neighbour_place_entry.change_percent, 1, signed=True)} %"
 
 
 def _build_rules(r: PlaceDocument) -> Body:

@@ -160,12 +160,12 @@ class _FieldSlice:
     guess: NDArray[np.bool_] | None = None  # (U, V) beyond the measured positions; None: nothing is interpolated
 
 
-def _build_panel(shown: _FieldSlice, limits: tuple[float, float], box: Box) -> list[SvgShape]:
+def _build_panel(field_slice: _FieldSlice, limits: tuple[float, float], box: Box) -> list[SvgShape]:
     x, y, w, h = box
     low, high = limits
-    value, reason, axes = shown.value, shown.reason, shown.axes
+    value, reason, axes = field_slice.value, field_slice.reason, field_slice.axes
     size = round(w * _PIXEL), round(h * _PIXEL)
-    out = [build_image(box, _build_pixels(value, reason, shown.field, low, high, size, shown.guess))]
+    out = [build_image(box, _build_pixels(value, reason, field_slice.field, low, high, size, field_slice.guess))]
     nu, nv = value.shape
     for level in choose_round_levels(low, high).tolist():
         found = compute_isolines(np.where(reason == 0, value, np.nan), level)
@@ -181,7 +181,7 @@ def _build_panel(shown: _FieldSlice, limits: tuple[float, float], box: Box) -> l
         *build_bottom_ticks(box, *_compute_axis_ends(axes[0]), label[0]),
         *build_left_ticks(box, *_compute_axis_ends(axes[1]), label[1]),
     ]
-    return [*out, build_text(x, y - 8, shown.title[0].upper() + shown.title[1:])]
+    return [*out, build_text(x, y - 8, field_slice.title[0].upper() + field_slice.title[1:])]
 
 
 def _build_pixels(

@@ -36,14 +36,14 @@ LEGEND = (
 )
 
 
-def draw_stability_map(found: StabilityMap) -> Markup:
+def draw_stability_map(stability_map: StabilityMap) -> Markup:
     """Return the picture.
 
     Args:
-        found: Data of the map.
+        stability_map: Data of the map.
     """
     wide, high = WIDTH - MARGIN - 26.0, HEIGHT - 84.0
-    pixels = _compute_colours(found.ratio, found.least)[:, ::-1].transpose(1, 0, 2)  # rotation upwards
+    pixels = _compute_colours(stability_map.ratio, stability_map.least)[:, ::-1].transpose(1, 0, 2)  # rotation upwards
     url = f"data:image/png;base64,{base64.b64encode(encode_png(pixels)).decode()}"
     inside: list[SvgShape] = [
         build_shape(
@@ -57,21 +57,21 @@ def draw_stability_map(found: StabilityMap) -> Markup:
             style="image-rendering:pixelated",
         )
     ]
-    low, top = float(found.rotation.min()), float(found.rotation.max())
+    low, top = float(stability_map.rotation.min()), float(stability_map.rotation.max())
     for degrees in range(-180, 181, 60):
         y = 10.0 + high * (top - math.radians(degrees)) / (top - low)
         if 9.0 <= y <= 11.0 + high:
             inside.append(build_shape("text", f"{degrees}°", class_="tick", x=MARGIN - 6, y=y + 4, text_anchor="end"))
-    length = 1e3 * (found.s[-1] - found.s[0]) or 1.0
+    length = 1e3 * (stability_map.s[-1] - stability_map.s[0]) or 1.0
     for n in range(6):
         x = MARGIN + wide * n / 5
-        text = f"{1e3 * found.s[0] + length * n / 5:.0f}"
+        text = f"{1e3 * stability_map.s[0] + length * n / 5:.0f}"
         inside.append(build_shape("text", text, class_="tick", x=x, y=high + 26, text_anchor="middle"))
     inside.append(
         build_shape("text", "path length (mm)", class_="label", x=MARGIN + wide / 2, y=high + 44, text_anchor="middle")
     )
-    inside += _draw_chosen(found.chosen, (low, top), (wide, high))
-    inside += _draw_legend(high + 62, found.least)
+    inside += _draw_chosen(stability_map.chosen, (low, top), (wide, high))
+    inside += _draw_legend(high + 62, stability_map.least)
     return render_svg(
         build_shape(
             "svg",

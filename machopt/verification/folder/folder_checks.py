@@ -122,8 +122,8 @@ def check_contents(
         def of_tables() -> Verification:
             return verify_tool_segments(segments, folder, options=options, motion=motion, touching=touching)
 
-        def of_programs(found: Verification | None = None) -> list[VerificationRow]:
-            return _check_programs(segments, folder, options, manifest, motion, found)
+        def of_programs(verification: Verification | None = None) -> list[VerificationRow]:
+            return _check_programs(segments, folder, options, manifest, motion, verification)
 
         if len(segments) == 1 and motion is not None and len(motion.time) <= MAX_PARALLEL_SAMPLES:
             found, programs = run_two_in_threads(of_tables, of_programs)
@@ -146,12 +146,12 @@ def _check_programs(
     options: PlanOptions,
     manifest: FolderManifest | None,
     motion: ExportedMotion | None,
-    found: Verification | None,
+    verification: Verification | None,
 ) -> list[VerificationRow]:
     """The robot programs that the manifest lists, and files that look like one and belong to none.
 
     Args:
-        found: what the tables came to, which a job that changes tools is cut by; not asked of others.
+        verification: what the tables came to, which a job that changes tools is cut by; not asked of others.
     """
     cell = segments[0].cell
     listed = () if manifest is None else manifest.programs
@@ -165,7 +165,7 @@ def _check_programs(
     try:
         tolerance = build_tolerance(None if manifest is None else manifest.program_tolerance_mm, options)
         compared = list(find_stray_programs(folder, [one for _, one in every]))
-        for segment, tables in _split_tables(segments, folder, motion, found):
+        for segment, tables in _split_tables(segments, folder, motion, verification):
             compared += check_programs(
                 segment.cell,
                 segment.toolpath,
@@ -187,15 +187,15 @@ def _check_programs(
 
 
 def _split_tables(
-    segments: tuple[ToolSegment, ...], folder: Path, motion: ExportedMotion | None, found: Verification | None
+    segments: tuple[ToolSegment, ...], folder: Path, motion: ExportedMotion | None, verification: Verification | None
 ) -> list[tuple[ToolSegment, ExportedTables | None]]:
     """Return each tool with its part of the tables; none where the changes are wrong, which is reported already."""
     if len(segments) == 1:
         return [(segments[0], None)]
     whole = None if motion is None else read_tables(segments[0].cell, folder, motion)
-    if whole is None or found is None or isinstance(whole, Verification):
+    if whole is None or verification is None or isinstance(whole, Verification):
         return []
-    if any(c.check_name == CheckName.CHANGES for c in found.failed):
+    if any(c.check_name == CheckName.CHANGES for c in verification.failed):
         return []
     return list(zip(segments, split_tables(whole, segments), strict=True))
 

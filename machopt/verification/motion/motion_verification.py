@@ -400,9 +400,16 @@ def _check_clearance(
     ]
 
 
-def _build_shift_check(found: ShiftComparison) -> VerificationCheck:
-    if found.not_run:
-        return build_skipped_check(found.name, found.not_run, found.unit)
+def _build_shift_check(shift_comparison: ShiftComparison) -> VerificationCheck:
+    if shift_comparison.not_run:
+        return build_skipped_check(shift_comparison.name, shift_comparison.not_run, shift_comparison.unit)
     return replace(
-        build_worst_value_check(found.name, found.unit, found.values, found.limit, found.where), file=found.file
+        build_worst_value_check(
+            shift_comparison.name,
+            shift_comparison.unit,
+            shift_comparison.values,
+            shift_comparison.limit,
+            shift_comparison.where,
+        ),
+        file=shift_comparison.file,
     )

@@ -160,9 +160,9 @@ def _build_candidates(cutter: MillingCutter, phi: ca.SX, c: ca.SX, runout: tuple
     return _Candidates(A, B, E, F)
 
 
-def _divide_arc(found: _Candidates, start: ca.SX, end: ca.SX, side: float) -> list[_Sinusoid]:
+def _divide_arc(candidates: _Candidates, start: ca.SX, end: ca.SX, side: float) -> list[_Sinusoid]:
     """Return the chip over a part of the arc before or behind ψ = π/2 as intervals of one sinusoid each."""
-    A, B = found.A, [b + side * e for b, e in zip(found.B, found.E, strict=True)]
+    A, B = candidates.A, [b + side * e for b, e in zip(candidates.B, candidates.E, strict=True)]
     edges = [start, end]
     for i, j in itertools.combinations(range(len(A)), 2):
         meet = ca.atan2(B[i] - B[j], A[j] - A[i])
@@ -175,7 +175,7 @@ def _divide_arc(found: _Candidates, start: ca.SX, end: ca.SX, side: float) -> li
         least, active = ca.SX(ca.inf), [ca.SX(0.0)] * 4
         for m in range(1, len(A)):
             h = A[m] * s + B[m] * k
-            own = (A[m], B[m], found.E[m], found.F[m])
+            own = (A[m], B[m], candidates.E[m], candidates.F[m])
             active = [ca.if_else(h < least, new, old) for new, old in zip(own, active, strict=True)]
             least = ca.fmin(least, h)
         cuts = ca.if_else(least > 0.0, ca.SX(1.0), ca.SX(0.0))

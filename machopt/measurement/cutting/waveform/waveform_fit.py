@@ -151,10 +151,10 @@ def _assess(model: WaveformModel, x: Array, free: Bools, noise: ResidualNoise) -
     )
 
 
-def _find_negative(found: WaveformFit, z: float) -> int | None:
+def _find_negative(waveform_fit: WaveformFit, z: float) -> int | None:
     """Return a coefficient that is negative within its interval; refuse what is negative beyond it."""
-    sigma = np.sqrt(np.diag(found.covariance))[:COEFFICIENTS]
-    values, free = found.x[:COEFFICIENTS], found.free[:COEFFICIENTS]
+    sigma = np.sqrt(np.diag(waveform_fit.covariance))[:COEFFICIENTS]
+    values, free = waveform_fit.x[:COEFFICIENTS], waveform_fit.free[:COEFFICIENTS]
     high = values + z * sigma
     wrong = [NAMES[n] for n in range(COEFFICIENTS) if free[n] and high[n] < 0.0]
     if wrong or values[0] <= 0.0:

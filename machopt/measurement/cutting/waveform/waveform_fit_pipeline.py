@@ -55,9 +55,9 @@ def fit_waveform_recording(
     return _build_coefficient_fit(recording, model, found, result, level), result
 
 
-def _estimate_runout(found: WaveformFit, teeth: int, level: float) -> tuple[RunoutEstimate, int]:
+def _estimate_runout(waveform_fit: WaveformFit, teeth: int, level: float) -> tuple[RunoutEstimate, int]:
     """Return the run-out, and by how many teeth the numbers change so that tooth 0 is the nearest to the offset."""
-    vector, covariance = 1e-6 * found.x[RUNOUT], 1e-12 * found.covariance[RUNOUT, RUNOUT]
+    vector, covariance = 1e-6 * waveform_fit.x[RUNOUT], 1e-12 * waveform_fit.covariance[RUNOUT, RUNOUT]
     amplitude, z = float(np.hypot(*vector)), compute_normal_quantile(level)
     pitch = 2.0 * math.pi / teeth
     along = vector / max(amplitude, 1e-15)
@@ -85,7 +85,7 @@ def _estimate_runout(found: WaveformFit, teeth: int, level: float) -> tuple[Runo
 def _build_result(
     recording: WaveformRecording,
     model: WaveformModel,
-    found: WaveformFit,
+    waveform_fit: WaveformFit,
     speeds: Array,
     runout: RunoutEstimate | None,
     turned: int,
@@ -93,28 +93,28 @@ def _build_result(
     pitch = 2.0 * math.pi / model.teeth
     offset, sigma, folded = [], [], []
     for n, cut in enumerate(model.cuts):
-        phase = model.compute_phase(found.x, n) + turned * pitch
+        phase = model.compute_phase(waveform_fit.x, n) + turned * pitch
         index = model.get_offset_index(n)
         gain = np.zeros(model.size)
         gain[index] = 1.0
         if model.has_own_offset:
             gain[8 + len(model.cuts) + n] = cut.rotation[0]  # at the first sample, with the error of the speed
-        at = phase[0] if model.has_own_offset else found.x[index] + turned * pitch
+        at = phase[0] if model.has_own_offset else waveform_fit.x[index] + turned * pitch
         offset.append((float(at) + math.pi) % (2.0 * math.pi) - math.pi)
-        sigma.append(math.sqrt(gain @ found.covariance @ gain))
-        folded.append(_fold(phase, cut.force, found.predicted[n]))
+        sigma.append(math.sqrt(gain @ waveform_fit.covariance @ gain))
+        folded.append(_fold(phase, cut.force, waveform_fit.predicted[n]))
     speed = np.array(speeds)
     if model.has_own_offset:
-        speed = speed * (1.0 + found.x[8 + len(model.cuts) :])
+        speed = speed * (1.0 + waveform_fit.x[8 + len(model.cuts) :])
     return WaveformResult(
         runout=runout,
         offset=np.array(offset),
         offset_sigma=np.array(sigma),
         spindle_speed=speed,
         samples=int(recording.first[-1]),
-        noise_order=found.noise.order,
-        misfit_ratio=found.misfit_ratio,
-        has_misfit=found.has_misfit,
+        noise_order=waveform_fit.noise.order,
+        misfit_ratio=waveform_fit.misfit_ratio,
+        has_misfit=waveform_fit.has_misfit,
         folded=tuple(folded),
     )
 
@@ -133,15 +133,15 @@ def _fold(phase: Array, measured: Array, predicted: Array) -> FoldedWaveform:
 
 
 def _build_coefficient_fit(
-    recording: WaveformRecording, model: WaveformModel, found: WaveformFit, result: WaveformResult, level: float
+    recording: WaveformRecording, model: WaveformModel, waveform_fit: WaveformFit, result: WaveformResult, level: float
 ) -> CoefficientFit:
     """Return the coefficients with the mean forces of the cuts, as the regression of mean forces does."""
-    z, values = compute_normal_quantile(level), found.x[:COEFFICIENTS]
-    covariance = found.covariance[:COEFFICIENTS, :COEFFICIENTS]
+    z, values = compute_normal_quantile(level), waveform_fit.x[:COEFFICIENTS]
+    covariance = waveform_fit.covariance[:COEFFICIENTS, :COEFFICIENTS]
     half = z * np.sqrt(np.diag(covariance))
     measured = np.array([cut.force.mean(axis=0) for cut in model.cuts])
-    predicted = np.array([force.mean(axis=0) for force in found.predicted])
-    design = [model.evaluate(found.x, n)[1][..., :COEFFICIENTS].mean(axis=0) for n in range(len(model.cuts))]
+    predicted = np.array([force.mean(axis=0) for force in waveform_fit.predicted])
+    design = [model.evaluate(waveform_fit.x, n)[1][..., :COEFFICIENTS].mean(axis=0) for n in range(len(model.cuts))]
     doubt = np.array([np.trace(d @ covariance @ d.T) for d in design])
     square = np.sum((measured - predicted) ** 2, axis=1)
     relative = math.sqrt(float(np.mean((doubt + square) / np.sum(predicted**2, axis=1))))
@@ -149,15 +149,15 @@ def _build_coefficient_fit(
     if result.has_misfit:
         warnings.append(
             "the residuals repeat with the rotation: the waveform holds what the model lacks (dynamics of tool or "
-            f"force sensor). The intervals are widened by a factor {math.sqrt(found.misfit_ratio):.2f}"
+            f"force sensor). The intervals are widened by a factor {math.sqrt(waveform_fit.misfit_ratio):.2f}"
         )
-    if found.explained[:2].max() < EXPLAINS_LITTLE:
+    if waveform_fit.explained[:2].max() < EXPLAINS_LITTLE:
         warnings.append(
-            f"the model explains {100 * found.explained[0]:.0f} and {100 * found.explained[1]:.0f} % of travel and "
-            "normal force: check teeth, side of the cut, frame and sign of the forces"
+            f"the model explains {100 * waveform_fit.explained[0]:.0f} and {100 * waveform_fit.explained[1]:.0f} % of "
+            "travel and normal force: check teeth, side of the cut, frame and sign of the forces"
         )
     for n, name in enumerate(NAMES):
-        if not found.free[n]:
+        if not waveform_fit.free[n]:
             warnings.append(f"{name} came out negative within its interval and is set to 0")
         elif values[n] < half[n]:
             warnings.append(
@@ -170,14 +170,14 @@ def _build_coefficient_fit(
         low=values - half,
         high=values + half,
         level=level,
-        fixed=tuple(name for n, name in enumerate(NAMES) if not found.free[n]),
+        fixed=tuple(name for n, name in enumerate(NAMES) if not waveform_fit.free[n]),
         measured=measured,
         predicted=predicted,
         feed_per_tooth=np.array([cut.feed_per_tooth for cut in model.cuts]),
         used=np.ones(len(model.cuts), bool),
         reasons=("",) * len(model.cuts),
-        residual=np.array(found.residual),
-        explained=np.array(found.explained),
+        residual=np.array(waveform_fit.residual),
+        explained=np.array(waveform_fit.explained),
         sigma_log=math.log1p(relative),
         warnings=(*recording.samples.warnings, *warnings),
     )

@@ -75,7 +75,7 @@ def find_duplicated_rows(recording: Recording, robot: Robot, T_flange_tcp: Array
     return out
 
 
-def _find_duplicated_visits(recording: Recording, whole: RecordEquations) -> Flags:
+def _find_duplicated_visits(recording: Recording, equations: RecordEquations) -> Flags:
     """Return rows (N,) of a load-test visit whose displacements repeat, in order, those of a visit at another pose.
 
     Coarsely rounded readings agree by chance. Rows are therefore weighted by how rare their values are.
@@ -98,8 +98,8 @@ def _find_duplicated_visits(recording: Recording, whole: RecordEquations) -> Fla
                 pairs.setdefault((int(visit[a]), int(visit[b])), []).append((a, b))
     if not pairs:
         return out
-    error = whole.error(whole.fit())
-    off, predicted = np.linalg.norm(error, axis=1), whole.y - error
+    error = equations.error(equations.fit())
+    off, predicted = np.linalg.norm(error, axis=1), equations.y - error
     most = thresholds.RECORD.apart * compute_typical_error(error)
     for alike in pairs.values():
         one, two = np.array(alike).T

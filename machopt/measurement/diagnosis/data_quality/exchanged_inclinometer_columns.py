@@ -159,17 +159,17 @@ def _estimate_base_rotation(
     return np.einsum("nck,k->nc", turns, (x / size)[-3:]), left < thresholds.RECORD.tilt_shown * more
 
 
-def _find_column_assignment(seen: _TiltEvidence) -> tuple[str, inclinometer_equations.ColumnAssignment] | None:
+def _find_column_assignment(tilt_evidence: _TiltEvidence) -> tuple[str, inclinometer_equations.ColumnAssignment] | None:
     """Return the alternative column assignment that gravity explains; None if the stated one holds or none is
     certain.
     """
-    size = compute_rms(seen.y)
-    stated = compute_rms(seen.error(seen.y)[0]) / max(size, 1e-300)
+    size = compute_rms(tilt_evidence.y)
+    stated = compute_rms(tilt_evidence.error(tilt_evidence.y)[0]) / max(size, 1e-300)
     if stated < thresholds.RECORD.tilt_doubted:
         return None
     found = []
     for words, read in _list_column_assignments():
-        found.append((compute_rms(seen.error(read(seen.y))[0]) / max(size, 1e-300), words, read))
+        found.append((compute_rms(tilt_evidence.error(read(tilt_evidence.y))[0]) / max(size, 1e-300), words, read))
     found.sort(key=lambda f: f[0])
     (best, words, read), (second, *_) = found[:2]
     if best > thresholds.RECORD.moved_falls * stated or second < thresholds.RECORD.moved_as_good * best:
@@ -191,13 +191,15 @@ def _list_column_assignments() -> Iterator[tuple[str, inclinometer_equations.Col
             yield words, lambda t, e=exchanged, s=sign: (t * s)[:, ::-1] if e else t * s  # type: ignore[misc]
 
 
-def _find_unit_factor(seen: _TiltEvidence) -> float:
+def _find_unit_factor(tilt_evidence: _TiltEvidence) -> float:
     """Return the factor of a wrong unit; 1 if mrad fits as well as any other unit."""
-    whole = seen.sag + (seen.rocking if seen.is_shown_by_points else 0.0)
-    if compute_rms(whole) < thresholds.RECORD.tilt_least * (1.0 if seen.is_shown_by_points else 2.0):
+    whole = tilt_evidence.sag + (tilt_evidence.rocking if tilt_evidence.is_shown_by_points else 0.0)
+    if compute_rms(whole) < thresholds.RECORD.tilt_least * (1.0 if tilt_evidence.is_shown_by_points else 2.0):
         return 1.0
-    slope = float(np.sum(whole * seen.y) / np.sum(whole**2))
-    alike = float(np.sum(whole * seen.y)) / max(float(np.linalg.norm(whole) * np.linalg.norm(seen.y)), 1e-300)
+    slope = float(np.sum(whole * tilt_evidence.y) / np.sum(whole**2))
+    alike = float(np.sum(whole * tilt_evidence.y)) / max(
+        float(np.linalg.norm(whole) * np.linalg.norm(tilt_evidence.y)), 1e-300
+    )
     if slope <= 0.0 or alike < thresholds.RECORD.tilt_alike:
         return 1.0
     factors = (1.0, *inclinometer_equations.UNITS.values())
@@ -211,8 +213,10 @@ def _apply_assignment(recording: Recording, rows: Flags, read: inclinometer_equa
     return replace(recording, tilt=tilt)
 
 
-def _build_tilt_finding(seen: _TiltEvidence, read: Array, words: str, factor: float = 1.0) -> Finding:
-    before, after = (np.linalg.norm(seen.error(v)[0], axis=1) / max(compute_rms(v), 1e-300) for v in (seen.y, read))
+def _build_tilt_finding(tilt_evidence: _TiltEvidence, read: Array, words: str, factor: float = 1.0) -> Finding:
+    before, after = (
+        np.linalg.norm(tilt_evidence.error(v)[0], axis=1) / max(compute_rms(v), 1e-300) for v in (tilt_evidence.y, read)
+    )
     words = f"{words}; they were read right"
     return build_record_finding(
         COLUMNS.name if factor == 1.0 else UNITS.name,
@@ -220,6 +224,6 @@ def _build_tilt_finding(seen: _TiltEvidence, read: Array, words: str, factor: fl
         words,
         np.nan,
         np.nan,
-        compute_sign_test(seen.pose, before, after) if factor == 1.0 else 0.0,
+        compute_sign_test(tilt_evidence.pose, before, after) if factor == 1.0 else 0.0,
         {} if factor == 1.0 else {"factor": build_exact_estimate(factor)},
     )

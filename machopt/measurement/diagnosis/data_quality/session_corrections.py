@@ -265,18 +265,18 @@ def _compute_part_misfit(
     return e, twins / max(len(e), 1)
 
 
-def _compute_unexplained_share(whole: RecordEquations, label: Ints) -> float:
+def _compute_unexplained_share(equations: RecordEquations, label: Ints) -> float:
     """Return the unexplained share of the whole recording; every part has equal weight."""
-    e = np.abs(whole.error(whole.fit())).sum(axis=1)
+    e = np.abs(equations.error(equations.fit())).sum(axis=1)
     n = int(label.max()) + 1
-    return float(np.mean(np.bincount(label, e, n) / np.maximum(np.bincount(label, whole.size, n), 1e-300)))
+    return float(np.mean(np.bincount(label, e, n) / np.maximum(np.bincount(label, equations.size, n), 1e-300)))
 
 
-def _compute_prior_distance(whole: RecordEquations, prior: Array | None) -> float:
-    if prior is None or not whole.springs:
+def _compute_prior_distance(equations: RecordEquations, prior: Array | None) -> float:
+    if prior is None or not equations.springs:
         return 0.0
-    predicted = whole.A @ (1.0 / prior)
-    ratio = float(fit_least_absolute_deviations(predicted[:, :, None], whole.y, whole.load)[0])
+    predicted = equations.A @ (1.0 / prior)
+    ratio = float(fit_least_absolute_deviations(predicted[:, :, None], equations.y, equations.load)[0])
     return abs(float(np.log(max(ratio, 1e-12))))
 
 

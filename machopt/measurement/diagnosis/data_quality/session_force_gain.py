@@ -76,8 +76,8 @@ def _compute_force_ratio_by_pose(tests: LoadTestExperiment, session: Ints) -> di
     return out
 
 
-def _build_gain_finding(found: EstimatedValue, p_value: float, session: int, first: int) -> Finding:
-    over = found.value
+def _build_gain_finding(estimated_value: EstimatedValue, p_value: float, session: int, first: int) -> Finding:
+    over = estimated_value.value
     words = (
         f"session {session}: forces read {abs(over):.3g} % too {'much' if over > 0 else 'little'} for what the arm "
         f"does under those of session {first}, at every pose alike; they were read like those, though these data do "
@@ -91,7 +91,7 @@ def _build_gain_finding(found: EstimatedValue, p_value: float, session: int, fir
         float("nan"),
         p_value,
         {
-            "gain": found,
+            "gain": estimated_value,
             "session": build_exact_estimate(float(session)),
         },
         stated={"message": words, "session": session},

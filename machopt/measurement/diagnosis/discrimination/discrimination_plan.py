@@ -240,7 +240,7 @@ def _rate_pairs(
 
 
 def _build_contests(
-    found: OpenDiagnosis, at: PredictedCases, covariance: Array, dimensions: int
+    open_diagnosis: OpenDiagnosis, at: PredictedCases, covariance: Array, dimensions: int
 ) -> tuple[list[tuple[RivalPair, list[ModelContest], list[ContestSide]]], list[RivalPair], list[str]]:
     """Return separable pairs with their contests and rival shapes, pairs that no reading here separates, and notes."""
     share = 3.0 / dimensions
@@ -249,7 +249,7 @@ def _build_contests(
     closed: list[RivalPair] = []
     notes: list[str] = []
     made: dict[tuple[int, int], Array] = {}
-    for number, d in enumerate(found.rival_sets):
+    for number, d in enumerate(open_diagnosis.rival_sets):
         laws, pairs = _select_rival_laws(d, at, covariance, share, notes)
         beside = [predict_law(s, at, share) for s in d.other_laws]
         base = np.concatenate([at.base, *(b.columns[0] for b in beside if b is not None)], axis=2)

@@ -64,7 +64,7 @@ class NextMeasurement:
 def plan_next_measurement(
     request: PosesRequest,
     cell: Cell,
-    found: OpenDiagnosis | None,
+    open_diagnosis: OpenDiagnosis | None,
     progress: Callable[[str], None],
     job: ProcessLoads | None = None,
 ) -> NextMeasurement:
@@ -73,7 +73,7 @@ def plan_next_measurement(
     Args:
         request: Validated user request.
         cell: Robot cell.
-        found: Diagnosis with competing explanations; None to identify the stiffness.
+        open_diagnosis: Diagnosis with competing explanations; None to identify the stiffness.
         progress: Called with a text for each step.
         job: Process loads for which the stiffness is needed.
 
@@ -86,24 +86,24 @@ def plan_next_measurement(
     options = DiscriminationOptions(
         convert_to_reading_noise(request), request.displacement_mm is not None, request.targets_mm / 1e3
     )
-    noise = options.noise if found is None else compute_planning_noise(options, found, 1)
+    noise = options.noise if open_diagnosis is None else compute_planning_noise(options, open_diagnosis, 1)
     size = convert_to_plan_size(request)
-    models = _build_models(request, cell, found, noise)
+    models = _build_models(request, cell, open_diagnosis, noise)
     progress("building kinematics and collision model")
     screen = _build_screen(request, cell, models)
     progress("looking for poses that can be measured")
     pool = sample_poses(screen, cell.arm_limits, cell.home, size.candidates, size.seed)
-    task = _build_task(request, models, screen, pool, noise, found)
+    task = _build_task(request, models, screen, pool, noise, open_diagnosis)
     warnings = models.warnings
     plan: MeasurementPlan | None = None
     apart: DiscriminationPlan | None = None
-    if len(task.cases) and found is not None:
+    if len(task.cases) and open_diagnosis is not None:
         arm = DiagnosedArm(
-            found=found,
+            found=open_diagnosis,
             cell=cell,
             robot=models.robot,
             masses=models.masses if models.masses.mass.sum() > 0 else None,
-            compliance=select_planning_compliance(found, models.prior.stiffness.joints),
+            compliance=select_planning_compliance(open_diagnosis, models.prior.stiffness.joints),
         )
         apart = build_discrimination_plan(options, arm, pool, task.cases, models.prior, size, progress)
         plan, noise = apart.plan, apart.noise
@@ -142,7 +142,7 @@ class _MeasurementModels:
 
 
 def _build_models(
-    request: PosesRequest, cell: Cell, found: OpenDiagnosis | None, noise: ReadingNoise
+    request: PosesRequest, cell: Cell, open_diagnosis: OpenDiagnosis | None, noise: ReadingNoise
 ) -> _MeasurementModels:
     """Return kinematics, prior stiffness and load methods; the prior is the result of a diagnosis, if one is given."""
     robot, shapes = load_chain(cell)
@@ -153,8 +153,8 @@ def _build_models(
     ways, warnings = build_load_methods(request, placed_cell)
     masses = load_masses(placed_cell)
     believed = build_prior_stiffness(request, cell)
-    if found is not None:
-        believed = ArmStiffness(joints=1.0 / select_planning_compliance(found, believed.joints))
+    if open_diagnosis is not None:
+        believed = ArmStiffness(joints=1.0 / select_planning_compliance(open_diagnosis, believed.joints))
     return _MeasurementModels(
         cell=cell,
         placed_cell=placed_cell,
@@ -191,12 +191,12 @@ def _build_task(
     screen: PoseScreen,
     pool: PosePool,
     noise: ReadingNoise,
-    found: OpenDiagnosis | None,
+    open_diagnosis: OpenDiagnosis | None,
 ) -> MeasurementTask:
     """Return the load cases at the poses of the pool; for an open diagnosis of measured poses, weights at rest."""
     cell, prior, ways = models.cell, models.prior, models.ways
     criteria = convert_to_load_criteria(request, noise)
-    if found is not None and found.channel == "position":
+    if open_diagnosis is not None and open_diagnosis.channel == "position":
         ways = select_weight_loads(request.weights_kg is not None, ways)
         cases = build_static_pose_cases(pool, ways, prior, criteria, noise, models.masses)
     else:

@@ -51,14 +51,14 @@ def compute_planning_noise(user_options: DiscriminationOptions, diagnosis: OpenD
     )
 
 
-def select_planning_compliance(found: OpenDiagnosis, stiffness: Array) -> Array:
+def select_planning_compliance(open_diagnosis: OpenDiagnosis, stiffness: Array) -> Array:
     """Return the joint compliances of the diagnosis, with the cell's where the diagnosis has none.
 
     Args:
-        found: The open diagnosis.
+        open_diagnosis: The open diagnosis.
         stiffness: (6,) joint stiffness of the cell, N·m/rad.
 
     Returns:
         (6,) rad/(N·m).
     """
-    return np.array([found.compliance.get(j, 0.0) or 1.0 / stiffness[j - 1] for j in range(1, 7)])
+    return np.array([open_diagnosis.compliance.get(j, 0.0) or 1.0 / stiffness[j - 1] for j in range(1, 7)])

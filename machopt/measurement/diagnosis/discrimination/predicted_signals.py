@@ -125,7 +125,7 @@ def predict_load_tests(
 
 
 def _build_cycles(
-    found: OpenDiagnosis, cases: LoadCases, q: Array, steps: tuple[float, ...], dimensions: int
+    open_diagnosis: OpenDiagnosis, cases: LoadCases, q: Array, steps: tuple[float, ...], dimensions: int
 ) -> Recording:
     """Return a recording of one cycle per case without displacements; each starts from a relaxed arm."""
     N, K = len(cases), len(steps)
@@ -144,8 +144,8 @@ def _build_cycles(
         displacement=np.zeros((N * K, dimensions)),
         time=case * CYCLE_GAP + HOLD * np.tile(np.arange(1, K + 1), N),
         branch=branch,
-        wrench_frame="tool" if found.wrench_frame == "tool" else "base",
-        displacement_frame="tool" if found.displacement_frame == "tool" else "base",
+        wrench_frame="tool" if open_diagnosis.wrench_frame == "tool" else "base",
+        displacement_frame="tool" if open_diagnosis.displacement_frame == "tool" else "base",
     )
 
 

@@ -254,7 +254,7 @@ def _build_drive_hypothesis(
     )
 
 
-def _has_friction_jump(law: MotorLaw, shape: Shape, seen: MotorLoading, last: _LastJointTorque) -> bool:
+def _has_friction_jump(law: MotorLaw, shape: Shape, motor_loading: MotorLoading, last: _LastJointTorque) -> bool:
     """Return whether the friction of a law at a shape is discontinuous at motor reversal."""
     speeds: list[Array] = []
 
@@ -262,5 +262,5 @@ def _has_friction_jump(law: MotorLaw, shape: Shape, seen: MotorLoading, last: _L
         speeds.append(v)
         return v
 
-    law.columns(np.array(shape), replace(seen, compute_friction_direction=way))
+    law.columns(np.array(shape), replace(motor_loading, compute_friction_direction=way))
     return any(last.is_immediate_reversal(v) for v in speeds)

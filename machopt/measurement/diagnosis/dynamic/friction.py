@@ -303,25 +303,25 @@ def _build_friction_hypothesis(
     joint: int,
     effect: Effect,
     law: FrictionLaw,
-    seen: FrictionState,
+    friction_state: FrictionState,
     grid: tuple[Shape, ...],
-    rest: Shape,
+    shape: Shape,
 ) -> EffectHypothesis:
-    """Return a law over its first shape parameter, which is refined between grid values; ``rest`` are the others."""
-    unit = "N" if seen.is_prismatic else "N·m"
+    """Return a law over its first shape parameter, which is refined between grid values; ``shape`` are the others."""
+    unit = "N" if friction_state.is_prismatic else "N·m"
 
     def columns(s: Shape) -> Array:
-        return law.columns(np.array(s + rest), seen)
+        return law.columns(np.array(s + shape), friction_state)
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        return law.sizes(x, np.array(s + rest), seen)
+        return law.sizes(x, np.array(s + shape), friction_state)
 
     def line(x: Array, s: Shape) -> LawCurve:
         return build_binned_curve(
             scene,
-            scene.motion.q[:, joint] if law.plots_over_angle else seen.speed,
+            scene.motion.q[:, joint] if law.plots_over_angle else friction_state.speed,
             columns(s) @ x,
-            f"speed of joint {joint + 1} in {'m' if seen.is_prismatic else 'rad'}/s",
+            f"speed of joint {joint + 1} in {'m' if friction_state.is_prismatic else 'rad'}/s",
             f"friction beyond Coulomb and viscous in {unit}",
         )
 

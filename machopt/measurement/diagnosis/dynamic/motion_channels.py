@@ -238,13 +238,13 @@ def _compute_holdout_errors(problem: DiagnosisProblem) -> Array:
     )
 
 
-def _add_errors_to_finding(found: Finding, errors: Array, stated: Array | None) -> Finding:
+def _add_errors_to_finding(finding: Finding, errors: Array, stated: Array | None) -> Finding:
     """Return a record finding with the median cross-validated error of time blocks, as stated and as corrected."""
-    if np.isfinite(found.before):
-        return found
+    if np.isfinite(finding.before):
+        return finding
     after = float(np.median(errors))
-    before = after if stated is None or not found.record else float(np.median(stated))
-    return replace(found, before=before, after=after)
+    before = after if stated is None or not finding.record else float(np.median(stated))
+    return replace(finding, before=before, after=after)
 
 
 def _predict_joint_torque(

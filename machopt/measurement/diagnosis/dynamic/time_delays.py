@@ -107,23 +107,23 @@ def build_command_delay_hypotheses(
 
 
 def _build_delay_hypothesis(
-    seen: DelayedChannel, effect: Effect, law: DelayLaw, where: str, family: str, penalty: float = 0.0
+    delayed_channel: DelayedChannel, effect: Effect, law: DelayLaw, where: str, family: str, penalty: float = 0.0
 ) -> EffectHypothesis:
     lower = tuple(least for _, _, least in parameter_conversion.list_coefficient_names(law, len(law.coefficients)))
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
-        return law.sizes(x, np.array(s), seen)
+        return law.sizes(x, np.array(s), delayed_channel)
 
     return EffectHypothesis(
         effect=effect.file_word,
         location=where,
         law=law.name,
         equation=law.equation,
-        columns=lambda s: law.columns(np.array(s), seen),
+        columns=lambda s: law.columns(np.array(s), delayed_channel),
         quantities=sizes,
-        shapes=law.grid(seen),
+        shapes=law.grid(delayed_channel),
         lower=lower if np.isfinite(lower).any() else (),
-        correction=lambda x, s: RecordCorrection(effect.file_word, where, law.to_file_parameters(x, seen)),
+        correction=lambda x, s: RecordCorrection(effect.file_word, where, law.to_file_parameters(x, delayed_channel)),
         note=effect.note,
         family=family,
         penalty=penalty,

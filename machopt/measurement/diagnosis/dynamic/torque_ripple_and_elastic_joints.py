@@ -105,7 +105,12 @@ def build_elastic_joint_hypotheses(scene: MotionModel, joint: int, inertia: Arra
 
 
 def _build_elastic_joint_hypothesis(
-    scene: MotionModel, joint: int, effect: Effect, law: VibrationLaw, seen: VibrationLoading, grid: tuple[Shape, ...]
+    scene: MotionModel,
+    joint: int,
+    effect: Effect,
+    law: VibrationLaw,
+    vibration_loading: VibrationLoading,
+    grid: tuple[Shape, ...],
 ) -> EffectHypothesis:
     """Return the hypothesis. The coefficient is compliance times stiffness: the present share of the spring's inertia
     force.
@@ -113,11 +118,13 @@ def _build_elastic_joint_hypothesis(
     m = scene.motion
 
     def response(s: Shape) -> Array:
-        return seen.inertia * m.differentiate(m.differentiate(law.deflection(np.array(s), seen)))
+        return vibration_loading.inertia * m.differentiate(
+            m.differentiate(law.deflection(np.array(s), vibration_loading))
+        )
 
     def sizes(x: Array, s: Shape) -> Mapping[str, Quantity]:
         at = np.array(s)
-        return law.sizes(float(x[0]) / law.stiffness(at, seen), at, seen)
+        return law.sizes(float(x[0]) / law.stiffness(at, vibration_loading), at, vibration_loading)
 
     return build_joint_law_hypothesis(
         scene,

@@ -71,11 +71,11 @@ def build_refined_harmonics(r: StaticReadings) -> list[EffectHypothesis]:
     return out
 
 
-def _build_refined_grid(own: JointAngleRange, law: JointAngleLaw) -> tuple[Shape, ...]:
+def _build_refined_grid(joint_angle_range: JointAngleRange, law: JointAngleLaw) -> tuple[Shape, ...]:
     """Return shapes beyond the normal grid: as many as for abundant angles, including the integer orders."""
-    known, many = law.grid(own), law.grid(replace(own, max_shapes=LOW_ORDERS + MOST_HIGH))
+    known, many = law.grid(joint_angle_range), law.grid(replace(joint_angle_range, max_shapes=LOW_ORDERS + MOST_HIGH))
     highest = max((s[-1] for s in many if s), default=0.0)
-    whole = tuple(s for s in law.grid(replace(own, is_motion=True)) if s and s[-1] <= highest)
+    whole = tuple(s for s in law.grid(replace(joint_angle_range, is_motion=True)) if s and s[-1] <= highest)
     return tuple(sorted({*many, *whole} - set(known)))
 
 

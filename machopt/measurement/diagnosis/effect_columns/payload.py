@@ -74,26 +74,30 @@ def build_motion_payload_hypotheses(scene: MotionModel, columns: Array) -> list[
 
 
 def _build_payload_hypotheses(
-    seen: ToolSideLoad, cause: str, family: str, note: str, *, recorded: bool = False
+    tool_side_load: ToolSideLoad, cause: str, family: str, note: str, *, recorded: bool = False
 ) -> list[EffectHypothesis]:
-    laws = [(e, law, law.grid(seen)) for e in registry.select_payload_effects() for law in e.payload_laws]
+    laws = [(e, law, law.grid(tool_side_load)) for e in registry.select_payload_effects() for law in e.payload_laws]
     if recorded:  # accelerations separate mass and moments: detection limits refer to the whole load
         laws.sort(key=lambda each: len(each[1].coefficients) < PAYLOAD_COEFFICIENTS)
-    return [_build_payload_hypothesis(seen, e, law, cause, family, note, recorded) for e, law, grid in laws if grid]
+    return [
+        _build_payload_hypothesis(tool_side_load, e, law, cause, family, note, recorded)
+        for e, law, grid in laws
+        if grid
+    ]
 
 
 def _build_payload_hypothesis(
-    seen: ToolSideLoad, effect: Effect, law: PayloadLaw, cause: str, family: str, note: str, recorded: bool
+    tool_side_load: ToolSideLoad, effect: Effect, law: PayloadLaw, cause: str, family: str, note: str, recorded: bool
 ) -> EffectHypothesis:
-    columns, where = law.columns(seen), effect.places[0]
+    columns, where = law.columns(tool_side_load), effect.places[0]
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
-        return law.sizes(x, seen)
+        return law.sizes(x, tool_side_load)
 
     def correction(x: Array, shape: Shape) -> RecordCorrection | None:
         if not recorded:
             return None
-        return RecordCorrection(effect.file_word, where, {k: q.value for k, q in law.sizes(x, seen).items()})
+        return RecordCorrection(effect.file_word, where, {k: q.value for k, q in law.sizes(x, tool_side_load).items()})
 
     return EffectHypothesis(
         effect=effect.file_word,
@@ -106,16 +110,16 @@ def _build_payload_hypothesis(
         correction=correction,
         note=note,
         penalty=thresholds.MOTION.part_of_load if recorded and _is_part_of_load(effect, law) else 0.0,
-        project_to_plausible=partial(_project_to_physical_load, carried=seen.mass)
+        project_to_plausible=partial(_project_to_physical_load, carried=tool_side_load.mass)
         if recorded and columns.shape[2] == PAYLOAD_COEFFICIENTS
         else None,
-        typical_coefficients=_locate_known_load(seen) if columns.shape[2] == PAYLOAD_COEFFICIENTS else None,
+        typical_coefficients=_locate_known_load(tool_side_load) if columns.shape[2] == PAYLOAD_COEFFICIENTS else None,
     )
 
 
-def _locate_known_load(seen: ToolSideLoad) -> Array:
+def _locate_known_load(tool_side_load: ToolSideLoad) -> Array:
     """Return a load (1, 4) at the position of the cell's own load, which detection limits refer to."""
-    return np.asarray(np.r_[1.0, seen.centre - seen.reference_point][None, :])
+    return np.asarray(np.r_[1.0, tool_side_load.centre - tool_side_load.reference_point][None, :])
 
 
 def _is_part_of_load(effect: Effect, law: PayloadLaw) -> bool:

@@ -92,11 +92,13 @@ def _list_sensor_laws() -> list[tuple[Effect, RecordLaw]]:
     return [(e, law) for e in registry.select_record_effects() for law in e.record_laws]
 
 
-def _build_sensor_hypothesis(r: StaticReadings, effect: Effect, law: RecordLaw, seen: RecordedLoad) -> EffectHypothesis:
+def _build_sensor_hypothesis(
+    r: StaticReadings, effect: Effect, law: RecordLaw, recorded_load: RecordedLoad
+) -> EffectHypothesis:
     (where,) = effect.places
 
     def columns(shape: Shape) -> Array:
-        more = law.columns(np.array(shape), seen)
+        more = law.columns(np.array(shape), recorded_load)
         if law.affected_quantity == "position":
             return r.project_to_measured(
                 more, BODY_BEHIND_FLANGE
@@ -122,7 +124,9 @@ def _build_sensor_hypothesis(r: StaticReadings, effect: Effect, law: RecordLaw, 
         quantities=sizes,
         shapes=law.grid(),
         correction=correction,
-        wrench_change=(lambda shape: law.columns(np.array(shape), seen)) if law.affected_quantity == "wrench" else None,
+        wrench_change=(lambda shape: law.columns(np.array(shape), recorded_load))
+        if law.affected_quantity == "wrench"
+        else None,
         family="sensor",
         note=NOTE,
     )

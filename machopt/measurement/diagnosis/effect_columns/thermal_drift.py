@@ -32,19 +32,19 @@ def build_thermal_hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def _build_thermal_hypothesis(
-    seen: ThermalState, effect: Effect, law: DriftLaw, grid: tuple[Shape, ...]
+    thermal_state: ThermalState, effect: Effect, law: DriftLaw, grid: tuple[Shape, ...]
 ) -> EffectHypothesis:
     lower = tuple(least for _, _, least in parameter_conversion.list_coefficient_names(law, len(law.coefficients)))
 
     def sizes(x: Array, shape: Shape) -> Mapping[str, Quantity]:
-        return law.sizes(x, np.array(shape), seen)
+        return law.sizes(x, np.array(shape), thermal_state)
 
     return EffectHypothesis(
         effect=effect.file_word,
         location=effect.places[0],
         law=law.name,
         equation=law.equation,
-        columns=lambda shape: law.columns(np.array(shape), seen),
+        columns=lambda shape: law.columns(np.array(shape), thermal_state),
         quantities=sizes,
         shapes=grid,
         lower=lower if np.isfinite(lower).any() else (),

@@ -53,23 +53,25 @@ class ModelAssessment:
         return 1e3 * compute_rms(self.residual[used]), 1e3 * compute_rms(self.heldout[used])
 
 
-def assess_written_model(cell: Cell, found: DiagnosedRecording, made: ExtendedStiffness) -> ModelAssessment:
+def assess_written_model(
+    cell: Cell, diagnosed_recording: DiagnosedRecording, extended_stiffness: ExtendedStiffness
+) -> ModelAssessment:
     """Write and read the model files of all readings and of each fold, and compute their errors.
 
     Args:
         cell: Robot cell as it was diagnosed.
-        found: Diagnosis of load tests or measured poses.
-        made: Its extended stiffness.
+        diagnosed_recording: Diagnosis of load tests or measured poses.
+        extended_stiffness: Its extended stiffness.
 
     Returns:
         The assessment.
     """
-    d = found.diagnosis
-    recording = build_corrected_recording(cell, found.recording, d)
+    d = diagnosed_recording.diagnosis
+    recording = build_corrected_recording(cell, diagnosed_recording.recording, d)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        model = _write_and_read(folder, made.after, _list_kinematics(cell, d))
-        folds = tuple(_build_fold_model(cell, found, fold, folder) for fold in d.folds)
+        model = _write_and_read(folder, extended_stiffness.after, _list_kinematics(cell, d))
+        folds = tuple(_build_fold_model(cell, diagnosed_recording, fold, folder) for fold in d.folds)
     return compute_assessment(place_tool_where_found(cell, d.findings), recording, model, folds)
 
 
@@ -114,8 +116,8 @@ def state_written_errors(d: DiagnosisResult, assessed: ModelAssessment) -> Diagn
     return replace(d, rmse=rmse, heldout_after=heldout, errors=replace(d.errors, final=final), findings=findings)
 
 
-def _build_fold_model(cell: Cell, found: DiagnosedRecording, fold: FoldFit, folder: Path) -> FoldModel:
-    d = found.diagnosis
+def _build_fold_model(cell: Cell, diagnosed_recording: DiagnosedRecording, fold: FoldFit, folder: Path) -> FoldModel:
+    d = diagnosed_recording.diagnosis
     by_name = dict(zip(d.fitted_findings, fold.corrections, strict=True))
     findings = tuple(
         replace(f, correction=by_name[f.effect, f.location]) if (f.effect, f.location) in by_name else f
@@ -123,7 +125,7 @@ def _build_fold_model(cell: Cell, found: DiagnosedRecording, fold: FoldFit, fold
     )
     coefficients = tuple(replace(c, value=v) for c, v in zip(d.coefficients, fold.coefficients, strict=True))
     d = replace(d, findings=findings, coefficients=coefficients)
-    made = build_extended_stiffness(cell, d, weight_alone=found.weight_alone)
+    made = build_extended_stiffness(cell, d, weight_alone=diagnosed_recording.weight_alone)
     return FoldModel(fold.groups, _write_and_read(folder, made.after, _list_kinematics(cell, d)))
 
 

@@ -36,12 +36,14 @@ from machopt.numerics.array_types import Array
 from machopt.stiffness.arm_stiffness import ArmElasticity
 
 
-def add_model_uncertainty(cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness | None) -> ArmStiffness | None:
+def add_model_uncertainty(
+    cell: Cell, diagnosed_recording: DiagnosedRecording, stiffness: ArmStiffness | None
+) -> ArmStiffness | None:
     """Add covariance, position error and model discrepancy to a stiffness.
 
     Args:
         cell: Robot cell.
-        found: Diagnosis with its problem and recording.
+        diagnosed_recording: Diagnosis with its problem and recording.
         stiffness: Extended stiffness, or None.
 
     Returns:
@@ -50,27 +52,29 @@ def add_model_uncertainty(cell: Cell, found: DiagnosedRecording, stiffness: ArmS
     if stiffness is None:
         return None
     known = None if cell.stiffness is None else cell.stiffness.position
-    position = estimate_position_error(found) if found.recording.kind == "absolute" else known
+    position = (
+        estimate_position_error(diagnosed_recording) if diagnosed_recording.recording.kind == "absolute" else known
+    )
     if stiffness is cell.stiffness:
         return stiffness if position is known else replace(stiffness, position=position)
     stiffness = replace(stiffness, position=position)
-    out = replace(stiffness, covariance=_compute_spring_covariance(cell, found.diagnosis, stiffness))
-    if found.recording.kind != "deflection":
+    out = replace(stiffness, covariance=_compute_spring_covariance(cell, diagnosed_recording.diagnosis, stiffness))
+    if diagnosed_recording.recording.kind != "deflection":
         return out
-    estimate = _estimate_load_test_discrepancy(cell, found, stiffness)
+    estimate = _estimate_load_test_discrepancy(cell, diagnosed_recording, stiffness)
     return replace(out, covariance=estimate.spring_error, discrepancy=estimate.discrepancy)
 
 
-def estimate_position_error(found: DiagnosedRecording) -> PositionError | None:
+def estimate_position_error(diagnosed_recording: DiagnosedRecording) -> PositionError | None:
     """Estimate the TCP position error of the extended model from held-out poses.
 
     Args:
-        found: Diagnosis with its problem and recording.
+        diagnosed_recording: Diagnosis with its problem and recording.
 
     Returns:
         The error; None if there are too few poses for cross-validation.
     """
-    d, recording = found.diagnosis, found.recording
+    d, recording = diagnosed_recording.diagnosis, diagnosed_recording.recording
     before, after = (compute_rms(e[d.used][:, :3]) for e in (d.errors.residual, d.errors.final))
     poses = len(np.unique(recording.pose[d.used]))
     if poses < thresholds.PROOF.fewest_groups or not np.isfinite([before, after]).all():
@@ -95,14 +99,16 @@ def _compute_spring_covariance(cell: Cell, d: DiagnosisResult, stiffness: ArmSti
 
 
 def _estimate_load_test_discrepancy(
-    cell: Cell, found: DiagnosedRecording, stiffness: ArmStiffness
+    cell: Cell, diagnosed_recording: DiagnosedRecording, stiffness: ArmStiffness
 ) -> DiscrepancyEstimate:
     """Return the model discrepancy of the load tests with the model as a plan evaluates it."""
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = read_stated_masses(cell)
-    tests = build_load_test_experiment(found.recording, robot, T)
-    residual = tests.measured - _predict_planned_deflection(found, tests, robot, T, masses, stiffness, cell.arm_limits)
-    used = found.diagnosis.used
+    tests = build_load_test_experiment(diagnosed_recording.recording, robot, T)
+    residual = tests.measured - _predict_planned_deflection(
+        diagnosed_recording, tests, robot, T, masses, stiffness, cell.arm_limits
+    )
+    used = diagnosed_recording.diagnosis.used
     groups = build_error_clusters(tests)
     typical = np.array([_compute_typical_residual(residual[used, c : c + 3]) for c in range(0, tests.dimensions, 3)])
     arm = ArmElasticity(robot, T, stiffness, cell.arm_limits, masses)
@@ -127,7 +133,7 @@ def _estimate_load_test_discrepancy(
 
 
 def _predict_planned_deflection(
-    found: DiagnosedRecording,
+    diagnosed_recording: DiagnosedRecording,
     tests: LoadTestExperiment,
     robot: Robot,
     T: Array,
@@ -140,7 +146,9 @@ def _predict_planned_deflection(
     A law with memory may fit the readings by their history and still be wrong. A job has another history, so the
     residual without history is the least error to expect there. Time-dependent laws are excepted.
     """
-    r = load_test_channel.build_load_test_readings(found.recording, tests, robot, T, masses, 1.0 / stiffness.joints)
+    r = load_test_channel.build_load_test_readings(
+        diagnosed_recording.recording, tests, robot, T, masses, 1.0 / stiffness.joints
+    )
     slow = {e.file_word for e in registry.select_joint_torque_effects() if is_time_dependent(e.joint_laws[0])}
     lived, rest = joint_torque.compute_memory_term_displacement(r, [t for t in stiffness.terms if t.effect in slow])
     rest = (*rest, *(t for t in stiffness.terms if t.effect not in slow))

@@ -63,7 +63,7 @@ def compute_written_residual(
     model: WrittenModel,
     recording: Recording,
     fitted: Flags,
-    wanted: Flags,
+    flags: Flags,
     start: Registration | None = None,
 ) -> WrittenResidual:
     """Compute measured minus predicted positions or displacements of written files.
@@ -73,7 +73,7 @@ def compute_written_residual(
         model: Written files.
         recording: Corrected readings.
         fitted: (N,) readings that the registration is fitted to.
-        wanted: (N,) readings whose residuals are returned.
+        flags: (N,) readings whose residuals are returned.
         start: Registration of similar files of these readings, from which fewer steps are needed; None: nominal.
 
     Returns:
@@ -84,15 +84,15 @@ def compute_written_residual(
         stiffness=model.stiffness if model.stiffness is not None else cell.stiffness,
         kinematics=model.kinematics if model.kinematics is not None else cell.kinematics,
     )
-    if not wanted.any():
+    if not flags.any():
         return WrittenResidual(np.zeros((0, 3)), start)
     if recording.kind == "deflection":
-        return WrittenResidual(_compute_load_test_residual(cell, recording, wanted), None)
+        return WrittenResidual(_compute_load_test_residual(cell, recording, flags), None)
     residual, registration = _compute_pose_residual(cell, recording, fitted, start)
-    return WrittenResidual(residual[wanted], registration)
+    return WrittenResidual(residual[flags], registration)
 
 
-def _compute_load_test_residual(cell: Cell, recording: Recording, wanted: Flags) -> Array:
+def _compute_load_test_residual(cell: Cell, recording: Recording, flags: Flags) -> Array:
     """Return the residual (K, 3) of the wanted load tests: springs and K_C in equilibrium, and terms.
 
     Only effects with a memory need the other readings.
@@ -101,7 +101,7 @@ def _compute_load_test_residual(cell: Cell, recording: Recording, wanted: Flags)
     robot, T, masses = load_robot(replace(cell, kinematics=None)), cell.tool.T_flange_tcp, read_load_test_masses(cell)
     stiffness = replace(cell.stiffness, terms=existing_terms.select_known_terms(cell.stiffness.terms))
     every = build_load_test_experiment(recording, robot, T)
-    tests = every.select_readings(wanted)
+    tests = every.select_readings(flags)
     compliance = np.clip(1.0 / stiffness.joints, 0.0, 1.0 / LEAST_STIFFNESS)
     out = tests.measured - tests.response() @ compliance
     curved = loaded_equilibrium_terms.compute_nonlinear_displacement(tests, robot, T, masses, compliance)
@@ -113,7 +113,7 @@ def _compute_load_test_residual(cell: Cell, recording: Recording, wanted: Flags)
         springs = ArmStiffness(joints=stiffness.joints)
         whole = ArmElasticity(robot, T, replace(springs, terms=settled), cell.arm_limits, masses)
         alone = ArmElasticity(robot, T, springs)
-        moved = with_memory[wanted] + whole.evaluate(tests.state.q).compute_twist(tests.wrench)
+        moved = with_memory[flags] + whole.evaluate(tests.state.q).compute_twist(tests.wrench)
         moved = moved - alone.evaluate(tests.state.q).compute_twist(tests.wrench)
         out = out - moved[:, : tests.dimensions]
     return np.asarray(out[:, :3])

@@ -22,7 +22,7 @@ def build_frequency_response_document(
     request: FrequencyResponseRequest,
     cell: Cell,
     recording: FrequencyResponseRecording,
-    found: FrequencyResponseResult,
+    frequency_response_result: FrequencyResponseResult,
     inputs: dict[str, str],
 ) -> FrequencyResponseDocument:
     """Build the document.
@@ -31,7 +31,7 @@ def build_frequency_response_document(
         request: Validated user request.
         cell: Robot cell.
         recording: Measured responses.
-        found: Result of the identification.
+        frequency_response_result: Result of the identification.
         inputs: SHA-256 of the input files, by name.
     """
     return FrequencyResponseDocument(
@@ -40,10 +40,10 @@ def build_frequency_response_document(
         cell=cell.name,
         recording=recording.source,
         rows=len(recording),
-        poses=len(found.modes.frequency),
-        damping_law=found.law,  # type: ignore[arg-type]
-        log_likelihood_gain=found.log_likelihood_gain,
-        interval_level=found.level,
+        poses=len(frequency_response_result.modes.frequency),
+        damping_law=frequency_response_result.law,  # type: ignore[arg-type]
+        log_likelihood_gain=frequency_response_result.log_likelihood_gain,
+        interval_level=frequency_response_result.level,
         joints=tuple(
             JointResponseEntry(
                 joint=j.joint,
@@ -54,32 +54,39 @@ def build_frequency_response_document(
                 damping=j.damping,
                 damping_interval=(None, None) if j.damping_interval is None else j.damping_interval,
             )
-            for j in found.joints
+            for j in frequency_response_result.joints
         ),
-        modes=_build_mode_entries(found),
-        responses=_build_response_entries(recording, found),
-        variance_inflation=found.inflation,
-        warnings=(*cell.warnings, *found.warnings, *_describe_unknown_modes(cell, found)),
+        modes=_build_mode_entries(frequency_response_result),
+        responses=_build_response_entries(recording, frequency_response_result),
+        variance_inflation=frequency_response_result.inflation,
+        warnings=(
+            *cell.warnings,
+            *frequency_response_result.warnings,
+            *_describe_unknown_modes(cell, frequency_response_result),
+        ),
         options=FrequencyResponseOptionsSection(level_percent=request.level_percent, seed=request.seed),
         inputs=inputs,
     )
 
 
-def list_damping_percent(found: FrequencyResponseResult) -> list[float]:
+def list_damping_percent(frequency_response_result: FrequencyResponseResult) -> list[float]:
     """Return ``modes.damping_percent`` of process.yaml: the determined first modes in ascending frequency.
 
     Args:
-        found: Result of the identification.
+        frequency_response_result: Result of the identification.
     """
-    return [float(f"{100.0 * ratio:.4g}") for ratio in found.modes.mean[: found.modes.known]]
+    return [
+        float(f"{100.0 * ratio:.4g}")
+        for ratio in frequency_response_result.modes.mean[: frequency_response_result.modes.known]
+    ]
 
 
-def _describe_unknown_modes(cell: Cell, found: FrequencyResponseResult) -> tuple[str, ...]:
-    listed = list_damping_percent(found)
+def _describe_unknown_modes(cell: Cell, frequency_response_result: FrequencyResponseResult) -> tuple[str, ...]:
+    listed = list_damping_percent(frequency_response_result)
     if not listed:
         return ("no modal damping is determined; process.yaml is not written",)
     out = []
-    if len(listed) < len(found.modes.mean):
+    if len(listed) < len(frequency_response_result.modes.mean):
         out.append(f"damping of modes beyond {len(listed)} is not determined, or their frequency was not measured")
     if cell.process is None or cell.process.file is None:
         out.append(
@@ -89,8 +96,8 @@ def _describe_unknown_modes(cell: Cell, found: FrequencyResponseResult) -> tuple
     return tuple(out)
 
 
-def _build_mode_entries(found: FrequencyResponseResult) -> tuple[ModalDampingEntry, ...]:
-    modes = found.modes
+def _build_mode_entries(frequency_response_result: FrequencyResponseResult) -> tuple[ModalDampingEntry, ...]:
+    modes = frequency_response_result.modes
     return tuple(
         ModalDampingEntry(
             mode=n + 1,
@@ -105,7 +112,7 @@ def _build_mode_entries(found: FrequencyResponseResult) -> tuple[ModalDampingEnt
 
 
 def _build_response_entries(
-    recording: FrequencyResponseRecording, found: FrequencyResponseResult
+    recording: FrequencyResponseRecording, frequency_response_result: FrequencyResponseResult
 ) -> tuple[MeasuredResponseEntry, ...]:
     out = []
     for n in range(recording.responses):
@@ -116,8 +123,8 @@ def _build_response_entries(
                 lines=len(rows),
                 excitation=recording.excitation[rows[0]],
                 response=recording.response[rows[0]],
-                residual_m_per_N=float(found.noise[n]),
-                explained_share=float(found.explained[n]),
+                residual_m_per_N=float(frequency_response_result.noise[n]),
+                explained_share=float(frequency_response_result.explained[n]),
             )
         )
     return tuple(out)

@@ -125,22 +125,22 @@ def _compute_covariance(model: ResponseModel, fit: ResponseFit, mass_sigma: floa
 
 
 def _list_joints(
-    model: ResponseModel, found: DeterminedFit, covariance: Array, level: float, prior: Array | None
+    model: ResponseModel, determined_fit: DeterminedFit, covariance: Array, level: float, prior: Array | None
 ) -> tuple[JointResponseResult, ...]:
     from scipy.special import ndtri
 
     z = float(ndtri(0.5 + 0.5 * level))
-    k, eta = np.exp(found.fit.x[:JOINTS]), np.exp(found.fit.x[JOINTS:])
+    k, eta = np.exp(determined_fit.fit.x[:JOINTS]), np.exp(determined_fit.fit.x[JOINTS:])
     sigma = np.sqrt(np.diag(covariance))
     damping = eta * k / model.equations.reference if model.law == "viscous" else eta
     by_law = np.concatenate([np.eye(JOINTS) * (model.law == "viscous"), np.eye(JOINTS)], axis=1)
     damping_sigma = np.sqrt(np.diag(by_law @ covariance @ by_law.T))
-    stiff, damped = list_identified_joints(found)
+    stiff, damped = list_identified_joints(determined_fit)
     out = []
     for j in range(JOINTS):
         interval, reason = (k[j] * math.exp(-z * sigma[j]), k[j] * math.exp(z * sigma[j])), ""
         if not stiff[j]:
-            bound = find_lower_bound(model, found.fit, j, level)
+            bound = find_lower_bound(model, determined_fit.fit, j, level)
             interval = (bound, math.inf)
             unchanged_text = "a typical value" if prior is None else "the cell's value"
             reason = (
@@ -164,11 +164,11 @@ def _list_joints(
 
 
 def _build_stiffness(
-    recording: FrequencyResponseRecording, cell: Cell, found: DeterminedFit, covariance: Array
+    recording: FrequencyResponseRecording, cell: Cell, determined_fit: DeterminedFit, covariance: Array
 ) -> ArmStiffness:
     """Return the springs; without identification a compliance has 100 % uncertainty, as in a static fit."""
-    c = np.exp(-found.fit.x[:JOINTS])
-    known = np.flatnonzero(found.identified[:JOINTS])
+    c = np.exp(-determined_fit.fit.x[:JOINTS])
+    known = np.flatnonzero(determined_fit.identified[:JOINTS])
     matrix = np.diag(c**2)
     matrix[np.ix_(known, known)] = (np.outer(c, c) * covariance[:JOINTS, :JOINTS])[np.ix_(known, known)]
     stiffness = cell.stiffness

@@ -56,25 +56,25 @@ def fit_determined(model: ResponseModel, start: Array, prior: ResponsePrior) -> 
         known = still
 
 
-def find_lower_bound(model: ResponseModel, found: ResponseFit, joint: int, level: float) -> float:
+def find_lower_bound(model: ResponseModel, response_fit: ResponseFit, joint: int, level: float) -> float:
     """Return the one-sided lower bound of a joint's stiffness, N·m/rad, without its prior.
 
     Args:
         model: Model of all rows.
-        found: Fit.
+        response_fit: Fit.
         joint: joint, from 0.
         level: one-sided probability.
     """
     from scipy.special import ndtri
 
     e = model.equations
-    weights = 1.0 / (found.scale[e.group] * e.shape) / math.sqrt(found.inflation)
-    sigma = np.array(found.prior.sigma)
+    weights = 1.0 / (response_fit.scale[e.group] * e.shape) / math.sqrt(response_fit.inflation)
+    sigma = np.array(response_fit.prior.sigma)
     sigma[joint] = np.inf
-    prior = ResponsePrior(found.prior.mean, sigma)
+    prior = ResponsePrior(response_fit.prior.mean, sigma)
     fixed = np.array([joint])
     limit = float(ndtri(level)) ** 2
-    x, least = minimise(model, found.x, prior, weights, steps=PROFILE_EVALUATIONS)
+    x, least = minimise(model, response_fit.x, prior, weights, steps=PROFILE_EVALUATIONS)
     before, last = 0.0, x[joint]
     for _ in range(MOST_STEPS):
         x[joint] = last - STEP
@@ -89,10 +89,10 @@ def find_lower_bound(model: ResponseModel, found: ResponseFit, joint: int, level
     return LEAST_STIFFNESS
 
 
-def list_identified_joints(found: DeterminedFit) -> tuple[Bools, Bools]:
+def list_identified_joints(determined_fit: DeterminedFit) -> tuple[Bools, Bools]:
     """Return which stiffnesses and which dampings are identified, (6,) each.
 
     Args:
-        found: Fit.
+        determined_fit: Fit.
     """
-    return found.identified[:JOINTS], found.identified[JOINTS:] & found.identified[:JOINTS]
+    return determined_fit.identified[:JOINTS], determined_fit.identified[JOINTS:] & determined_fit.identified[:JOINTS]

@@ -32,22 +32,24 @@ class ModalDamping:
         make_arrays_read_only(self)
 
 
-def compute_modal_damping(model: ResponseModel, found: ResponseFit, covariance: Array) -> ModalDamping:
+def compute_modal_damping(model: ResponseModel, response_fit: ResponseFit, covariance: Array) -> ModalDamping:
     """Return the damping of the modes in the measured poses.
 
     Args:
         model: Model of all rows.
-        found: Fit.
+        response_fit: Fit.
         covariance: (12, 12) of the unknowns.
     """
     e = model.equations
     _, first = np.unique(np.round(e.q, 6), axis=0, return_index=True)
     mass = e.mass[np.sort(first)]
-    frequency, ratio = _compute_ratios(model, found.x, mass)
+    frequency, ratio = _compute_ratios(model, response_fit.x, mass)
     slopes = np.empty((JOINTS, 2 * JOINTS))
     for n in range(2 * JOINTS):
         step = STEP * (np.arange(2 * JOINTS) == n)
-        more, less = (_compute_ratios(model, found.x + sign * step, mass)[1].mean(axis=0) for sign in (1.0, -1.0))
+        more, less = (
+            _compute_ratios(model, response_fit.x + sign * step, mass)[1].mean(axis=0) for sign in (1.0, -1.0)
+        )
         slopes[:, n] = (more - less) / (2.0 * STEP)
     mean = ratio.mean(axis=0)
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))

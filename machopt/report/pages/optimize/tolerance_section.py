@@ -51,19 +51,19 @@ def build_tolerance_section(data: ReportData, charts: set[str]) -> Body:
     return build_section("tolerances", found.headline, lead, body)
 
 
-def _build_outcomes(found: ToleranceData) -> Body:
+def _build_outcomes(tolerance_data: ToleranceData) -> Body:
     counts = build_table(
         [TableColumn("Outcome"), *(TableColumn(name, "n") for name in ("CAM default", "Jiao 2022", "This plan"))],
-        [row for row in found.counts if any(row[1:])],
+        [row for row in tolerance_data.counts if any(row[1:])],
     )
     operations = build_table(
         [TableColumn(t) for t in ("Operation", "Limits", "Reference", "Outcomes", "Error of the worst")],
-        found.operations,
+        tolerance_data.operations,
     )
     return counts + render_part("heading", "Operations with a tolerance") + operations
 
 
-def _build_points(data: ReportData, found: ToleranceData) -> Body:
+def _build_points(data: ReportData, tolerance_data: ToleranceData) -> Body:
     columns = [
         TableColumn("Hole", "n"),
         TableColumn("Point", "n"),
@@ -74,8 +74,8 @@ def _build_points(data: ReportData, found: ToleranceData) -> Body:
         TableColumn("Limits"),
         TableColumn("Main cause"),
     ]
-    table = build_table(columns, [_format_row(data, row) for row in found.rows])
-    more = render_part("lead", f"… and {found.hidden} more in points.csv.") if found.hidden else ""
+    table = build_table(columns, [_format_row(data, row) for row in tolerance_data.rows])
+    more = render_part("lead", f"… and {tolerance_data.hidden} more in points.csv.") if tolerance_data.hidden else ""
     return table + more
 
 
@@ -116,15 +116,17 @@ def _format_cause(cause: str) -> str:
     return f"{name.replace(':', ' ')}, {100 * float(share):.0f} %"
 
 
-def _build_basis(found: ToleranceData) -> Body:
+def _build_basis(tolerance_data: ToleranceData) -> Body:
     out: Body = ""
-    if found.shares:
-        words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in found.shares)
+    if tolerance_data.shares:
+        words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in tolerance_data.shares)
         out += render_part(
             "note", f"Mean shares of the variance of the error: {words}. The largest is worth measuring."
         )
-    if found.validity:
-        out += render_part("heading", "What the prediction assumes") + render_part("bullets", found.validity)
-    if found.sources:
-        out += build_folded_block("Sources", len(found.sources), build_pair_table("Number", "Source", found.sources))
+    if tolerance_data.validity:
+        out += render_part("heading", "What the prediction assumes") + render_part("bullets", tolerance_data.validity)
+    if tolerance_data.sources:
+        out += build_folded_block(
+            "Sources", len(tolerance_data.sources), build_pair_table("Number", "Source", tolerance_data.sources)
+        )
     return out

@@ -215,14 +215,14 @@ class ArcMoveReader(ControlState):
         self._add_chords(found.points + gap if any(arc.unknown) else found.points, turn, axis, feed, line)
         self.segment = one if in_plane else None
 
-    def _warn_of_tiny_arc(self, arc: ProgrammedArc, found: ArcChords, line: int) -> None:
+    def _warn_of_tiny_arc(self, arc: ProgrammedArc, arc_chords: ArcChords, line: int) -> None:
         """Warn where the ends of an arc lie so close that it may be meant as a full circle, or as none."""
         apart = float(np.linalg.norm((arc.end - arc.start) * (1.0 - np.abs(self.plane))))
         if _TOUCHING < apart <= _INCREMENT:
-            shape = "a tiny arc" if found.sweep < math.pi else "all but a full circle"
+            shape = "a tiny arc" if arc_chords.sweep < math.pi else "all but a full circle"
             self.out.warn_once(
                 f"an arc ends {apart:.2g} mm from its start, less than a control resolves: read as {shape} "
-                f"({found.sweep * found.radius:.4g} mm long); was a full circle meant, or none?",
+                f"({arc_chords.sweep * arc_chords.radius:.4g} mm long); was a full circle meant, or none?",
                 line,
             )
 

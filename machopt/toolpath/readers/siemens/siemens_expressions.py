@@ -167,9 +167,9 @@ class _SiemensParser(RecursiveDescentParser[Expression]):
     problem = MacroExpressionError
 
     def combine_operands(
-        self, operator: Callable[[float, float], float], left: Expression, right: Expression
+        self, operator: Callable[[float, float], float], expression: Expression, right: Expression
     ) -> Expression:
-        return lambda values: float(operator(left(values), right(values)))
+        return lambda values: float(operator(expression(values), right(values)))
 
     def parse_atom(self) -> Expression:
         token = self.take_token()

@@ -31,15 +31,15 @@ class ProgramComparison:
     information: tuple[VerificationInformation, ...] = ()
 
     @classmethod
-    def build(cls, posted: ListedProgram, found: Verification | None) -> ProgramComparison:
+    def build(cls, posted: ListedProgram, verification: Verification | None) -> ProgramComparison:
         """Select what a verification of the whole folder found about one program.
 
         Args:
             posted: The program as the manifest lists it.
-            found: The verification; None where there is none.
+            verification: The verification; None where there is none.
         """
-        mine = tuple(c for c in found.checks if c.file == posted.files[0]) if found else ()
-        stated = tuple(i for i in found.information if i.file == posted.files[0]) if found else ()
+        mine = tuple(c for c in verification.checks if c.file == posted.files[0]) if verification else ()
+        stated = tuple(i for i in verification.information if i.file == posted.files[0]) if verification else ()
         moves = next((i.value for i in stated if i.check_name == CheckName.MOVES), 0.0)
         return cls(posted, int(moves), mine, not any(c.check_name == CheckName.COMPARED for c in mine), stated)
 

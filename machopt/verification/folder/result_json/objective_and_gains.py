@@ -178,14 +178,17 @@ def _check_mean_nearness(t: ResultComparison, stated: float) -> Iterable[str]:
         )
 
 
-def _check_gain(gain: MeanGainEntry, own: ObjectivePartsSection, other: ObjectivePartsSection) -> Iterable[str]:
+def _check_gain(
+    gain: MeanGainEntry, objective_parts_section: ObjectivePartsSection, other: ObjectivePartsSection
+) -> Iterable[str]:
     name = f"gain over {gain.over}"
     if gain.mean_percent is None:
         yield from check_equal(f"{name}: std_percent", gain.std_percent, None)
         yield from check_equal(f"{name}: ci90", gain.ci90, None)
         return
     expected = 100.0 * (
-        1.0 - require_number("chosen.mean", own.mean) / require_number(f"{gain.over}: mean", other.mean)
+        1.0
+        - require_number("chosen.mean", objective_parts_section.mean) / require_number(f"{gain.over}: mean", other.mean)
     )
     yield from check_close(f"{name}: mean_percent", gain.mean_percent, expected, RELATIVE_TOLERANCE, 1e-7)
     half = MIN_GAIN_PERCENT
@@ -301,27 +304,33 @@ def check_trade_off_front(t: ResultComparison) -> Iterable[str]:
     yield from _check_process_of_front(t, own)
 
 
-def _check_process_of_front(t: ResultComparison, own: ParetoPlanEntry) -> Iterable[str]:
+def _check_process_of_front(t: ResultComparison, pareto_plan_entry: ParetoPlanEntry) -> Iterable[str]:
     """Yield what of outcomes, errors and stability of the first plan does not follow from points.csv."""
     if "outcome" not in t.points:
         return
     words, chatter = (np.array(t.points.read_words(name), dtype=object) for name in ("outcome", "chatter"))
     counts = {"in_tolerance": "pass", "marginal": "marginal", "fail": "fail", "unknown": "unknown"}
     for key, word in counts.items():
-        if own.in_tolerance is not None or (words == word).any():
-            yield from check_equal(f"front: {key}", getattr(own, key), int(np.sum(words == word)))
+        if pareto_plan_entry.in_tolerance is not None or (words == word).any():
+            yield from check_equal(f"front: {key}", getattr(pareto_plan_entry, key), int(np.sum(words == word)))
     normal, across = (np.abs(t.points.read_numbers(f"error_{n}_mm", empty=True)) for n in ("normal", "across"))
     error = np.where(np.isfinite(normal), normal, across)[words != ""]
     if np.isfinite(error).any():
-        yield from check_close("front: mean_error_mm", own.mean_error_mm, float(np.nanmean(error)), 0.0, 1e-5)
-        yield from check_close("front: worst_error_mm", own.worst_error_mm, float(np.nanmax(error)), 0.0, 1e-5)
+        yield from check_close(
+            "front: mean_error_mm", pareto_plan_entry.mean_error_mm, float(np.nanmean(error)), 0.0, 1e-5
+        )
+        yield from check_close(
+            "front: worst_error_mm", pareto_plan_entry.worst_error_mm, float(np.nanmax(error)), 0.0, 1e-5
+        )
     if not (chatter != "").any() or (chatter == "unknown").any():
-        yield from check_equal("front: least_stability_ratio", own.least_stability_ratio, None)
+        yield from check_equal("front: least_stability_ratio", pareto_plan_entry.least_stability_ratio, None)
         return
     limit, depth = (t.points.read_numbers(name, empty=True)[chatter != ""] for name in ("a_lim_mm", "ap_mm"))
     ratio = min(float(np.min(np.where(np.isfinite(limit), limit, np.inf) / depth)), LARGEST_RATIO)
     rounding = PRINTED_DEPTH / float(depth.min())
-    yield from check_close("front: least_stability_ratio", own.least_stability_ratio, ratio, 0.0, rounding)
+    yield from check_close(
+        "front: least_stability_ratio", pareto_plan_entry.least_stability_ratio, ratio, 0.0, rounding
+    )
 
 
 def is_within_ranges(values: Array, ranges: Array) -> Bools:

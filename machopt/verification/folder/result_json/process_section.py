@@ -52,9 +52,9 @@ def check_process_section(t: ResultComparison) -> Iterable[str]:
         yield "process.headline does not state the number of points in tolerance"
 
 
-def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str]:
+def _check_stability(t: ResultComparison, process_section: ProcessSection) -> Iterable[str]:
     """Yield what in the stability does not follow from points.csv."""
-    words, stated = np.array(t.points.read_words("chatter"), dtype=object), found.stability
+    words, stated = np.array(t.points.read_words("chatter"), dtype=object), process_section.stability
     if stated is None or not any(words):
         if (stated is None) == any(words):
             yield "process.stability does not fit the column chatter of points.csv"
@@ -93,9 +93,9 @@ def _check_stability(t: ResultComparison, found: ProcessSection) -> Iterable[str
     yield from check_close("process.stability.least_point", stated.least_ratio, at, 0.0, rounding)
 
 
-def _check_advised_feed(t: ResultComparison, found: ProcessSection) -> Iterable[str]:
+def _check_advised_feed(t: ResultComparison, process_section: ProcessSection) -> Iterable[str]:
     """Yield what in the feeds below those of the file does not follow from options and points.csv."""
-    stated, share = found.advised_feed, t.options.advised_feed_share
+    stated, share = process_section.advised_feed, t.options.advised_feed_share
     if stated is None or share is None or t.options.method == "joint":
         is_expected = share is not None and t.options.method != "joint" and t.contents is not None
         if is_expected != (stated is not None):
@@ -117,15 +117,15 @@ def _find_slowed_places(t: ResultComparison) -> set[int]:
     return set(place[advised < (1.0 - SLOWED) * of_file].tolist())
 
 
-def _check_tolerances(t: ResultComparison, found: ProcessSection, words: np.ndarray) -> Iterable[str]:
+def _check_tolerances(t: ResultComparison, process_section: ProcessSection, words: np.ndarray) -> Iterable[str]:
     """Yield what is wrong in the rows of the operations."""
-    summed = {word: sum(row.counts.get(word, 0) for row in found.tolerances) for word in OUTCOMES}
-    yield from check_equal("process.tolerances: counts", summed, dict(found.in_tolerance.after))
+    summed = {word: sum(row.counts.get(word, 0) for row in process_section.tolerances) for word in OUTCOMES}
+    yield from check_equal("process.tolerances: counts", summed, dict(process_section.in_tolerance.after))
     p_in = t.points.read_numbers("p_in", empty=True)
     across, normal, along = (
         t.points.read_numbers(f"error_{name}_mm", empty=True) for name in ("across", "normal", "along")
     )
-    for row in found.tolerances:
+    for row in process_section.tolerances:
         point = row.worst_point
         if not 0 <= point < len(words) or not words[point]:
             yield f"process.tolerances: {row.operation}: point {point} has no outcome"

@@ -92,7 +92,7 @@ def _collect_errors(
     points: ExportedPoints,
     rows: NDArray[np.intp],
     motion: ExportedMotion,
-    seen: _PositionErrors,
+    position_errors: _PositionErrors,
 ) -> None:
     """The points of a wish, and the samples between the first and the last of them."""
     here = rows[select_steered_rows(wish, points.point[rows])]
@@ -104,8 +104,8 @@ def _collect_errors(
     ):
         if len(off):
             n = int(np.argmax(np.where(np.isnan(off), np.inf, off)))
-            seen.off.append(float(off[n]))
-            seen.where.append(stated[n])
+            position_errors.off.append(float(off[n]))
+            position_errors.where.append(stated[n])
 
 
 def _compute_deviation(wish: SteeringRule, value: Array) -> Array:

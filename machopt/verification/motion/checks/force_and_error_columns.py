@@ -159,16 +159,22 @@ def _check_forces(points: ExportedPoints, loads: RecomputedLoads) -> list[Verifi
     ]
 
 
-def _check_errors(points: ExportedPoints, found: PredictedErrors) -> list[VerificationCheck]:
+def _check_errors(points: ExportedPoints, predicted_errors: PredictedErrors) -> list[VerificationCheck]:
     checks = []
-    for name, wanted in (("along", found.along), ("across", found.across), ("normal", found.normal)):
-        limit = ERROR_MM + ERROR_SHARE * 1e3 * np.nan_to_num(np.abs(found.size))
+    for name, wanted in (
+        ("along", predicted_errors.along),
+        ("across", predicted_errors.across),
+        ("normal", predicted_errors.normal),
+    ):
+        limit = ERROR_MM + ERROR_SHARE * 1e3 * np.nan_to_num(np.abs(predicted_errors.size))
         checks.append(compare_column(points, f"error_{name}_mm", 1e3 * wanted, limit))
-    axis = np.degrees(found.axis)
+    axis = np.degrees(predicted_errors.axis)
     return [*checks, compare_column(points, "error_axis_deg", axis, ERROR_DEG + ERROR_SHARE * np.nan_to_num(axis))]
 
 
-def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErrors) -> list[VerificationCheck]:
+def _check_probabilities(
+    cell: Cell, points: ExportedPoints, predicted_errors: PredictedErrors
+) -> list[VerificationCheck]:
     assert cell.process is not None
     why = find_unsupported_draws(cell)
     stated = points.numbers["p_in"]
@@ -180,11 +186,15 @@ def _check_probabilities(cell: Cell, points: ExportedPoints, found: PredictedErr
     if why:
         return [*out, build_skipped_check("points.csv p_in", why)]
     known = np.isfinite(stated)
-    off = np.where(known, np.abs(stated - found.p_in), 0.0)
+    off = np.where(known, np.abs(stated - predicted_errors.p_in), 0.0)
     return [
         *out,
         build_worst_value_check(
-            "points.csv p_in", "1", np.where(known & np.isnan(found.p_in), 1.0, off), PROBABILITY, "point {}".format
+            "points.csv p_in",
+            "1",
+            np.where(known & np.isnan(predicted_errors.p_in), 1.0, off),
+            PROBABILITY,
+            "point {}".format,
         ),
     ]
 
@@ -214,7 +224,9 @@ def _check_tolerances(cell: Cell, toolpath: Toolpath, points: ExportedPoints) ->
     return compare_column(points, "tolerance_mm", wanted, np.full(len(toolpath), 1e-5))
 
 
-def _check_unknown(cell: Cell, toolpath: Toolpath, points: ExportedPoints, found: PredictedErrors) -> VerificationCheck:
+def _check_unknown(
+    cell: Cell, toolpath: Toolpath, points: ExportedPoints, predicted_errors: PredictedErrors
+) -> VerificationCheck:
     """Find outcomes that are stated as unknown although every input is there."""
     assert cell.process is not None
     assert toolpath.process_operation is not None
@@ -222,11 +234,11 @@ def _check_unknown(cell: Cell, toolpath: Toolpath, points: ExportedPoints, found
     is_complete = stiffness is not None and not stiffness.estimated and stiffness.position is None
     has_spread = [_states_spread(cell.process, one) for one in cell.process.operations]
     wrong = [
-        f"point {points.point[n]}: p_in {found.p_in[n]:.3f} follows"
+        f"point {points.point[n]}: p_in {predicted_errors.p_in[n]:.3f} follows"
         for n, word in enumerate(points.words.get("outcome", ()))
         if is_complete
         and word == "unknown"
-        and np.isfinite(found.p_in[n])
+        and np.isfinite(predicted_errors.p_in[n])
         and has_spread[toolpath.process_operation[n]]
     ]
     return build_count_check("points.csv unknown outcomes", wrong, "points")

@@ -221,27 +221,34 @@ def _find_contact(
 
 
 def _leave_out_thin_chips(
-    found: StockEngagement, cutter: CutterGeometry, cell_size: float, has_slices: bool
+    stock_engagement: StockEngagement, cutter: CutterGeometry, cell_size: float, has_slices: bool
 ) -> StockEngagement:
     """Return sampled arcs without those that may be thinner or narrower than the planner finds, within one sample.
 
     Without slices above the corner, the samples there belong to one slice.
     """
-    radius = find_slice_shapes(cutter, found)[0]
-    own = has_slices | (found.low < cutter.corner - SAME)
-    group = np.where(own, found.low, cutter.corner)
-    order = np.lexsort((found.start, group))
+    radius = find_slice_shapes(cutter, stock_engagement)[0]
+    own = has_slices | (stock_engagement.low < cutter.corner - SAME)
+    group = np.where(own, stock_engagement.low, cutter.corner)
+    order = np.lexsort((stock_engagement.start, group))
     keep, first = np.ones(len(order), bool), 0
     for n in range(1, len(order) + 1):
         last, begin = order[n - 1], order[first]
-        if n < len(order) and group[order[n]] == group[last] and found.start[order[n]] - found.end[last] < SAME:
+        if (
+            n < len(order)
+            and group[order[n]] == group[last]
+            and stock_engagement.start[order[n]] - stock_engagement.end[last] < SAME
+        ):
             continue
-        width = found.end[last] - found.end[begin]  # less one sample
-        is_side = found.start[begin] < SAME or found.end[last] > math.pi - SAME
+        width = stock_engagement.end[last] - stock_engagement.end[begin]  # less one sample
+        is_side = stock_engagement.start[begin] < SAME or stock_engagement.end[last] > math.pi - SAME
         depth = radius[begin] * (1.0 - math.cos(width if is_side else 0.5 * width))
         keep[order[first:n]] = depth >= THIN * cell_size and (is_side or radius[begin] * width >= NARROW * cell_size)
         first = n
-    return replace(found, **{name: getattr(found, name)[keep] for name in ("point", "low", "high", "start", "end")})
+    return replace(
+        stock_engagement,
+        **{name: getattr(stock_engagement, name)[keep] for name in ("point", "low", "high", "start", "end")},
+    )
 
 
 def _sample_arcs(

@@ -67,7 +67,7 @@ class StatedDiscrepancy:
 
     def __init__(
         self,
-        found: ModelDiscrepancy,
+        model_discrepancy: ModelDiscrepancy,
         terms: Sequence[StiffnessTerm],
         arm: UrdfKinematics,
         zero: ArmConfiguration,
@@ -75,12 +75,12 @@ class StatedDiscrepancy:
         curves: Sequence[spring_terms.TorqueCurve],
     ) -> None:
         """``curves``: of all terms, as they bend; the tangent of a cubic that hardens begins where they say."""
-        self.found, self.arm = found, arm
+        self.found, self.arm = model_discrepancy, arm
         self.geometric = any(t.effect == "geometric_stiffness" for t in terms)
         compiled = [t for t in terms if t.effect != "geometric_stiffness"]
         self.units: dict[str, CoefficientEffect] = {}
-        self.parts = [_parse_part(name) for name in found.parts]
-        for name, part in zip(found.parts, self.parts, strict=True):
+        self.parts = [_parse_part(name) for name in model_discrepancy.parts]
+        for name, part in zip(model_discrepancy.parts, self.parts, strict=True):
             if part.kind != TERM:
                 continue
             n, p = part.numbers

@@ -44,7 +44,7 @@ def measure_repeatable_mismatch(
     used: Flags,
     noise: ReplicateNoise,
     rng: np.random.Generator,
-    own: PredictionNoise | None = None,
+    prediction_noise: PredictionNoise | None = None,
 ) -> RepeatableMismatch:
     """Measure the repeatable power and its p-value.
 
@@ -58,13 +58,13 @@ def measure_repeatable_mismatch(
         used: (N,) True for readings that are used.
         noise: Estimated noise.
         rng: Random generator of the sign flips.
-        own: Covariance of the held-out predictions; None for fitted residuals.
+        prediction_noise: Covariance of the held-out predictions; None for fitted residuals.
 
     Returns:
         The repeatable mismatch.
     """
     e = residual[:, list(problem.families[0].columns)]
-    again = _compute_replicate_product(problem, residual, used, noise, rng, own)
+    again = _compute_replicate_product(problem, residual, used, noise, rng, prediction_noise)
     if problem.order is None:
         return again
     lasting = _compute_visit_correlation(problem, e, used, problem.order, rng)
@@ -107,11 +107,11 @@ def _compute_replicate_product(
     used: Flags,
     noise: ReplicateNoise,
     rng: np.random.Generator,
-    own: PredictionNoise | None,
+    prediction_noise: PredictionNoise | None,
 ) -> RepeatableMismatch:
     """Return the power that replicates on different visits share in the first family."""
     columns = problem.families[0].columns
-    sums, weight = _sum_products_by_visit_pair(problem, residual, columns, used, own)
+    sums, weight = _sum_products_by_visit_pair(problem, residual, columns, used, prediction_noise)
     if weight <= 0:
         return RepeatableMismatch(
             float(np.mean(residual[used][:, list(columns)] ** 2)) - _compute_allowed_power(problem, used, noise),
@@ -126,7 +126,7 @@ def has_repeatable_instrument_error(
     used: Flags,
     noise: ReplicateNoise,
     rng: np.random.Generator,
-    own: PredictionNoise | None,
+    prediction_noise: PredictionNoise | None,
 ) -> bool:
     """Return whether an independent instrument shows a repeatable error beyond its noise.
 
@@ -138,7 +138,7 @@ def has_repeatable_instrument_error(
         used: (N,) True for readings that are used.
         noise: Estimated noise.
         rng: Random generator of the sign flips.
-        own: Covariance of the held-out predictions; None for fitted residuals.
+        prediction_noise: Covariance of the held-out predictions; None for fitted residuals.
 
     Returns:
         True if significant and relevant.
@@ -147,7 +147,7 @@ def has_repeatable_instrument_error(
         if not family.is_separate_instrument:
             continue
         rows = used & problem.has_family(family)
-        sums, weight = _sum_products_by_visit_pair(problem, residual, family.columns, rows, own)
+        sums, weight = _sum_products_by_visit_pair(problem, residual, family.columns, rows, prediction_noise)
         if weight <= 0:
             continue
         found = _compute_sign_flip_chance(*sums, weight, rng)
@@ -187,7 +187,11 @@ def _compute_allowed_power(problem: DiagnosisProblem, used: Flags, noise: Replic
 
 
 def _sum_products_by_visit_pair(
-    problem: DiagnosisProblem, residual: Array, columns: Sequence[int], used: Flags, own: PredictionNoise | None
+    problem: DiagnosisProblem,
+    residual: Array,
+    columns: Sequence[int],
+    used: Flags,
+    prediction_noise: PredictionNoise | None,
 ) -> tuple[tuple[Array, Array], float]:
     """Return sums of products by pair of visits ((2, K), (K,)), and the number of coordinates.
 
@@ -196,7 +200,7 @@ def _sum_products_by_visit_pair(
         residual: (N, D) residuals, SI.
         columns: Coordinates that count.
         used: (N,) True for readings that are used.
-        own: Its expected product within a group is subtracted.
+        prediction_noise: Its expected product within a group is subtracted.
     """
     e = residual[:, list(columns)]
     rows = np.flatnonzero(used & (problem.replicate >= 0))
@@ -212,9 +216,9 @@ def _sum_products_by_visit_pair(
         among = [block[visits == v] for v in names]
         means = np.stack([e[k].mean(axis=0) for k in among])
         product = means @ means.T
-        if own is not None:
+        if prediction_noise is not None:
             group = problem.group[[k[0] for k in among]]
-            shared = np.stack([own.compute_mean_error(k, columns) for k in among])
+            shared = np.stack([prediction_noise.compute_mean_error(k, columns) for k in among])
             product = product - np.where(group[:, None] == group, shared @ shared.T, 0.0)
         share = 1.0 / (len(names) - 1)  # each replicate label is weighted by its number of visits
         for a, one in enumerate(names):

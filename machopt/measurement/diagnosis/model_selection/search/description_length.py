@@ -177,22 +177,22 @@ class _DescriptionSearch:
     max_effects: int  # most effects in a set
     lengths: dict[GroupIndices, float] = field(default_factory=dict)  # of sets computed so far, by sorted indices
 
-    def shortest(self, found: GroupIndices) -> GroupIndices:
+    def shortest(self, group_indices: GroupIndices) -> GroupIndices:
         """Exchange groups as long as the description becomes clearly shorter.
 
         Args:
-            found: Indices of the initial groups.
+            group_indices: Indices of the initial groups.
 
         Returns:
             Indices of the final groups.
         """
         while True:
-            now = self.length(found)
-            each = [(self.length(s), s) for s in self._exchanges(found)]
-            least = min(each, default=(now, found))
+            now = self.length(group_indices)
+            each = [(self.length(s), s) for s in self._exchanges(group_indices)]
+            least = min(each, default=(now, group_indices))
             if now - least[0] <= thresholds.DETECTION.shorter:
-                return found
-            found = least[1]
+                return group_indices
+            group_indices = least[1]
 
     def length(self, some: GroupIndices) -> float:
         """Compute the description length in addition to the base: −2 log evidence up to a constant.
@@ -240,15 +240,15 @@ class _DescriptionSearch:
     def _kinematic(self, g: int) -> bool:
         return _is_exchangeable(self.sums.groups[g].law)
 
-    def _exchanges(self, found: GroupIndices) -> Iterator[GroupIndices]:
+    def _exchanges(self, group_indices: GroupIndices) -> Iterator[GroupIndices]:
         """Yield sets in which other laws replace some groups: single laws, or several with few coefficients."""
-        parts = [g for g in found if self._kinematic(g)]
+        parts = [g for g in group_indices if self._kinematic(g)]
         for n in range(1, min(MAX_EXCHANGED, len(parts)) + 1):
             for some in combinations(parts, n):
-                remaining = tuple(g for g in found if g not in some)
+                remaining = tuple(g for g in group_indices if g not in some)
                 for most in (MAX_COEFFICIENTS, 6):
                     new = self._find_small_law_set(remaining, most)
-                    if set(new) != set(found) and len(new) <= self.max_effects:
+                    if set(new) != set(group_indices) and len(new) <= self.max_effects:
                         yield new
 
     def _find_small_law_set(self, required: GroupIndices, most: int) -> GroupIndices:

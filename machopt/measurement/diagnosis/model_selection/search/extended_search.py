@@ -46,14 +46,19 @@ class ExtensionStage(SelectionStage):
 
 
 def search_extended_hypotheses(
-    base: WhitenedModel, catalogue: HypothesisCatalogue, found: SearchOutcome, most: int, seed: int, fits: float
+    base: WhitenedModel,
+    catalogue: HypothesisCatalogue,
+    search_outcome: SearchOutcome,
+    most: int,
+    seed: int,
+    fits: float,
 ) -> SearchOutcome:
     """Repeat the search with the extended hypotheses, by the stages of the table.
 
     Args:
         base: Whitened base model.
         catalogue: Catalogue of hypotheses.
-        found: Outcome of the regular search.
+        search_outcome: Outcome of the regular search.
         most: Largest number of effects.
         seed: Seed of the sign flips.
         fits: Whitened residual variance that noise alone would leave; NaN if the noise was not measured.
@@ -63,25 +68,27 @@ def search_extended_hypotheses(
     """
     problem = ExtensionProblem(base=base, catalogue=catalogue, most=most, seed=seed, noise_variance=fits)
     for stage in EXTENSION_STAGES:
-        found = stage.change(problem, found)
-    return found
+        search_outcome = stage.change(problem, search_outcome)
+    return search_outcome
 
 
-def _search_larger_grids(problem: ExtensionProblem, found: SearchOutcome) -> SearchOutcome:
-    if not _has_remaining_mismatch(problem.base, found[1], problem.noise_variance):
-        return found
+def _search_larger_grids(problem: ExtensionProblem, search_outcome: SearchOutcome) -> SearchOutcome:
+    if not _has_remaining_mismatch(problem.base, search_outcome[1], problem.noise_variance):
+        return search_outcome
     return _search_again(
-        problem, problem.catalogue.extended_hypotheses, found, np.random.default_rng([problem.seed, 5])
+        problem, problem.catalogue.extended_hypotheses, search_outcome, np.random.default_rng([problem.seed, 5])
     )
 
 
-def _search_uncatalogued_forms(problem: ExtensionProblem, found: SearchOutcome) -> SearchOutcome:
-    several = harmonic_orders.count_parts(found[1]) > 1 and len(found[1]) <= thresholds.RESTING.crowded
-    if not several and not _has_remaining_mismatch(problem.base, found[1], problem.noise_variance):
-        return found
+def _search_uncatalogued_forms(problem: ExtensionProblem, search_outcome: SearchOutcome) -> SearchOutcome:
+    several = (
+        harmonic_orders.count_parts(search_outcome[1]) > 1 and len(search_outcome[1]) <= thresholds.RESTING.crowded
+    )
+    if not several and not _has_remaining_mismatch(problem.base, search_outcome[1], problem.noise_variance):
+        return search_outcome
     rng = np.random.default_rng([problem.seed, 6])
-    again = _search_again(problem, problem.catalogue.uncatalogued_hypotheses, found, rng)
-    return again if _is_shorter_description(problem.base, again[1], found[1]) else found
+    again = _search_again(problem, problem.catalogue.uncatalogued_hypotheses, search_outcome, rng)
+    return again if _is_shorter_description(problem.base, again[1], search_outcome[1]) else search_outcome
 
 
 def compute_mismatch_threshold(base: WhitenedModel) -> float:
@@ -109,9 +116,9 @@ def _has_remaining_mismatch(base: WhitenedModel, chosen: Sequence[SelectedEffect
 
 
 def _search_again(
-    problem: ExtensionProblem, laws: Sequence[EffectHypothesis], found: SearchOutcome, rng: np.random.Generator
+    problem: ExtensionProblem, laws: Sequence[EffectHypothesis], search_outcome: SearchOutcome, rng: np.random.Generator
 ) -> SearchOutcome:
-    """Return the outcome of a search with further laws; ``found`` if none of them is accepted.
+    """Return the outcome of a search with further laws; ``search_outcome`` if none of them is accepted.
 
     A joint selection combines the further waves of a joint with others, so that its law is none of the list. Then the
     predictive score decides.
@@ -119,12 +126,12 @@ def _search_again(
     base = problem.base
     more = whiten_hypotheses(base, laws)
     if not more:
-        return found
-    again = search_stages.search_effects(base, (*found[0], *more), problem.most, rng, problem.noise_variance)
+        return search_outcome
+    again = search_stages.search_effects(base, (*search_outcome[0], *more), problem.most, rng, problem.noise_variance)
     if any(any(c.whitened is t for t in more) for c in again[1]):
         return again
-    least = compute_set_score(base, found[1]) + get_required_gain()
-    return again if compute_set_score(base, again[1]) > least else found
+    least = compute_set_score(base, search_outcome[1]) + get_required_gain()
+    return again if compute_set_score(base, again[1]) > least else search_outcome
 
 
 def _is_shorter_description(base: WhitenedModel, new: Sequence[SelectedEffect], old: Sequence[SelectedEffect]) -> bool:

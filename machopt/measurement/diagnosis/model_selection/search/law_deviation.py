@@ -102,15 +102,15 @@ def _search_with_deviations(
 
 
 def _may_close_most(
-    whole: WhitenedModel, start: Sequence[SelectedEffect], elsewhere: Sequence[WhitenedHypothesis], each: float
+    whitened_model: WhitenedModel, start: Sequence[SelectedEffect], elsewhere: Sequence[WhitenedHypothesis], each: float
 ) -> bool:
     """Return whether a supported effect elsewhere closes enough of ``each``, an equal part of what is left."""
     share = 1.0 / (1.0 + thresholds.PROOF.outweighs)
     places = {c.whitened.hypothesis.location for c in start}
     other = [t for t in elsewhere if t.hypothesis.location not in places]
     return any(
-        s.gain >= share * each and s.gain > compute_law_error(s, start) and is_supported(whole, s)
-        for s in score_hypotheses(whole, other)
+        s.gain >= share * each and s.gain > compute_law_error(s, start) and is_supported(whitened_model, s)
+        for s in score_hypotheses(whitened_model, other)
     )
 
 
