@@ -32,7 +32,7 @@ PAGE = Path(__file__).with_name("reference.md")
 FILES: tuple[tuple[str, str, type[BaseModel]], ...] = (
     (
         "cell.yaml",
-        "Of `machopt optimize`, `verify`, `map` and all others: the robot and what stands around it. "
+        "Of `machopt optimize`, `verify`, `map` and all others: the robot and what is around it. "
         "`identify` and `diagnose` take arms of any number of joints.",
         cell_schema.CellKeys,
     ),

@@ -80,7 +80,7 @@ def build_sample_placement() -> PlacementPageData:
     )
     marks = (
         PlaceMark(x=-60.0, y=0.0, value=0.32, planned=True, words="x -60 mm", refused=""),
-        PlaceMark(x=0.0, y=0.0, value=0.4, planned=True, words="as it stands", refused=""),
+        PlaceMark(x=0.0, y=0.0, value=0.4, planned=True, words="unchanged", refused=""),
         PlaceMark(x=60.0, y=0.0, value=0.45, planned=False, words="x +60 mm", refused=""),
         PlaceMark(
             x=60.0,

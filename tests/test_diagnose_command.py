@@ -279,7 +279,7 @@ def test_records_that_say_nothing_are_refused(tmp_path: Path, capsys: pytest.Cap
         assert said in capsys.readouterr().err
     for count in (1, 3):
         run(tmp_path / "out", _first(tmp_path, r, count), code=2)
-        assert "cannot be held against a model" in capsys.readouterr().err
+        assert "cannot test a model" in capsys.readouterr().err
 
 
 def _first(folder: Path, r: Recording, count: int) -> Path:

@@ -45,7 +45,7 @@ def test_what_has_no_running_clock_is_no_motion() -> None:
     for wrong, said in (
         (replace(r, time=None), "a motion needs the column time_s"),
         (replace(r, session=lone), "one sample a session"),
-        (replace(r, time=still), "time stands still at .*every sample needs its own time_s"),
+        (replace(r, time=still), "time does not advance at .*every sample needs its own time_s"),
         (replace(r, time=r.time + 5.0 * (lone // 20)), "no stretch without a gap lasts"),
     ):
         with pytest.raises(InputError, match=said):

@@ -159,7 +159,7 @@ def test_a_body_that_would_push_back_is_withheld_and_the_cell_s_own_stays() -> N
     assert made.withheld == (wrong,)
     (said,) = made.notes
     assert "tool compliance is not in stiffness.yaml" in said
-    assert "gives way against the load" in said
+    assert "deflects against the load" in said
 
 
 def test_terms_that_are_too_much_together_are_withheld_one_after_the_other() -> None:

@@ -216,7 +216,7 @@ def test_a_corrected_record_that_closes_nothing_is_not_called_an_explanation() -
     assert "NOT EXPLAINED" in text
     assert "EXPLAINED IN PART" not in text
     assert "Held-out error before" not in text
-    assert "of what the record put right leaves" in text
+    assert "of the error of the corrected record" in text
     assert "more than the noise" not in text  # nothing was repeated, so nothing tells noise from mismatch
     assert "no reading was repeated, so part of it may be noise" in text
 
@@ -226,14 +226,14 @@ def test_where_only_the_record_is_found_charts_show_one_state_not_two_that_are_t
     assert d.sentence.startswith("Partly explained: ")
     text = read(d).text
     assert "EXPLAINED IN PART" in text
-    assert "The record is put right in all that is drawn here; as stated, it is off by" in text
+    assert "The record is corrected in all that is drawn here; as stated, it is off by" in text
     names = {
         layer["name"]
         for c in specs(build_diagnosis_html(page(d)))
         if c["id"] not in ("d-gamma", "d-deflection")
         for layer in c["layers"]
     }
-    assert "record put right, model refitted" in names
+    assert "record corrected, model refitted" in names
     assert not {"with what was found", "model as it was, refitted", "rms, after"} & names
 
 

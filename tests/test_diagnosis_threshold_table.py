@@ -116,9 +116,9 @@ def test_a_number_that_decides_stands_in_the_table() -> None:
 IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's own, words
     ("discrimination/required_measurements.py", 4.0): "variance of a sum, worked out",
     ("statistics/whitening.py", 1e-6): "rounding of singular values",
-    ("dynamic/secondary_encoder_channel.py", 1e-6): "a column that stands still",
+    ("dynamic/secondary_encoder_channel.py", 1e-6): "a constant column",
     ("dynamic/motion_record_checks.py", 1e3): "millimetres",
-    ("dynamic/motion_channels.py", 1e-6): "a column that stands still",
+    ("dynamic/motion_channels.py", 1e-6): "a constant column",
     ("data_quality/session_corrections.py", 0.5): "root of a threshold: of misfits, not of their squares",
     ("model_selection/finding_validation.py", 1e-4): "a share of nothing is no number",
     ("model_selection/finding_validation.py", 0.9): "of which quantile that share is",

@@ -346,7 +346,7 @@ def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
     assert predict_law(replace(unsized, size=1.0), still, 1.0) is None  # it shows nowhere in these poses
 
 
-def test_of_many_laws_only_the_nearest_are_told_apart_at_once(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
+def test_of_many_laws_only_the_nearest_are_separated(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
     own, shared = compute_case_noise(cases, ReadingNoise(displacement=1e-5), (1.0,))
@@ -369,7 +369,7 @@ def test_of_many_laws_only_the_nearest_are_told_apart_at_once(cell: Cell, tests:
     notes: list[str] = []
     laws, _ = _select_rival_laws(RivalLawSet("many", (*known, gone), ()), at, own + shared, 1.0, notes)
     assert len(laws) == MAX_RIVALS
-    assert sum("the nearest" in n for n in notes) == 2
+    assert sum("at most" in n for n in notes) == 2
     assert any("cannot be predicted at these poses" in n for n in notes)
     sized = tuple(CandidateLaw(effect=e, location=w, size=1.0) for e, w in names)
     laws, _ = _select_rival_laws(RivalLawSet("hidden", (NO_EFFECT, *sized), ()), at, own + shared, 1.0, notes)

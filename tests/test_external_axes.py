@@ -193,7 +193,7 @@ def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None
         ),
         (
             ExternalJointOptions(joint="rail", at=1.0, unit="mm"),
-            "at_mm is where a locked joint stands, and 'rail' may move",
+            "at_mm is the position of a locked joint, and 'rail' may move",
         ),
         (ExternalJointOptions(joint="e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
     ],

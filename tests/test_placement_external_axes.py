@@ -91,7 +91,7 @@ def test_setups_and_what_holds_them_move_together(tmp_path: Path) -> None:
     assert set(cell.fixtures) == {"jaw_fixed", "jaw_moved", "vice", "angle_plate", "angle_foot"}
     names = select_moved_obstacles(cell, PlacementOptions(carry=("table",)), frozenset())
     assert names == {*cell.fixtures, "table"}
-    with pytest.raises(InputError, match="stands in a work offset"):
+    with pytest.raises(InputError, match="is in a work offset"):
         select_moved_obstacles(cell, PlacementOptions(stay=("vice",)), frozenset())
     at = move_cell(cell, MovedBodies(False, names, np.array([1.7, 0.0, 0.85])), PlacementShift(0.12, -0.03, 0.0, 0.5))
     file = write_moved_cell(tmp_path / "cell", cell, at, "a head")
@@ -105,7 +105,7 @@ def test_setups_and_what_holds_them_move_together(tmp_path: Path) -> None:
 def test_an_obstacle_of_another_link_is_not_carried(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, table=True)
     post = replace(small_cell(tmp_path).obstacles[1], name="post")
-    with pytest.raises(InputError, match="stands on world, what moves on plate"):
+    with pytest.raises(InputError, match="is on world, what moves on plate"):
         select_moved_obstacles(replace(cell, obstacles=(post,)), PlacementOptions(carry=("post",)), frozenset())
 
 

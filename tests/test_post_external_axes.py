@@ -172,7 +172,7 @@ def test_what_a_frame_that_rides_or_stands_wrongly_is_told(tmp_path: Path) -> No
     arm = UrdfKinematics(cell)
     given = compute_workpiece_frame(parsed, cell, arm, c, cell.external_home)
     found = find_wrong_frames(parsed, c, given, cell.tool.T_flange_tcp, rides=True)
-    assert "stands still, the workpiece is carried" in found[0]
+    assert "is at rest, the workpiece is carried" in found[0]
 
 
 def test_languages_without_external_axes(tmp_path: Path) -> None:

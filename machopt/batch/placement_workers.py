@@ -128,7 +128,8 @@ def _get_result(future: Any) -> Any:
         return future.result()
     except BrokenProcessPool:
         raise MachoptError(
-            "a process that looked at places was ended from outside (out of memory?); what was found is kept, the same "
+            "a process that evaluated places was ended from outside (out of memory?); results so far are saved, "
+            "the same "
             "command goes on, with --jobs 1 in one process"
         ) from None
 

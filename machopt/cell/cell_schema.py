@@ -313,7 +313,7 @@ class CellKeys(StrictSchema):
     ignore_pairs: list[str | list[str]] = Field(
         default=[],
         description="bodies that may touch: [[link_1, link_3], [tool, link_5], …] by names of links, bodies, `tool`, "
-        "`workpiece`, `cutter` or `world` (all that stands still); or an SRDF file, whose disable_collisions count; or "
+        "`workpiece`, `cutter` or `world` (everything fixed); or an SRDF file, whose disable_collisions count; or "
         "files and pairs in one list",
     )
     plan: OptionKeys | None = Field(default=None, description="the cell's own planning options")

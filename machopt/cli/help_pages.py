@@ -35,7 +35,7 @@ ADVANCED: tuple[OptionGroup, ...] = (
     ("robot files", ("--package", "--xacro-arg", "--base-link", "--flange-link", "--allow-external")),
     ("output", (*OUTPUT[1], "--debug")),
 )
-"""Groups of the second page; an option that stands in none of them keeps the group of its command."""
+"""Groups of the second page; an option in none of them stays in the group of its command."""
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def _place_workpiece(
     else:
         position, axis = build_sample_path(span)
         of = "a block"
-    T_world_base = load_machine(cell, robot).compute_T_world_base(rest[None])[0]  # where the rail stands at home
+    T_world_base = load_machine(cell, robot).compute_T_world_base(rest[None])[0]  # position of the rail at home
     turn = compute_rpy_matrix(np.radians(new.workpiece_rpy_deg))  # of the workpiece in world
     turns = _TRIED_ROTATIONS if request.workpiece_rpy_deg is None and request.toolpath is not None else (_NO_ROTATION,)
     R = T_world_base[:3, :3].T @ turn

@@ -15,7 +15,7 @@ from machopt.numerics.array_types import Array
 class RapidCorners:
     """C rounded corners in order; samples count the rows of the motion from 0."""
 
-    sample: NDArray[np.int64]  # (C,) row that stands for the corner
+    sample: NDArray[np.int64]  # (C,) row that represents the corner
     before: NDArray[np.int64]  # (C,) row of the corner or stop where the move to it begins
     after: NDArray[np.int64]  # (C,) row of the corner or stop where the move from it ends
     q: Array  # (C, 6) rad by encoder, where the straight moves meet

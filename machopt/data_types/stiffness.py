@@ -56,7 +56,7 @@ class ModelDiscrepancy:
     units.
 
     They are ``shift`` off the file's numbers (zero for what is not in it) in the mean, and scatter about that with the
-    covariance Σ mᵀ m over ``modes``. Joints are among them: where this stands, it says all that ``covariance`` says.
+    covariance Σ mᵀ m over ``modes``. Joints are among them: where this is given, it includes all of ``covariance``.
     ``counted``: what is predicted counts ``shift`` in; otherwise it is the file's numbers alone, which are off by it.
     """
 
@@ -138,7 +138,7 @@ class ExternalJointSpring:
     """
 
     joint: str
-    stiffness: float  # N·m/rad where it turns, N/m where it slides; inf: it does not give way
+    stiffness: float  # N·m/rad where it turns, N/m where it slides; inf: rigid
     slides: bool | None  # what the unit of its stiffness says; None: none is stated
     compliance: Array  # (6, 6) SI, of the body at ``at``, in the body's axes
     at: Array  # (3,) m, in the body
@@ -188,6 +188,6 @@ def describe_ignored_springs(external: tuple[ExternalJointSpring, ...]) -> tuple
         return ()
     return (
         f"external_joints of stiffness.yaml ({names}): not fitted, not counted in what is predicted here, and kept as "
-        "they are in a file that is written. A tracker or gauge that stands on the floor sees the carriage give way "
+        "they are in a file that is written. A tracker or gauge on the floor sees the carriage deflect "
         "too, which looks like base_compliance; such a finding and external_joints would count twice",
     )

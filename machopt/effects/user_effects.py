@@ -155,7 +155,7 @@ def find_entry_points(group: str) -> list[tuple[str, Any]]:
         except USER_CODE_ERRORS as problem:
             raise EffectDefinitionError(
                 f"an installed package offers this in {group}, and it does not load: "
-                f"{type(problem).__name__}: {problem}; without the package, or with it mended, it would work",
+                f"{type(problem).__name__}: {problem}; without the package, or with it repaired, it would work",
                 file=e.value,
             ) from problem
     return out

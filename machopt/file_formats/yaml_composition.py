@@ -26,7 +26,7 @@ class ComposedText:
     rows: tuple[str, ...] = ()  # rows of numbers as written, in the order of their marks
 
     def find_row(self, node: Any) -> tuple[tuple[str, int], ...] | None:
-        """Return the numbers as written of a scalar node that stands for a row, each with its line behind the first.
+        """Return the numbers as written of a scalar node that represents a row, each with its line behind the first.
 
         None for another node.
 

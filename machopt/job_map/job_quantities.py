@@ -55,7 +55,7 @@ class OperationLoad:
     one: ProcessOperation
     row: int  # toolpath point
     force: Array  # (3,) N of the process along travel, normal, axis
-    clamp: float = 0.0  # N, of a hole: the arm bears at least this along the axis
+    clamp: float = 0.0  # N, of a hole: the arm carries at least this along the axis
     moment: float  # N·m about the axis
     normal_sign: float  # of a milled wall: its normal is this times axis × travel; 0: the floor, or a hole
     is_known: bool  # a hole, or a surface whose normal is known

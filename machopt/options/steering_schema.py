@@ -75,7 +75,7 @@ class SteerKeys(StrictSchema):
         if len(given) != 1:
             raise ValueError(
                 f"found {' and '.join(given) or 'no place'} for external: {self.external}; one of {', '.join(keys)} "
-                "says where it stands, or never does"
+                "gives its position, or never does"
             )
         zone = self.forbid_mm or self.forbid_deg
         if zone is not None and not zone[0] < zone[1]:

@@ -110,7 +110,7 @@ def compute_seal(value: Mapping[str, object]) -> str:
 
 
 def read_manifest(folder: Path) -> tuple[FolderManifest, bool]:
-    """Read manifest.json; the flag tells whether its seal is valid.
+    """Read manifest.json; the flag is whether its seal is valid.
 
     Args:
         folder: The output folder.

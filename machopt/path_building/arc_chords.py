@@ -172,7 +172,7 @@ def interpolate_axes(a: Array, b: Array, shares: Array) -> Array:
 def compute_spline_chords(control: Array, knots: Array, tolerance: float) -> Array:
     """Chord ends of a clamped cubic B-spline, first point excluded.
 
-    In each knot span C″ is linear, so max|C″| stands at its ends and a chord of parameter width h is off by at
+    In each knot span C″ is linear, so max|C″| is at its ends and a chord of parameter width h is off by at
     most h²·max|C″|/8.
 
     Args:

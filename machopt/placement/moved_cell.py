@@ -143,12 +143,12 @@ def select_moved_obstacles(cell: Cell, search: PlacementOptions, holding: frozen
                 )
             if option == "--stay" and name in cell.fixtures and not search.base:
                 raise InputError(
-                    f"{name} stands in a work offset, which moves with the workpiece; obstacles of the cell would work",
+                    f"{name} is in a work offset, which moves with the workpiece; obstacles of the cell would work",
                     where=option,
                 )
             if option == "--carry" and have[name] != link:
                 raise InputError(
-                    f"{name} stands on {have[name]}, what moves on {link}; an obstacle on {link} would work",
+                    f"{name} is on {have[name]}, what moves on {link}; an obstacle on {link} would work",
                     where=option,
                 )
     along = holding if search.carry is None else frozenset(search.carry)

@@ -43,7 +43,7 @@ class PlacementShift:
         parts = [f"{name} {1e3 * v:+.0f} mm" for name, v in zip("xyz", self.translation, strict=True) if abs(v) >= 5e-4]
         if abs(self.turn) >= 1e-4:
             parts.append(f"turned {degrees(self.turn):+.1f}°")
-        return ", ".join(parts) or "as it stands"
+        return ", ".join(parts) or "unchanged"
 
     @property
     def translation(self) -> tuple[float, float, float]:

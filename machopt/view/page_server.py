@@ -160,7 +160,7 @@ class _RequestHandler(BaseHTTPRequestHandler):
     """One request."""
 
     owner: PageServer
-    timeout = 2.0  # s, of a connection that says nothing: closing waits for it
+    timeout = 2.0  # s, of a silent connection: closing waits for it
     server_version, sys_version = "machopt", ""
 
     def do_GET(self) -> None:

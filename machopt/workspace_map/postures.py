@@ -26,9 +26,7 @@ CollisionCheck = Callable[[Array], NDArray[np.bool_]]  # q (K, 6) rad → (K,)
 BranchPick = Literal["best", "worst", "home"] | int
 
 POSE_BLOCK_SIZE = 8_192  # bounds the memory of the closed form's intermediates
-TIE_TOLERANCE = (
-    1e-6  # relative; postures this near the best (a flipped wrist is equally stiff) are told apart by travel
-)
+TIE_TOLERANCE = 1e-6  # relative; postures this near the best (a flipped wrist is equally stiff) are ranked by travel
 
 
 @dataclass(frozen=True, kw_only=True)

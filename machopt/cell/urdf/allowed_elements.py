@@ -174,7 +174,7 @@ def _check_element(path: Path, element: XmlElement, context: str, counts: Counte
 
 
 def _is_unused(parent: XmlElement, child: XmlElement, valid: tuple[str, ...]) -> bool:
-    """Whether an element inside of a link or joint says nothing that is read anywhere."""
+    """Whether an element inside of a link or joint holds nothing that is read anywhere."""
     if parent.tag == "link" and child.tag == "origin":  # a link has no place of its own: its joint places it
         return True
     words = [child.tag, *(d.tag for d in child.descendants())]

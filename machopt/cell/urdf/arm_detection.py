@@ -199,7 +199,7 @@ def _find_flange(urdf: UrdfModel) -> str:
 
 
 def _has_outer_end(urdf: UrdfModel, joint: str, ends: list[str]) -> bool:
-    """A seven-axis arm's sixth joint, or one that bears a gripper's: another end lies further out on the same chain."""
+    """A seven-axis arm's sixth joint, or one that carries a gripper's; the chain goes on."""
     child = {j.name: j.child for j in urdf.joints}
     return any(name != joint and any(c.name == joint for c in urdf.chain(child[name])) for name in ends)
 

@@ -71,7 +71,7 @@ def find_package_around(name: str, rests: Iterable[str], file: Path, up: int) ->
         name: of the package.
         rests: files asked for in it, relative to it; one that is there will do.
         file: the robot's.
-        up: folders above it that are looked at.
+        up: folders above it that are searched.
     """
     above = file.resolve().parents[: up + 1]
     wanted = [rest for rest in rests if rest and ".." not in Path(rest).parts]
@@ -139,7 +139,7 @@ def find_package(name: str, file: Path, packages: dict[str, Path], cell_folder: 
     if found is None:
         raise RobotModelError(
             f"$(find {name}): the package is not in the cell's packages ({', '.join(packages) or 'none'}) and no "
-            f"folder of that name stands in the cell; `packages: {{{name}: its_folder}}` would work",
+            f"folder of that name is in the cell; `packages: {{{name}: its_folder}}` would work",
             file=file,
         )
     return found

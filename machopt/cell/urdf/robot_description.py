@@ -103,7 +103,7 @@ def read_standalone_description(
 
     Args:
         path: URDF or xacro file.
-        packages: folders by name, looked at first.
+        packages: folders by name, searched first.
         arguments: values of the arguments of a xacro file.
         allow_external: let a xacro file read files outside its own package, or its parent folder, and the packages
             that it names.

@@ -35,7 +35,9 @@ from machopt.planning.pipeline.planning_setup import PlanningSetup, prepare_plan
 from machopt.program_export.selected_posts import select_posts
 from machopt.workspace_map.postures import add_whole_turns
 
-_SIDEWAYS = 0.2  # of its distance beside the flange that a TCP stands out of it, where the tool is turned by mistake
+_SIDEWAYS = (
+    0.2  # of its distance beside the flange that a TCP is off the flange axis, where the tool is turned by mistake
+)
 _BEYOND = 1e-3  # m that a tool's body may stand beyond the tip along the cutting direction
 _LOOSE = 0.02  # m between the shank's end and the nearest body of the tool
 _ANY = ArmStiffness(joints=np.full(6, 1e6))  # to look further where the cell has none; no finding rests on it

@@ -107,10 +107,10 @@ def compute_effect_on_job(
     after: ArmStiffness | None,
     overrides: tuple[str, ...] = (),
 ) -> JobEffectSection | None:
-    """What the findings change for a toolpath, against the cell as it stands; None without one or without two models.
+    """What the findings change for a toolpath, against the cell as loaded; None without one or without two models.
 
     Args:
-        cell: as it stands.
+        cell: as loaded.
         toolpath: its file.
         before: springs refitted alone, of a cell that states none.
         after: with what was found.

@@ -29,7 +29,7 @@ class CuttingCoefficientEntry(DocumentModel):
 
 
 class ExcludedCutEntry(DocumentModel):
-    """A measured cut that takes no part, and why."""
+    """A measured cut that is not used, and why."""
 
     place: Text
     reason: Text

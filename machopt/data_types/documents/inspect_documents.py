@@ -78,7 +78,7 @@ class InspectedRobotDocument(DocumentModel):
 
 
 class MountingSection(DocumentModel):
-    """How ``base_link`` stands in the world; ``down_in_base`` is the unit vector of gravity in ``base_link``."""
+    """Pose of ``base_link`` in the world; ``down_in_base`` is the unit vector of gravity in ``base_link``."""
 
     stands: Text
     tilt_deg: Number

@@ -66,7 +66,7 @@ class FieldExtremeSection(DocumentModel):
 
 
 class MapFieldSection(DocumentModel):
-    """Spread of one field over the samples with a posture; the unit stands in the field's key."""
+    """Spread of one field over the samples with a posture; the unit is in the field's key."""
 
     name: Text
     better: Text | None

@@ -79,7 +79,7 @@ class ExternalSearchBoundSection(DocumentModel):
 
     Over all sequences of a grid of values (and the plan's own), rotations and branches at some stations; ``plan`` is
     the plan's J there. The figures are null where there is no bound, and ``why_none`` says why. ``gap_percent`` is
-    null where ``plan`` is below ``lower_bound``, too: the plan stands between the values, where the bound says nothing.
+    null where ``plan`` is below ``lower_bound``, too: the plan lies between grid values, where no bound applies.
     The bound holds for the grid alone, whose values are up to ``values_apart`` from each other: it proves nothing about
     plans between them. It counts index, travel, rotation and velocities; the other terms of J are never negative.
     """
@@ -272,7 +272,7 @@ class InfeasiblePointEntry(DocumentModel):
 
 
 class MotionBreakEntry(DocumentModel):
-    """Two places that no motion joins; null stands for home, and for numbers that do not apply."""
+    """Two places that no motion joins; null means home, and numbers that do not apply."""
 
     from_point: Known
     to_point: Known
@@ -341,7 +341,7 @@ class OptimizeDocument(DocumentModel):
     tilt: TiltSection | None = None  # null where the tool axis is that of the CAM file; older results have no such key
     joint: tuple[JointMethodEntry, ...] | None = None  # one a tool; null with another method
     reentry: tuple[ReentryEntry, ...] | None = None  # one a tool; null where max_reentries is 0
-    position_error: PositionErrorSection | None  # null where no measured pose stands behind the stiffness
+    position_error: PositionErrorSection | None  # null where the stiffness comes without measured poses
     process: ProcessSection | None  # null where no process is stated
     infeasible_points: tuple[InfeasiblePointEntry, ...]
     breaks: tuple[MotionBreakEntry, ...]

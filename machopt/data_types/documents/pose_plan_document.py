@@ -18,7 +18,7 @@ from machopt.data_types.documents.document_base import (
 
 
 class PoseCandidatesSection(DocumentModel):
-    """Poses looked at, and where the others failed first."""
+    """Poses evaluated, and where the others failed first."""
 
     poses: Count
     tried: Count
@@ -34,7 +34,7 @@ class LoadCasesSection(DocumentModel):
 
 
 class UnknownParameterEntry(DocumentModel):
-    """A number to be known, and how well this plan tells it; a share of ``scale`` where ``relative``."""
+    """A number to be determined, and how well this plan determines it; a share of ``scale`` where ``relative``."""
 
     name: Text
     unit: Text
@@ -101,7 +101,7 @@ class CandidateLawEntry(DocumentModel):
 
 
 class LawPairEntry(DocumentModel):
-    """Two laws and how well the plan tells them apart."""
+    """Two laws and how well the plan separates them."""
 
     one: CandidateLawEntry
     two: CandidateLawEntry

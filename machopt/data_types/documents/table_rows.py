@@ -46,7 +46,7 @@ class TrajectoryTableRow(DocumentModel):
 
 
 class PointsTableRow(DocumentModel):
-    """One point of the toolpath, a row of points.csv; it stands for the move that ends there too."""
+    """One point of the toolpath, a row of points.csv; it also describes the move that ends there."""
 
     point: Count = Field(description="index from 0")
     operation: Text = Field(description="label of the CAM file")

@@ -15,7 +15,7 @@ class VerifyCheckEntry(CheckEntry):
 
 
 class VerifyDocument(DocumentModel):
-    """An output folder held against cell and toolpath."""
+    """An output folder compared with cell and toolpath."""
 
     passed: Flag
     verdict: Text  # with what it does not cover

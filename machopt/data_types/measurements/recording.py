@@ -74,7 +74,7 @@ class Recording:
         None  # (N, 2) rad, rotation of tilt_link about base x and y beyond the encoders' word; NaN: not read
     )
     tilt_link: str = ""  # a link of the URDF, or its number of moved joints ("3", "link:3"); empty: no tilts
-    used: NDArray[np.bool_] | None = None  # (N,) False: the reading takes no part; None: all do
+    used: NDArray[np.bool_] | None = None  # (N,) False: the reading is not used; None: all are
     uncertainty: StandardUncertainty = field(default_factory=StandardUncertainty)
     notes: str = ""
     stated_labels: frozenset[str] = frozenset()  # which of "pose", "cycle", "session" the file itself states

@@ -41,7 +41,7 @@ class MatrixEntriesLaw(BodyLawDefaults):
     """Selected entries of a symmetric compliance matrix at S; all other entries are zero."""
 
     pairs: tuple[tuple[int, int], ...] = ALL_ENTRIES
-    name: str = "gives way in every direction"
+    name: str = "compliant in every direction"
     equation: str = "R C Rᵀ w at S, C symmetric"
     note: str = ""
     includes_weight: bool = False
@@ -212,4 +212,4 @@ def _refuse_negative_compliance(reader: ParameterReader, C: Array) -> None:
         raise reader.build_error(MATRIX, "is not symmetric; a compliance is")
     scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
     if np.linalg.eigvalsh(C / np.outer(scale, scale)).min() < -1e-9 or (np.diag(C) < 0).any():
-        raise reader.build_error(MATRIX, "gives way against the load in some direction (a negative eigenvalue)")
+        raise reader.build_error(MATRIX, "deflects against the load in some direction (a negative eigenvalue)")

@@ -141,7 +141,7 @@ class LoadDirectionError(SensorErrorDefaults):
 class TrackerFrameError(SensorErrorDefaults):
     """Error of the recorded tracker frame in base_link: a translation and a small rotation."""
 
-    name = "the tracker's frame stands elsewhere"
+    name = "the tracker's frame is displaced"
     equation = "p = T p_recorded, T a shift and a small turn about the middle of the points"
     affected_quantity = "position"
     coefficients = (*build_axis_parameters("shift", "m", 1e-3), *build_axis_parameters("about", "rad", DEGREE))

@@ -13,7 +13,7 @@ EFFECT = Effect(
     name="base_compliance",
     noun="compliance",
     short_noun="base compliance",
-    sentence="Pedestal, anchors or floor give way under the overturning moment.",
+    sentence="Pedestal, anchors or floor deflect under the overturning moment.",
     port="body",
     places=("base",),
     body_laws=(
@@ -27,7 +27,7 @@ EFFECT = Effect(
             "G₀ C₀ G₀ᵀ w, C₀ symmetric in z, about x and about y of base_link: a plate on uneven bolts",
             includes_weight=True,
         ),
-        MatrixEntriesLaw(DIAGONAL_ENTRIES, "gives way in six directions", "G₀ C₀ G₀ᵀ w, C₀ diagonal"),
+        MatrixEntriesLaw(DIAGONAL_ENTRIES, "compliant in six directions", "G₀ C₀ G₀ᵀ w, C₀ diagonal"),
     ),
     file_reader=read_body_law,
     is_elastic=True,

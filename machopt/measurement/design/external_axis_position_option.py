@@ -84,4 +84,4 @@ def describe_external_axis_positions(cell: Cell) -> str:
     ]
     if not values:
         return ""
-    return f"every pose is measured with {' and '.join(values)}; what they give way by themselves is not told apart"
+    return f"every pose is measured with {' and '.join(values)}; their own deflection cannot be separated"

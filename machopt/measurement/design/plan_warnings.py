@@ -46,7 +46,7 @@ def build_plan_warnings(
     for group in plan.accuracy.unidentified_groups:
         words = ", ".join(names[p] for p in group)
         if len(group) > 1:
-            out.append(f"{words} appear only together in these readings and cannot be told apart")
+            out.append(f"{words} appear only together in these readings and cannot be separated")
         else:
             kinds = {w.kind for w in ways}
             hint = "a horizontal pull" if kinds == {"weight"} else "a load on an arm (--arms-mm)"

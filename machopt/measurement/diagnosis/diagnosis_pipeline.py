@@ -195,7 +195,7 @@ def diagnose_motion_recording(
             "nothing that was recorded can be predicted: joint torque with inertias in the URDF, link-side encoders "
             "(qse1_deg …) or a tracked TCP (x_mm …) would work"
             + (
-                "; of current1_A … nothing says the torque: motor_gain_Nm_per_A and gear_ratio in recording.yaml do"
+                "; the torque of current1_A … is unknown: motor_gain_Nm_per_A and gear_ratio in recording.yaml give it"
                 if recording.current is not None
                 else ""
             ),

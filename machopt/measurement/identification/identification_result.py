@@ -84,7 +84,7 @@ class IdentificationResult:
     errors: HoldoutErrorSummary  # of the selected model, on the fitted readings
     heldout: HoldoutErrorSummary | None  # cross-validated; None for a single pose
     condition_number: float  # of the weighted design matrix with columns of unit size
-    condition_plain: float  # of B as it stands in dumas2011 eq. 22
+    condition_plain: float  # of B as in dumas2011 eq. 22
     scatter: tuple[NoiseScatter, ...]  # translation, rotation
     findings: tuple[RecordFault, ...]
     warnings: tuple[str, ...]

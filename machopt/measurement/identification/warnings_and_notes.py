@@ -58,7 +58,7 @@ def _list_identifiability_warnings(
             if np.abs(row).max() > thresholds.IDENTIFIED.moves_together
         ]
         out.append(
-            f"singular design: no reading tells {', '.join(names)} apart, or shows them at all; other poses and loads "
+            f"singular design: no reading separates {', '.join(names)}, or shows them at all; other poses and loads "
             "are needed"
         )
     out += [
@@ -176,7 +176,7 @@ def build_notes(
             out.append(
                 f"{name} errors, 1 sigma of a coordinate: {factor * scatter.reading:.3g} {unit} a reading"
                 + "".join(f", {s}" for s in shared)
-                + ("" if shared else " (no replicates: what readings of a pose share cannot be told apart)")
+                + ("" if shared else " (no replicates: errors shared by readings of a pose cannot be separated)")
                 + f"; {origin}"
             )
     else:
@@ -190,6 +190,6 @@ def build_notes(
             treatment = "at a bound" if settled.replaced[j] else "drawn to the cell's value or to a bound"
             stiffness = 1 / settled.x[j] if settled.x[j] else np.inf
             out.append(
-                f"joint {j + 1} stands at {format_joint_stiffness(stiffness)}, {treatment}; that is not a measurement"
+                f"joint {j + 1} is set to {format_joint_stiffness(stiffness)}, {treatment}; that is not a measurement"
             )
     return tuple(out)

@@ -81,7 +81,7 @@ def convert_foreign_table(
             if ours not in parts:
                 parts[ours] = [cells[k] for k in order]
             elif n == 0 or not join or join.by not in (ours, columns.get(ours)):
-                raise RecordingError(f"column {ours} stands in two of the joined files; keep one", file=table.path)
+                raise RecordingError(f"column {ours} is in two of the joined files; keep one", file=table.path)
     if form.quaternion == "xyzw" and all(name in parts for name in QUATERNION):
         x, y, z, w = (parts[name] for name in QUATERNION)
         parts |= {"qw": w, "qx": x, "qy": y, "qz": z}

@@ -52,9 +52,7 @@ def parse_motor_keys(
     if key is not None and kind != "motion":
         raise document.build_error((key,), f"belongs to recordings of kind motion; found {kind}")
     if ratio is not None and coupling is not None:
-        raise document.build_error(
-            (COUPLING,), f"stands beside {RATIO}; one of them says how motors turn joints, keep one"
-        )
+        raise document.build_error((COUPLING,), f"is given beside {RATIO}; both state how motors turn joints, keep one")
     gains, ratios = (None if given[k] is None else _parse_row(document, k, given[k]) for k in (GAIN, RATIO))
     if gains is not None and ratios is None and coupling is None:
         raise document.build_error((GAIN,), f"needs {RATIO} or {COUPLING}: joint torque is current × gain × ratio")

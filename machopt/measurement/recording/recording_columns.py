@@ -14,7 +14,7 @@ from machopt.measurement.recording.recording_table import COORDINATES, THREE, Al
 from machopt.numerics.array_types import Array
 
 LABELS = ("pose", "cycle", "session")
-USED = "used"  # 1, or 0 of a reading that takes no part
+USED = "used"  # 1, or 0 of a reading that is not used
 TILTS = ("tilt_x_mrad", "tilt_y_mrad")  # of measured poses: an inclinometer on a link
 SEEN = ("target", "frame")  # of measured poses: which reflector, and from which stand of the tracker
 BRANCHES = {"load": 1, "unload": -1, "": 0}  # empty cell: not stated
@@ -161,7 +161,7 @@ _AT_POSES = AllowedColumns(
 )
 _SLIDES = {
     f"q{i}_mm": "joints that slide are read in recordings of kind absolute and motion; a load test is of "
-    "revolute joints, q1_deg …, and on a rail that stands still while it is measured they are enough"
+    "revolute joints, q1_deg …, and on a rail at rest during the measurement they are enough"
     for i in range(1, MOST_JOINTS + 1)
 }
 _AT_LOADS = replace(_AT_REST, refused_names={**_POSES_ONLY, **_TILTS, **_SLIDES})

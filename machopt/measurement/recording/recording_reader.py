@@ -134,7 +134,7 @@ def describe_columns(path: Path | str) -> tuple[ColumnReading, ...]:
 def load_recordings(paths: Sequence[Path | str]) -> Recording:
     """Read several recording folders as one recording.
 
-    Sessions of different folders are told apart. Pose labels are kept where equal labels mean equal joint positions
+    Sessions of different folders are distinct. Pose labels are kept where equal labels mean equal joint positions
     (within 0.05°), otherwise renumbered with a warning.
 
     Args:

@@ -28,7 +28,7 @@ def write_cuts_csv(
         feed_per_tooth: (N,) m.
         measured: (N, 3) N.
         predicted: (N, 3) N.
-        reasons: (N,) why a cut takes no part; empty where it does.
+        reasons: (N,) why a cut is not used; empty where it is.
     """
     header = ["place", "feed_per_tooth_mm", *(f"measured_{n}" for n in _FORCES), *(f"predicted_{n}" for n in _FORCES)]
     with path.open("w", encoding="utf-8", newline="") as file:

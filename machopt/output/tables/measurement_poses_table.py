@@ -67,7 +67,7 @@ def _format_columns(table: PosesTable) -> dict[str, list[str]]:
 def write_recording_template(folder: Path, recording: Recording) -> None:
     """Write a recording folder whose displacement columns are still to be filled in.
 
-    Everything else stands as :func:`machopt.measurement.recording.write_recording` writes it, so the reader takes the
+    Everything else is as :func:`machopt.measurement.recording.write_recording` writes it, so the reader takes the
     folder once the empty cells hold numbers.
 
     Args:

@@ -59,7 +59,7 @@ def write_trajectory_csv(
     The columns q1_deg … q6_deg are what the encoders say, kinematics.yaml of the cell counted in; no other column is
     touched by it (gamma, point and feed belong to the tool where it really is).
 
-    Joints carry nine decimals: third differences of the samples over (12 ms)³ are held against jerk limits,
+    Joints carry nine decimals: third differences of the samples over (12 ms)³ are compared with jerk limits,
     and 1e-9 deg of rounding is 5e-3 deg/s³ there.
 
     Args:

@@ -46,7 +46,7 @@ class DeflectionRemoval:
     bent: float  # mean deflection, by the model
     left: float  # mean distance of the bent tool from the programmed path, by the model
     worst: float  # greatest of those distances, by the model
-    left90: Interval | None  # 90 % intervals; None where the stiffness file says nothing of its error
+    left90: Interval | None  # 90 % intervals; None where the stiffness file states no uncertainty
     worst90: Interval | None
     removed90: Interval | None  # of ``removed``
 
@@ -119,7 +119,7 @@ class _DeflectionDraws:
 
     @classmethod
     def build(cls, plan: Plan) -> _DeflectionDraws | None:
-        """Return the draws; None where the stiffness file says nothing of its error."""
+        """Return the draws; None where the stiffness file states no uncertainty."""
         elasticity, limits = plan.setup.elasticity, plan.setup.cell.limits
         spread = StiffnessSpread.build(elasticity, (limits.lower[:6], limits.upper[:6]))
         found = DiscrepancyModel.build(elasticity) or DiscrepancyModel.of_springs(elasticity)
@@ -155,7 +155,7 @@ class _DeflectionDraws:
         return np.asarray(away + np.linalg.norm(force, axis=1)[:, None, None] * self.local)
 
     def draw_loads(self, plan: Plan, operation: NDArray[np.int32]) -> Array:
-        """Return (S, DRAWS) the load of segments relative to nominal; 1 where a clamp bears or no process is known."""
+        """Return (S, DRAWS) the load of segments relative to nominal; 1 at a clamp or without a process."""
         process, out = plan.setup.cell.process, np.ones((len(operation), DRAWS))
         if process is None:
             return out

@@ -210,5 +210,5 @@ def score_candidates(
     map_in_threads(price, range(0, len(usable), size))
     counted = usable & path.counted[path.stations][:, None, None]
     values = cost[counted if counted.any() else usable]
-    values = values[values > 0] if (values > 0).any() else values  # points without a force say nothing of the arm
+    values = values[values > 0] if (values > 0).any() else values  # points without a force do not depend on the arm
     return CandidateScores(cost=cost, index=index, scale=float(np.median(values)) if values.size else 1.0)

@@ -41,7 +41,7 @@ def resolve_axis_options(cell: Cell, options: PlanOptions) -> tuple[ExternalJoin
         now = by_name[name]
         if now.at is not None and not now.mode and not now.locks:
             raise CellError(
-                f"at_{unit} is where a locked joint stands, and {name!r} may move; mode: locked would work",
+                f"at_{unit} is the position of a locked joint, and {name!r} may move; mode: locked would work",
                 file="options",
                 where=f"external.{axis.joint}.at_{unit}",
             )

@@ -221,7 +221,7 @@ def _find_room(
     origin = " and ".join(s.said for s in wishes) or f"{axis.joint!r} locked"
     raise CellError(
         f"{origin}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
-        "stands in one place, and none keeps all of that; one of them, or mode: moving, would work",
+        "has one position, and none satisfies all of that; one of them, or mode: moving, would work",
         file="options",
         where="steer",
     )
@@ -235,7 +235,7 @@ def _get_requested_value(axis: ExternalJointOptions, labels: Sequence[str]) -> f
     if len(requested) > 1:
         message = " and ".join(repr(label) for label in requested.values())
         raise CellError(
-            f"{message} share a run without a rapid move, so the joint stands in one place; one value would work",
+            f"{message} share a run without a rapid move, so the joint has one position; one value would work",
             file="options",
             where=f"external.{axis.joint}.at_operations_{axis.unit}",
         )

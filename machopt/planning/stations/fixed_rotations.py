@@ -25,7 +25,7 @@ def find_fixed_rotations(path: PlanningPath, options: PlanOptions) -> dict[int, 
     out: dict[int, float] = {}
     points = np.array([f.point for f in options.fixed], float)
     first = np.searchsorted(path.index, points - SAME_INDEX)
-    last = np.searchsorted(path.index, points + SAME_INDEX)  # a point of a re-entry stands twice
+    last = np.searchsorted(path.index, points + SAME_INDEX)  # a point of a re-entry occurs twice
     for fixed, a, b in zip(options.fixed, first.tolist(), last.tolist(), strict=True):  # none in some parts of a path
         for row in range(a, b):
             out[row] = _angle(fixed.gamma - path.offset[row])

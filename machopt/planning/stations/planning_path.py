@@ -223,7 +223,7 @@ def build_planning_path(toolpath: Toolpath, keep: tuple[int, ...] = (), *, corne
 
 
 def _repeat_reentry_points(index: Array, reentries: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the indices with each point of a re-entry twice, and where its second one stands, which begins a run."""
+    """Return the indices with each point of a re-entry twice, and where its second one is, which begins a run."""
     entered = np.zeros(len(index), bool)
     if not reentries:
         return index, entered

@@ -183,7 +183,7 @@ class _DynamicsTable:
             self.notes.append("stability is computed for flat end mills only")
 
     def _add_revolution_forces(self, one: ProcessOperation, rows: NDArray[np.intp], cut: MillingCut) -> None:
-        """Write the peak force and, where the tool gives way, the force that makes the wall."""
+        """Write the peak force and, where the tool deflects, the force that makes the wall."""
         coefficients = self.process.materials[one.material].milling
         assert coefficients is not None
         cutter, geometry = build_milling_cutter(self.plan.setup.cell.tool.cutter), self.plan.setup.cell.tool.cutter

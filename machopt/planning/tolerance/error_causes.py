@@ -13,7 +13,7 @@ from machopt.stiffness.joint_stiffness import compute_joint_stiffness
 
 
 def compute_contributions(plan: Plan, poses: TargetPoses, wrench: Array, direction: Array) -> tuple[list[str], Array]:
-    """Return the names of what gives way, and (M, n) the displacement of each along a direction in m.
+    """Return the names of the compliant parts, and (M, n) the displacement of each along a direction in m.
 
     Args:
         plan: Plan of one tool.

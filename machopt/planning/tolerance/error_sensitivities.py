@@ -100,7 +100,7 @@ def find_stated_spread(plan: Plan, spread: StiffnessSpread, poses: TargetPoses) 
 def compute_twist_columns(plan: Plan, spread: StiffnessSpread, poses: TargetPoses, wrench: Array) -> Array:
     """Return (M, 6, 1 + R): the twist of the tool relative to the part under a load, and its change by each error.
 
-    The part gives way under the opposite load, where its stiffness is stated.
+    The part deflects under the opposite load, where its stiffness is stated.
 
     Args:
         plan: Plan of one tool.

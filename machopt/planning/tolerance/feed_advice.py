@@ -132,7 +132,7 @@ class HoleFeedSearch:
 def _compute_load_changes(stroke: DrillingStroke, depth: float, bite: Array, feed: Array) -> Array:
     """Return (n, 2) factors of thrust and torque from a feed per revolution to another.
 
-    Both change by different laws, where a chisel edge takes part.
+    Both change by different laws, where a chisel edge cuts.
     """
     new, old = (compute_stroke_maximum(stroke, f, depth) for f in (feed, bite))
     return np.stack([new.thrust / old.thrust, new.torque / old.torque], axis=1)

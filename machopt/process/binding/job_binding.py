@@ -74,7 +74,7 @@ def remove_stock(process: CuttingProcess, segments: Sequence[ToolSegment]) -> Jo
 
 
 def attach_programmed_force(cell: Cell, toolpath: Toolpath) -> Toolpath:
-    """Return a toolpath of one tool with the force that the arm bears at the programmed feed.
+    """Return a toolpath of one tool with the force on the arm at the programmed feed.
 
     Args:
         cell: The cell, with the tool and the process.

@@ -15,7 +15,7 @@ from machopt.numerics.array_types import Array
 
 _TURNS_LEFT = re.compile(r"(?:^|\W)(?:M0?4|M14|CCLW)(?:\W|$)", re.IGNORECASE)
 _SPEED_ALONE = re.compile(r"\s*S[0-9.]+\s*", re.IGNORECASE)  # changes the speed, not the direction
-DEFAULT = "default"  # label of the operation that stands for every other one
+DEFAULT = "default"  # label of the operation that applies to every other one
 NO_OPERATION = -1
 
 

@@ -1,7 +1,7 @@
 """Load of the cut at each toolpath point, from the process, the tool and the feed of each move.
 
-A row's load is that of the move that ends there. The arm bears the same load, but for a pressure foot: while the foot
-presses, the arm bears the clamp force instead of a smaller thrust. Nothing acts on rapid, approach, retract and link
+A row's load is that of the move that ends there. The arm carries the same load, but for a pressure foot: while the foot
+presses, the arm carries the clamp force instead of a smaller thrust. Nothing acts on rapid, approach, retract and link
 moves, above the material, and on the way out of a hole.
 """
 
@@ -44,7 +44,7 @@ class PointLoads:
 
     force: Array  # (N, 3) N on the tool along travel, normal, axis
     moment: Array  # (N,) N·m about the axis, tip to shank
-    arm_force: Array  # (N, 3) N that the arm bears
+    arm_force: Array  # (N, 3) N on the arm
     ae: Array  # (N,) m, NaN where there is none
     ap: Array  # (N,) m
     entry_angle: Array  # (N,) rad

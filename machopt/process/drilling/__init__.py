@@ -1,4 +1,4 @@
-"""Thrust and torque of drills, countersinks and reamers, and what the arm bears of them."""
+"""Thrust and torque of drills, countersinks and reamers, and the part of them that the arm carries."""
 
 from machopt.process.drilling.breakthrough_velocity import (
     compute_axial_compliance,

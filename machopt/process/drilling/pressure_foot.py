@@ -1,4 +1,4 @@
-"""What the arm bears where a pressure foot clamps the work, and when the foot skids."""
+"""Load on the arm where a pressure foot clamps the work, and when the foot skids."""
 
 from __future__ import annotations
 

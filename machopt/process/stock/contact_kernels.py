@@ -16,7 +16,7 @@ from machopt.numerics.compiled_functions import jit_compile
 from machopt.process.stock.boundary_extrapolation import extrapolate_boundary, measure_line
 from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair, Tip
 
-THIN = 5e-6  # m; material that stands less than this above the tip is none: CAM files state 1 to 10 µm
+THIN = 5e-6  # m; material less than this above the tip is none: CAM files state 1 to 10 µm
 MOST_LEVELS = 8  # heights of the stock around a point that get slices of their own
 CORNER_SLICES = 12  # of the rounded corner
 SOFT = 0.25  # cells of height over which a smooth surface passes from material to air

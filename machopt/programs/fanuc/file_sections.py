@@ -132,7 +132,7 @@ def _parse_values(text: str) -> tuple[dict[str, float], str]:
         if known is None:
             return out, f"{name} is not taught ({value[:12]})"
         if name in out:
-            return out, f"{name} stands twice"
+            return out, f"{name} occurs twice"
         out[name] = known * (25.4 if unit == "in" else 1.0)
     rest = text
     for part in (_CONFIG, _FRAME, _ITEM):

@@ -42,7 +42,7 @@ def compute_feed_of_duration(text: str, way: float | None, before: float) -> flo
     Args:
         text: Text behind the position.
         way: Distance that the tip moves, m; None where the file does not state its start or its end.
-        before: Feed of the move before, m/s; that of a move whose tip stands still.
+        before: Feed of the move before, m/s; that of a move whose tip is at rest.
 
     Returns:
         Feed in m/s; NaN where the way is not known; None where the speed is of another kind.

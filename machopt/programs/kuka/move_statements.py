@@ -32,7 +32,7 @@ class KrlMoves:
 
         Args:
             word: PTP, SLIN, LIN_REL …, in capitals.
-            rest: what stands behind it: targets, approximation words, WITH.
+            rest: what follows it: targets, approximation words, WITH.
 
         Raises:
             KrlValueError: the target cannot be known, or the move is not followed.

@@ -2,7 +2,7 @@
 
 Documents disagree; this reading agrees with points recorded on robots, such as S 2,T 35 and S 6,T 50:
 
-* T, bit i: axis i+1 stands below 0°.
+* T, bit i: axis i+1 is below 0°.
 * S, bit 0: the wrist root point lies behind A1.
 * S, bit 1: the elbow is up (A3 above the angle at which the arm is stretched).
 * S, bit 2: A5 is below 0°.
@@ -65,7 +65,9 @@ def _list_notes(job: PostJob, used: frozenset[str]) -> Sequence[str]:
     if "status" in used and job.program.wrist_behind is None:
         notes.append("S is left out: the arm's posture is not known (LIN does not read it)")
     if np.isfinite(job.program.tool_mass):
-        notes.append("$LOAD holds mass and centre of mass of the cell's tool; its inertia is not known and stands as 0")
+        notes.append(
+            "$LOAD holds mass and centre of mass of the cell's tool; its inertia is not known and stands as 0"
+        )
     rails = [d for d in list_driven_axes(job.program, job.controller) if not d.axis.carries_part]
     if rails:
         axes = ", ".join(f"E{d.number}" for d in rails)

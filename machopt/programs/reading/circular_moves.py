@@ -19,7 +19,7 @@ def compute_circle_poses(
     """Poses (N, 4, 4) at the chords' ends, the first behind ``start`` and the last at ``end``.
 
     Args:
-        start: (4, 4), where the robot stands; so are ``via``, whose place alone counts, and ``end``. m.
+        start: (4, 4), where the robot is; so are ``via``, whose place alone counts, and ``end``. m.
         tolerance: m between chord and arc.
         sweep_deg: the arc ends after that angle instead, the other way round where negative (KUKA's CA).
 

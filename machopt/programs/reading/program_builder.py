@@ -19,9 +19,7 @@ from machopt.programs.reading.parsed_program import JOINT, LINEAR, ParsedProgram
 from machopt.programs.reading.program_annotations import ProgramAnnotations
 from machopt.programs.reading.rotation_conventions import Rows
 
-STANDING_TOOL = (
-    "the robot carries the workpiece past a tool that stands still: not supported; post the job for a tool on the robot"
-)
+STANDING_TOOL = "the robot carries the workpiece past a fixed tool: not supported; post the job for a tool on the robot"
 MOST_MOVES = 1_000_000  # beyond one for each line: what a loop may repeat
 MOST_STEPS = 2_000_000  # statements carried out, beyond one for each line: loops that end are shorter
 FARTHEST = 1e3  # m; no robot cell is larger, so the number is a fault
@@ -76,7 +74,7 @@ class ProgramBuilder(ProgramAnnotations):
             )
 
     def end_program(self, text: str) -> NoReturn:
-        """Record a statement that ends the program; what stands behind it is not carried out.
+        """Record a statement that ends the program; what follows it is not carried out.
 
         Args:
             text: The statement.

@@ -104,7 +104,7 @@ def _parse_yaml(out: ProgramBuilder, source: SourceFile) -> dict[str, object]:
 
 
 def _parse_points_by_line(source: SourceFile) -> list[object] | None:
-    """The points where each stands on a line of its own as ``- {…}`` and nothing follows them, read as JSON.
+    """The points where each is on a line of its own as ``- {…}`` and nothing follows them, read as JSON.
 
     A trajectory of minutes has so many numbers that the strict YAML reader takes minutes too. None where the file is
     written otherwise, or has anything that JSON would read differently.

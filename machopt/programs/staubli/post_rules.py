@@ -33,7 +33,7 @@ def _list_notes(job: PostJob, used: frozenset[str]) -> Sequence[str]:
 
 
 def _check_job(job: PostJob, used: frozenset[str]) -> None:
-    why = "VAL3 moves no rail or positioner; one that stands still all the way (plan: mode locked) would work"
+    why = "VAL3 moves no rail or positioner; one at rest all the way (plan: mode locked) would work"
     refuse_external_axes(job.program, why, unless_still=True)
 
 

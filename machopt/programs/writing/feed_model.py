@@ -26,7 +26,7 @@ too.
 Source: own derivation of (1) and (2) from constant acceleration; the readings of d are general knowledge, not looked
 up, but for FANUC's, where users' descriptions of CNT agree ("as near as it can at n % of the speed").
 Invalid for: jerk, look-ahead shorter than a braking distance (KRL $ADVANCE 5, many points a second), dynamics and
-payload. It is low rather than high on smooth paths and says nothing of settling times at exact stops.
+payload. It is low rather than high on smooth paths and ignores settling times at exact stops.
 """
 
 from __future__ import annotations

@@ -191,7 +191,7 @@ def compile_template(text: str, where: str) -> TextTemplate:
 
     Args:
         text: the template.
-        where: the key it stands under, for messages.
+        where: its key, for messages.
 
     Raises:
         InputError: a field or section that is not of the language.

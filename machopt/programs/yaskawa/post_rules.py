@@ -5,9 +5,9 @@ arm 1, front 0 or rear 1, then for R, T and S: 0 below 180°, 1 from 180°.
 
 Positioning levels PL=0 … 8 are distances that parameters of the controller hold (S1CxG33 and on, as users describe
 them), so a program cannot know them: the cell may state them (``controller.position_levels_mm``), and then the largest
-that keeps to the tolerance is taken. Without them PL=1 stands only where rounding over half of the shorter line, which
-no level exceeds, keeps to it; everywhere else PL=0, an exact stop. Joint moves state PL=0 too: without PL a controller
-rounds their ends as it is set up.
+that keeps to the tolerance is taken. Without them PL=1 is written only where rounding over half of the shorter line,
+which no level exceeds, keeps to it; everywhere else PL=0, an exact stop. Joint moves state PL=0 too: without PL a
+controller rounds their ends as it is set up.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def round_for_json(values: Array, digits: int = 6) -> list[float | None]:
 
 
 def pack_levels(values: Array, lowest: float, highest: float) -> str:
-    """Return values as base64 of little-endian 16-bit levels 0 … 65534; 65535 stands for NaN.
+    """Return values as base64 of little-endian 16-bit levels 0 … 65534; 65535 is NaN.
 
     Args:
         values: The values.

@@ -221,7 +221,7 @@ def _get_longest(at: Array) -> float:
 
 
 def pack_joint_levels(values: Array) -> Spec:
-    """Return joint positions as 16-bit levels between the least and the largest of each; NONE stands for NaN.
+    """Return joint positions as 16-bit levels between the least and the largest of each; NONE is NaN.
 
     Args:
         values: (…, J) joint positions, rad or m.

@@ -170,7 +170,7 @@ def _build_subset_study(result: IdentificationResult) -> SubsetSpread | None:
     s = result.subsets
     if s is None:
         return None
-    seen = np.isfinite(s.k).mean(axis=1) > 0.5  # a median of a few lucky subsets says nothing
+    seen = np.isfinite(s.k).mean(axis=1) > 0.5  # a median of a few lucky subsets is meaningless
     k = np.where(seen[:, None, :], s.k, np.nan)
     known = np.isfinite(k).any(axis=(1, 2))
     if known.sum() < 2:

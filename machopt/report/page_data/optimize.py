@@ -42,7 +42,7 @@ from machopt.verification import Verification
 from machopt.verification.check_results import VerificationCheck
 from machopt.version import __version__
 
-ROUNDING_SHARE = 1e-3  # of what a check allows: 5.7e−14 s tells a reader nothing
+ROUNDING_SHARE = 1e-3  # of what a check allows: 5.7e−14 s is of no use to a reader
 _BASELINE_NAMES = {"cam default": "the CAM's default rotation", "jiao2022": "Jiao 2022"}
 _REASON_TEXTS = {
     InfeasibilityReason.UNREACHABLE: "unreachable",

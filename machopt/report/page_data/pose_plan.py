@@ -127,7 +127,7 @@ def _list_heuristics(plan: MeasurementPlan) -> tuple[page.HeuristicRow, ...]:
 
 
 def _list_explanation_pairs(apart: DiscriminationPlan) -> tuple[page.ExplanationPair, ...]:
-    """Each pair of explanations, and how the plan tells them apart."""
+    """Each pair of explanations, and how well the plan separates them."""
     return tuple(
         page.ExplanationPair(
             pair=format_pair(p),

@@ -28,7 +28,7 @@ class PlaceCode(enum.IntEnum):
 
     @property
     def reason(self) -> InfeasibilityReason | None:
-        """Reason code that it stands for; None for a place that was not evaluated."""
+        """Its reason code; None for a place that was not evaluated."""
         return InfeasibilityReason.__members__.get(self.name)
 
 

@@ -43,7 +43,7 @@ class LoadCycles:
 
 @dataclass(frozen=True, kw_only=True)
 class ExplanationPair:
-    """Two explanations and how well the plan tells them apart."""
+    """Two explanations and how well the plan separates them."""
 
     pair: str
     why: str

@@ -165,7 +165,7 @@ def map_to_colours(t: Array) -> Pixels:
 
 
 def compute_hatching(code: int, x: NDArray[np.intp], y: NDArray[np.intp]) -> Pixels:
-    """Return (..., 3) pixels of a :class:`PlaceCode`; the patterns can be told apart in a grey print.
+    """Return (..., 3) pixels of a :class:`PlaceCode`; the patterns differ in a grey print.
 
     Args:
         code: The code.

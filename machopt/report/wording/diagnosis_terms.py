@@ -61,7 +61,7 @@ def describe_error_before(d: DiagnosisResult) -> str:
     Args:
         d: The diagnosis.
     """
-    return "record put right, model refitted" if has_record_findings_only(d) else "model as it was, refitted"
+    return "record corrected, model refitted" if has_record_findings_only(d) else "model as it was, refitted"
 
 
 def describe_alternatives(one_of: Sequence[tuple[str, str]]) -> str:

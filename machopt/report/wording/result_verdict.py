@@ -39,7 +39,7 @@ def _build_infeasible_verdict(data: ReportData) -> ResultVerdict:
     number = s.infeasible_points or len(data.infeasible)
     parts = [f"for {number} of {s.points} points{why}{_describe_first_infeasible(data)}"] if number else []
     breaks = [b for b in data.breaks if not any(b.reason in p.reason for p in data.infeasible)]
-    if breaks:  # those that no point tells
+    if breaks:  # those that no point shows
         first = breaks[0]
         parts.append(
             f"at {format_count(len(breaks), 'break')} of the motion, the first from {first.before} to "

@@ -85,7 +85,7 @@ SINUMERIK_CALLS: dict[str, str] = {
     ),
     **dict.fromkeys(
         ("ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2"),
-        "the order of the turns A2=, B2=, C2=, which are refused; of axes as vectors (A3=) it says nothing",
+        "the order of the turns A2=, B2=, C2=, which are refused; it does not affect axes as vectors (A3=)",
     ),
     **dict.fromkeys(
         ("CFTCP", "CFC", "CFIN", "NORM", "KONT", "CDOF", "CUTCONOF"),

@@ -62,7 +62,7 @@ def verify_folder(
         contents: what :func:`check_contents` found, where that has been done already.
 
     Returns:
-        one list of checks: manifest and inputs first, then tables and programs, then what result.json tells of these.
+        one list of checks: manifest and inputs first, then tables and programs, then what result.json states of these.
         Files that are missing or unreadable are failed checks, never exceptions.
     """
     manifest, checks = check_manifest(folder, inputs)

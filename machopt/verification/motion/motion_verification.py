@@ -137,12 +137,12 @@ def verify_motion(
     motion: ExportedMotion | None = None,
     touching: Sequence[tuple[str, str]] | None = None,
 ) -> Verification:
-    """Check ``out/trajectory.csv`` and ``out/points.csv``, and ``compensation.csv`` where points.csv tells a shift.
+    """Check ``out/trajectory.csv`` and ``out/points.csv``, and ``compensation.csv`` where points.csv states a shift.
 
     Every column of both tables is recomputed; what the rows call their moves is checked against the CAM file and
     believed nowhere. Where points.csv holds a compensation, the commanded path is the toolpath shifted as
-    compensation.csv says, and the shift is held against the deflection computed here. Joint columns are encoder
-    angles, limits hold for them; where the arm stands follows with the cell's corrections.
+    compensation.csv says, and the shift is compared with the deflection computed here. Joint columns are encoder
+    angles, limits hold for them; the true angles follow with the cell's corrections.
 
     Args:
         cell: the robot cell.

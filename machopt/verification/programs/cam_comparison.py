@@ -109,7 +109,7 @@ def _find_cut_moves(
 def _find_streamed_cut_moves(
     line: MotionPolyline, cuts: ExpectedCuts, at_index: Array, limit: float
 ) -> tuple[NDArray[np.int64], Array, Array]:
-    """As :func:`_find_cut_moves`, of a streamed program: the motion's own index tells between which samples each point
+    """As :func:`_find_cut_moves`, of a streamed program: the motion's own index shows between which samples each point
     lies.
 
     Args:
@@ -137,7 +137,7 @@ def _find_streamed_cut_moves(
     for k in range(int((last - first).max(initial=0))):
         a = np.minimum(first + k, len(place) - 2)
         way, wanted = place[a + 1] - place[a], cuts.toolpath.axis[wanted_points]
-        turn = AXIS_LEVER_M * (shank[a + 1] - shank[a])  # where the tool turns on the spot, the place tells no share
+        turn = AXIS_LEVER_M * (shank[a + 1] - shank[a])  # where the tool turns on the spot, the place shows no share
         length2 = np.einsum("ij,ij->i", way, way) + np.einsum("ij,ij->i", turn, turn)
         along = np.einsum("ij,ij->i", cuts.position[wanted_points] - place[a], way)
         along += np.einsum("ij,ij->i", AXIS_LEVER_M * (wanted - shank[a]), turn)

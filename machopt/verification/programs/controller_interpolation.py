@@ -21,7 +21,7 @@ from machopt.verification.programs.target_matching import (
 from machopt.verification.tables.exported_tables import ExportedMotion
 
 MIN_LINE_M = 1e-4  # m: on a shorter line the place does not tell how far the tool has turned
-MIN_AXIS_SINE = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis tells nothing
+MIN_AXIS_SINE = 1e-3  # sine of the angle between tool axis and rotation axis, below which the tool axis is undetermined
 RAPID_TOLERANCE_DEG = 0.1  # deg: between rapid way points joints go straight; corners there are rounded in time only
 SAME_PLACE_M = 2e-6  # m: two prints of one place, to a thousandth of a millimetre
 BLOCK_ROWS = 10_000  # samples
@@ -201,7 +201,7 @@ def _compute_turn_share(whole: Array, axis: Array, turned: Array) -> tuple[Array
     Args:
         whole: (K, 3) rad, the rotation vector of the whole move in the frame of its start.
         axis: (K, 3) the TCP's z in that frame now.
-        turned: (K,) rad between the orientations of the start and now; tells where the rotation is about z itself.
+        turned: (K,) rad between the orientations of the start and now; used where the rotation is about z itself.
 
     Returns:
         (K,) share, 0 to 1; (K,) rad, length of the arc that the TCP's z moves along.

@@ -48,7 +48,7 @@ def check_events(
             cuts.toolpath, event.index
         )  # points that nothing moves to tell no order
         nth = int(np.searchsorted(points, event.index))  # points before the event
-        # of a streamed program the sample nearest to the point may lie behind it; its index, below, tells
+        # of a streamed program the sample nearest to the point may lie behind it; its index, below, decides
         early = nth > 0 and read.index <= reached[points[nth - 1]] - int(program.is_streamed)
         behind = int(np.searchsorted(points, beyond))
         late = behind < len(points) and read.index > reached[points[behind]]
@@ -72,7 +72,7 @@ def check_events(
             gone = gone and not (at < beyond - 0.5 and _is_move_end_at_point(program, cuts, beyond, read.index, known))
             late |= settled and gone
         if early or late:
-            wrong.append(f"{event.text[:30]!r} stands too {'early' if early else 'late'}: before move {read.index + 1}")
+            wrong.append(f"{event.text[:30]!r} is too {'early' if early else 'late'}: before move {read.index + 1}")
     text = "; ".join(wrong[:MAX_NAMED]) or "all in place"
     return [build_file_check(program.file, CheckName.EVENTS, not wrong, float(len(wrong)), 0.0, "events", text)]
 
@@ -88,7 +88,7 @@ def _compute_end_tolerance(cuts: ExpectedCuts, index: int, way: float) -> float:
 def _is_at_point_before_move(program: ProgramInCell, cuts: ExpectedCuts, index: int, move: int, known: Array) -> bool:
     """Whether the program is at point ``index`` − 1 before its move ``move``, and point ``index`` lies there too.
 
-    A move to where the tool stands already ends nowhere else, so its place does not tell which point it is for.
+    A move to the present place of the tool ends nowhere else, so its place does not show which point it is for.
     """
     first = index - count_repeats_before(cuts.toolpath, index) if 0 < index < len(cuts.position) else index
     if first >= index:

@@ -29,7 +29,7 @@ from machopt.verification.programs.target_matching import (
 )
 from machopt.verification.tables.exported_tables import ExportedMotion
 
-PLACE_TOLERANCE_M = 1e-8  # m: what the decimals of trajectory.csv's joints leave of a place where the tool stands
+PLACE_TOLERANCE_M = 1e-8  # m: what the decimals of trajectory.csv's joints leave of a place where the tool is
 BRANCH_TOLERANCE_FACTOR = (
     3.0  # of the orientation's tolerance: joints of a pose that has been compared only tell which branch it is
 )
@@ -148,7 +148,7 @@ def _check_move_kinds(
 ) -> VerificationCheck:
     """No joint move where the tool cuts, and what comments call a move is what the motion does there.
 
-    A sample tells of the way from the sample before; between lines, one that passes the first target tells of both.
+    A sample shows the way from the sample before; between lines, one that passes the first target shows both.
     Samples within ``place`` (m) of either target tell nothing: round a corner the tool dwells there, and it may stand
     on a point before it leaves it. Nor do samples at which the machine stands, of a joint move. Beside a joint move it
     is the decimals that the program prints: where the tool comes to rest many samples lie closer to the target than

@@ -157,7 +157,7 @@ def _split_blocks(lines: Iterator[str], file: Path) -> Iterator[dict[str, list[s
 
 
 def _strip_fields(column: list[str]) -> list[str]:
-    """Fields without blanks around them; most columns have none anywhere, which one look at all of it tells."""
+    """Fields without blanks around them; most columns have none anywhere, as one look at all of it shows."""
     whole = "".join(column)
     return column if whole.split(None, 1) == [whole] else [*map(str.strip, column)]
 

@@ -36,7 +36,7 @@ class FoldedWaveform:
 
 @dataclass(frozen=True, kw_only=True)
 class WaveformResult:
-    """What a waveform tells beyond the coefficients."""
+    """What a waveform shows beyond the coefficients."""
 
     runout: RunoutEstimate | None  # None: a cutter of one tooth shows none
     offset: Array  # (C,) rad, rotation of tooth 0 at the first sample (time) or at the encoder's zero (angle)

@@ -98,7 +98,7 @@ def correct_inclinometer_columns(
         if way is not None:
             words, read = way
             out.append(
-                _build_tilt_finding(seen, read(seen.y), f"{words}, so weight would tilt what bears it away from itself")
+                _build_tilt_finding(seen, read(seen.y), f"{words}, so weight would tilt its support the wrong way")
             )
             seen = replace(seen, y=read(seen.y))
             recording = _apply_assignment(recording, rows, read)

@@ -272,7 +272,7 @@ def _select_few_used_readings(recording: Recording) -> Recording:
 
 
 def _choose_fit(part: Recording, robot: Robot, T: Array) -> Callable[[Array], ConventionFit] | None:
-    """Return the fit of a kind of recording; None if it says nothing about conventions."""
+    """Return the fit of a kind of recording; None if it does not depend on conventions."""
     if len(np.unique(part.pose)) < thresholds.RECORD.part_readings:
         return None
     if part.kind == "absolute" and part.position is not None:

@@ -307,7 +307,7 @@ def _select_rival_laws(
     else:
         most = rivals if NO_EFFECT in d.candidate_laws else rivals[:MAX_RIVALS]
         notes += [
-            f"{format_hypothesis_name(d.candidate_laws[k])} stands too, but the nearest {MAX_RIVALS} are enough at once"
+            f"{format_hypothesis_name(d.candidate_laws[k])} is possible too; a plan separates {MAX_RIVALS} at most"
             for k in rivals[MAX_RIVALS:]
             if k not in most
         ]

@@ -131,7 +131,7 @@ class _MeasurementModels:
     """Models of a cell for a measurement."""
 
     cell: Cell
-    placed_cell: Cell  # base_link where it stands during the measurement
+    placed_cell: Cell  # base_link during the measurement
     robot: Robot
     shapes: tuple[LinkShape, ...]
     masses: RobotMasses

@@ -224,9 +224,7 @@ def _build_catalogue(
     for j in range(n):
         if j in scene.joints_without_gain:
             untestable.append(
-                UntestableEffect(
-                    "joint_friction", format_joint_location(j + 1), "nothing says what torque its current is"
-                )
+                UntestableEffect("joint_friction", format_joint_location(j + 1), "the torque of its current is unknown")
             )
             continue
         if scene.free_gains:

@@ -117,7 +117,7 @@ def diagnose_with_known_terms(
     Args:
         terms: Terms of the cell's stiffness.
         diagnose: Function that diagnoses a recording with these known terms.
-        counts: Function that tells whether the channel includes a term; others are noted.
+        counts: Function that returns whether the channel includes a term; others are noted.
 
     Returns:
         The diagnosis and its problem.

@@ -104,7 +104,7 @@ def _build_floor_settlement(share: Array, session: Ints, wide: Callable[[Array],
         how = share ** shape[0]
         return wide(np.einsum("n,nd,ca->ncda", how, own, np.eye(3)).reshape(len(share), 3, -1))
 
-    note = "moves one way with the load in one session and not, or less, in another, as a floor that gives way"
+    note = "moves one way with the load in one session and not, or less, in another, as on a soft floor"
     return [
         replace(
             build_uncatalogued_hypothesis("sensor:displacement", SETTLEMENT_LAW, note, columns, POWERS),

@@ -49,7 +49,7 @@ def sort_samples(recording: Recording) -> OrderedSamples:
     if (steps[same] <= 0).any():
         k = int(np.flatnonzero(same & (steps <= 0))[0]) + 1
         raise RecordingError(
-            f"{recording.source}: time stands still at {recording.place(int(index[k]))}; "
+            f"{recording.source}: time does not advance at {recording.place(int(index[k]))}; "
             "every sample needs its own time_s"
         )
     dt = float(np.median(steps[same]))

@@ -290,7 +290,7 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
     drift = thermal_drift.build_thermal_hypotheses(r)
     out += drift
     if not drift:
-        why = "displacements count from the unloaded state of the same minute, and nothing says how long that lasted"
+        why = "displacements count from the unloaded state of the same minute, and its duration is unknown"
         missing.append(UntestableEffect("thermal_drift", "environment", why))
     force = np.linalg.norm(r.wrench[:, :3], axis=1)
     axes = {"load": force, "session": r.session.astype(float)}

@@ -236,5 +236,5 @@ def _describe_undetermined_frames(
         return ()
     return (
         f"in these poses {count} combination{'' if count == 1 else 's'} of tracker frames and reflectors' places "
-        "cannot be told apart: nominal places hold them; poses that turn the flange otherwise would show them",
+        "cannot be separated: nominal places fix them; poses with other flange orientations would show them",
     )

@@ -208,9 +208,7 @@ def _is_distinct_from_offset(columns: Array, Q: Array, beside: Array) -> bool:
 
 def _list_untestable_effects(r: StaticReadings) -> list[UntestableEffect]:
     out = [
-        UntestableEffect(
-            "geometric_stiffness", "arm", "counted exactly: the arm is in equilibrium where it really stands"
-        )
+        UntestableEffect("geometric_stiffness", "arm", "counted exactly: the arm is in equilibrium at its true pose")
     ]
     for effect in registry.select_joint_torque_effects():
         if effect.has_memory:
@@ -228,7 +226,11 @@ def _list_untestable_effects(r: StaticReadings) -> list[UntestableEffect]:
         ]
     if r.recording.targets:
         out.append(
-            UntestableEffect("tool_compliance", "tool", "the reflectors sit on the flange, before the tool gives way")
+            UntestableEffect(
+                "tool_compliance",
+                "tool",
+                "the reflectors sit on the flange, so the tool's deflection does not move them",
+            )
         )
     if r.recording.time is None and r.recording.temperature is None:
         out.append(
@@ -240,7 +242,7 @@ def _list_untestable_effects(r: StaticReadings) -> list[UntestableEffect]:
 def _explain_absorbed_effect(h: EffectHypothesis, r: StaticReadings) -> str:
     last = format_joint_location(r.joint_count)
     if h.effect in ("joint_zero_offset", "joint_coupling") and h.location == "joint:1":
-        return "it turns everything about an axis that stands still: the fitted tracker frame takes it up"
+        return "it turns everything about a fixed axis: the fitted tracker frame absorbs it"
     if h.effect == "joint_zero_offset" and h.location == last and r.dimensions == 3 and not r.recording.targets:
         return "it shifts the target in the flange, which is fitted; measured orientations would show it"
     if h.effect == "joint_zero_offset" and h.location == last:

@@ -64,7 +64,7 @@ def describe_deviating_values(coefficients: Sequence[BaseCoefficient]) -> tuple[
         "far from what is stated, and not far enough to say that nothing else is: "
         + "; ".join(descriptions)
         + ". What hangs "
-        "on the arm and nobody stated may be taken up by that; the same motion with a known load more tells",
+        "on the arm and nobody stated may be taken up by that; the same motion with an additional known load shows it",
     )
 
 

@@ -76,7 +76,7 @@ def check_enough_readings(problem: DiagnosisProblem, recording: Recording) -> No
     poses = len(np.unique(problem.group))
     raise RecordingError(
         f"{len(problem)} reading{'' if len(problem) == 1 else 's'} of {problem.dimensions} coordinates in {poses} "
-        f"pose{'' if poses == 1 else 's'} cannot be held against a model that refits {unknowns} numbers to them; ten "
+        f"pose{'' if poses == 1 else 's'} cannot test a model that refits {unknowns} numbers to them; ten "
         "poses or more would work (machopt plan-poses chooses them)",
         file=recording.source,
     )

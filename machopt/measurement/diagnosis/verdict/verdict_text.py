@@ -35,7 +35,7 @@ def format_verdict(d: DiagnosisResult) -> str:
         there = describe_unstated_values(d.coefficients)
         put_right = "; ".join(f"{_format_finding(f)}" for f in d.findings)
         return (
-            f"Consistent{f' once the record is put right ({put_right})' if put_right else ''}: the refitted model "
+            f"Consistent{f' once the record is corrected ({put_right})' if put_right else ''}: the refitted model "
             f"leaves {after}, {_format_noise(d)}; nothing that comes back "
             f"in repeats is left "
             "to explain." + (f" Refitted for that, and stated nowhere: {there}." if there else "")

@@ -237,7 +237,7 @@ def _assess_coefficient(
 def _find_correlated_coefficient(
     unknowns: tuple[FitCoefficient, ...], correlation: Array, unseen: Array, j: int
 ) -> str:
-    """Return the unknown that coefficient j is confounded with; empty if none stands out."""
+    """Return the unknown that coefficient j is confounded with; empty if there is none."""
     others = np.abs(correlation[j]).copy()
     others[j] = 0.0
     k = int(np.argmax(others))

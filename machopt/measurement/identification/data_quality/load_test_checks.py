@@ -230,7 +230,7 @@ def _check_impossible_displacement(e: LoadTestExperiment, reach: float) -> list[
             code="impossible_displacement",
             severity="warning",
             message=f"{format_row_locations(e, rows)}: displaced by more than {1e3 * most:.0f} mm, more than an arm of "
-            "this reach gives way; check these rows, or the unit of the displacement",
+            "this reach deflects; check these rows, or the unit of the displacement",
             rows=tuple(rows.tolist()),
         )
     ]
@@ -271,7 +271,7 @@ def _check_joint_limits(e: LoadTestExperiment, robot: Robot) -> list[RecordFault
         RecordFault(
             code="outside_limits",
             severity="warning",
-            message=f"{format_row_locations(e, rows)}: joint {joint + 1} stands outside its limits "
+            message=f"{format_row_locations(e, rows)}: joint {joint + 1} is outside its limits "
             f"({worst:.1f}° where the robot of "
             f"the cell goes from {low:.0f}° to {high:.0f}°); check zero, sign and order of the q columns, or the robot",
             rows=tuple(rows.tolist()),
@@ -287,7 +287,7 @@ def _check_data_amount(e: LoadTestExperiment, unknowns: int) -> list[RecordFault
             RecordFault(
                 code="few_poses",
                 severity="warning",
-                message=f"only {poses} pose{'s' if poses > 1 else ''}: joints are told apart by posture, and errors "
+                message=f"only {poses} pose{'s' if poses > 1 else ''}: joints are separated by posture, and errors "
                 "shared by a pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
             )
         )

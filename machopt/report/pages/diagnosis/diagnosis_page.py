@@ -171,9 +171,9 @@ def _build_errors(data: DiagnosisPageData, have: set[str]) -> Body:
     )
     d = data.diagnosis
     if has_machine_finding(d) and has_data_finding(d):
-        lead += " What was found of the record itself is put right in both."
+        lead += " Faults of the record itself are corrected in both."
     elif has_data_finding(d):
-        lead += " The record is put right in all that is drawn here"
+        lead += " The record is corrected in all that is drawn here"
         lead += f"; as stated, it is off by {format_error(d.heldout_before, d.unit)}." if is_mismatch_closed(d) else "."
     return build_section("errors", "Before and after", lead, body)
 

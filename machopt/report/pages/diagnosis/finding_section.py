@@ -95,7 +95,11 @@ def _list_key_figures(f: Finding, unit: str) -> list[tuple[str, str, str, str]]:
     if f.record:
         return [
             ("As stated", *format_error_parts(f.before, unit), "what a fit to the record leaves"),
-            ("Put right", *format_error_parts(f.after, unit), "what the same fit leaves, all of the record put right"),
+            (
+                "Corrected",
+                *format_error_parts(f.after, unit),
+                "what the same fit leaves, with all corrections of the record",
+            ),
             ("p", format_p_value(f.p_value), "", "that as stated it fits as well, pose by pose"),
         ]
     gain = 1.0 - (f.after / f.before) ** 2 if f.before > 0.0 else math.nan

@@ -44,7 +44,7 @@ def build_verdict_html(data: DiagnosisPageData) -> Markup:
     ]
     if has_record_findings_only(d):
         cards[0] = ("Error before", *before, "the record as stated, model refitted")
-        cards[1] = ("Held-out error after", *after, "the record put right, model refitted")
+        cards[1] = ("Held-out error after", *after, "the record corrected, model refitted")
         if not is_mismatch_closed(d):
             del cards[0]
             cards[0] = ("Held-out error", *cards[0][1:])
@@ -56,7 +56,7 @@ def build_verdict_html(data: DiagnosisPageData) -> Markup:
         of = (
             "of the mismatch of the record as stated"
             if has_data_finding(d) and is_mismatch_closed(d)
-            else "of what the record put right leaves"
+            else "of the error of the corrected record"
             if has_record_findings_only(d)
             else f"of the repeatable {format_error(d.repeatable, d.unit)}"
         )

@@ -186,7 +186,7 @@ class _AptReader(OperationStatementReader):
         self.feed, self.per_revolution = self.feed_in_mm(value, unit, line)
 
     def feed_in_mm(self, value: float, unit: str | None, line: int) -> tuple[float, bool]:
-        """A feed in mm/min or mm per revolution, and which of both it is; NaN where ``--feed`` stands in for it.
+        """A feed in mm/min or mm per revolution, and which of both it is; NaN where ``--feed`` replaces it.
 
         Raises:
             InputError: it names no unit and is as small as feeds per revolution are.

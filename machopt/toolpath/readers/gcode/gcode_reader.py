@@ -380,7 +380,7 @@ class GcodeReader(GWordReader):
                 )
             elif letter == "O" and any(other not in "NO" for other, _ in b.words[: b.words.index((letter, value))]):
                 raise self.source.build_error(
-                    f"O{value:g} stands behind other words; expected a program number alone, or a zero instead of O",
+                    f"O{value:g} follows other words; expected a program number alone, or a zero instead of O",
                     b.line,
                 )
             elif letter not in "NO":

@@ -172,7 +172,7 @@ class MacroFlow(SubroutineFlow):
     # ---- Fanuc
 
     def _label(self, text: str, at: int) -> int:
-        """The block N of the program that ``at`` stands in, forwards first."""
+        """The block N of the program that contains ``at``, forwards first."""
         number = round(self.parameters.number(text))
         first = max((k for k in self.heads if k <= at), default=0)
         last = min((k for k in self.heads if k > at), default=len(self.items))

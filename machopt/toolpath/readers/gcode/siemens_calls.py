@@ -60,7 +60,7 @@ class SiemensCallReader(FrameWordReader):
             self.once = 0  # the cycle is carried out at the points that follow
 
     def _refuse_motion_beside(self, name: str, words: dict[str, float], b: ProgramBlock) -> None:
-        """Raise InputError for words of a motion in the block of a cycle: its call stands in a block of its own."""
+        """Raise InputError for words of a motion in the block of a cycle: its call is a block of its own."""
         found = [letter for letter in words if letter in _MOTION_LETTERS]
         found += [f"{word}=" for word in b.named if word in ADDRESSES - _NO_MOTION]
         if found:

@@ -105,7 +105,7 @@ class HeidenhainControlReader(CycleCallReader):
         if self.left_out is not None:
             name, at = self.left_out
             raise self.source.build_error(
-                f"{name} is called in line {at}; that program is not in this file, so where the tool stands after it "
+                f"{name} is called in line {at}; that program is not in this file, so where the tool is after it "
                 "is not known: expand it",
                 line,
             )

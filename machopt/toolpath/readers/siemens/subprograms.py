@@ -64,7 +64,7 @@ class CallText:
     name: str
     arguments: str  # text in the brackets
     repeats: str  # expression behind P, empty where there is none
-    alone: bool  # nothing else stands in the block
+    alone: bool  # nothing else is in the block
 
 
 def index_programs(items: Sequence[FlowItem]) -> tuple[dict[str, Subprogram], list[Subprogram]]:

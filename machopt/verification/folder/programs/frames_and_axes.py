@@ -137,7 +137,7 @@ def find_wrong_frames(
     for k in np.unique(parsed.base[pose]) if language.shows_coupling else ():
         frame = parsed.bases[k]
         if bool(frame.rides_on) != rides:
-            state = f"moves with {frame.rides_on}" if frame.rides_on else "stands still"
+            state = f"moves with {frame.rides_on}" if frame.rides_on else "is at rest"
             wrong.append(f"the base frame {frame.name} {state}, the workpiece {'is carried' if rides else 'is not'}")
     for frames, T, name in (
         ([parsed.bases[k] for k in np.unique(parsed.base[pose])], T_given_workpiece, "base"),

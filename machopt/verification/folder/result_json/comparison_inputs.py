@@ -219,7 +219,7 @@ def check_same_items(name: str, found: Mapping[str, object], expected: Mapping[s
 def check_close(
     name: str, found: float | None, expected: float | None, relative: float, absolute: float
 ) -> Iterable[str]:
-    """Yield a message if two numbers differ by more than the tolerance. None stands for a number that is not finite.
+    """Yield a message if two numbers differ by more than the tolerance. None means a number that is not finite.
 
     Args:
         name: Key in result.json.

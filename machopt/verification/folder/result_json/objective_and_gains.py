@@ -34,7 +34,7 @@ PRINTED_TOLERANCE = 2e-6  # relative: tables print seven significant digits
 POINT_TO_SAMPLE_FACTOR = (
     1.03  # a planning point is no softer than this times the worst sample, half a degree of joint travel away
 )
-POINT_TO_NEIGHBOUR_FACTOR = 1.5  # nor than this times the worst of near toolpath points, where no sample tells
+POINT_TO_NEIGHBOUR_FACTOR = 1.5  # nor than this times the worst of near toolpath points, where no sample shows it
 Z_90_PERCENT = 1.6448536269514722  # standard deviations of a 90 % interval
 NEARNESS_TOLERANCE = 0.2  # of the nearness: places between two points may be nearer or farther than both
 MIN_GAIN_PERCENT = 0.01  # a smaller difference of the means is no gain

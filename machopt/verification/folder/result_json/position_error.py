@@ -17,9 +17,7 @@ from machopt.verification.folder.result_json.comparison_inputs import (
 )
 
 COVERED_RANGE_DEG = 1.0  # beyond the last measured angle: poses are rounded and sag, as the planner counts it too
-PRINTED_ANGLE_DEG = (
-    0.3  # between what encoders say and where the arm stands, and of digits: no side of the edge is sure
-)
+PRINTED_ANGLE_DEG = 0.3  # between encoder angles and true angles, and of digits: no side of the edge is sure
 
 
 def check_position_error(t: ResultComparison) -> Iterable[str]:

@@ -40,7 +40,7 @@ def check_program_entries(t: ResultComparison) -> Iterable[str]:
             yield from _check_program_statements(t, p)
             yield from _check_feed_model(p)
         elif not p.withheld:
-            yield f"{p.post}: has no files and was not withheld"
+            yield f"{p.post}: has no files and no reason for that"
     for name in named:
         if not is_output_file(t, name):
             yield f"{name} is named and not there"

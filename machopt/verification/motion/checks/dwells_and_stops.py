@@ -35,7 +35,7 @@ def check_dwells_and_stops(
     Args:
         motion: trajectory.csv.
         toolpath: with its events.
-        points: points.csv; at points that it gives up nothing stands.
+        points: points.csv; points that it gives up have no values.
         locations: the motion against the toolpath.
         place: (P,), (P, 3) m: fractional index and place of the commanded polyline's corners.
         cell: its limits of jerk.

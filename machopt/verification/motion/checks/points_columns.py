@@ -263,7 +263,7 @@ class PointsTableCheck:
         return out
 
     def _check_status(self, motion: ExportedMotion) -> VerificationCheck:
-        """Words that exist; an ok point tells everything, any other a reason and nothing else.
+        """Words that exist; an ok point states everything, any other a reason and nothing else.
 
         The only reason of an ok point is that the move to it is driven slower than programmed.
         """

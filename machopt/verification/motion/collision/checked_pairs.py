@@ -107,7 +107,7 @@ def _list_external_pairs(
 ) -> list[tuple[CoalBody, CoalBody]]:
     """Pairs beyond those of an arm on a floor, by which joints lie between the two bodies.
 
-    What stands in the hall or rides on a positioner (a machine's link, the part, an obstacle) against base and link 1
+    What is fixed in the hall or rides on a positioner (a machine's link, the part, an obstacle) against base and link 1
     of the arm, and against each other; a machine's own links against the arm's others and the tool too. Two links of
     one machine are neighbours with a single joint between them; a part on a turning table can meet its cheeks.
     """

@@ -20,7 +20,7 @@ MAX_CONTACT_SAMPLES, MAX_DEPTH_SAMPLES = 400, 48  # samples checked for contact,
 MAX_DEPTH_M = 1.0  # m
 DEPTH_TOLERANCE_M = 1e-4  # m, of a depth
 LEVEL_TOLERANCE_M = 2e-4  # m under the level of a cut; twice what the drawn-in cutter may graze
-MIN_AXIS_COSINE = np.cos(np.radians(30.0))  # a tool more oblique than this to a cut's axis says nothing about its level
+MIN_AXIS_COSINE = np.cos(np.radians(30.0))  # a tool more oblique than this to a cut's axis does not show its level
 
 
 def check_contacts(

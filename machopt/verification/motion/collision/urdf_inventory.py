@@ -31,7 +31,7 @@ MASS_TOLERANCE = 1e-6  # of the total mass
 def check_inventory(
     cell: Cell, arm: UrdfKinematics, bodies: list[CoalBody], checked: list[tuple[CoalBody, CoalBody]]
 ) -> list[VerificationCheck]:
-    """Check that every body and mass of the URDF takes part in the contact check.
+    """Check that every body and mass of the URDF is included in the contact check.
 
     Args:
         cell: The robot cell.

@@ -403,7 +403,7 @@ def _compute_frames(
     Args:
         value: (S, F) rad or m.
         parent, place, linear, turn: of :meth:`UrdfKinematics._chain`.
-        root: (4, 4) what −1 stands for.
+        root: (4, 4) frame −1.
     """
     count, frames = value.shape
     out = np.zeros((count, frames, 4, 4))

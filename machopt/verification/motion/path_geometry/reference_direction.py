@@ -3,7 +3,7 @@
 gamma turns the TCP about its own z (which points out of the tool, so −z is the CAM axis), right-handed. gamma = 0 is,
 projected on the plane normal to the tool axis: the file's own reference direction where it gives one; workpiece x for
 point operations (y where x is within 1° of the axis); else the direction of travel. The direction of travel at a point
-is that of the move that leaves it, at the end of a run that of the move that comes to it. Where that move runs along
+is that of the move that leaves it, at the end of a run that of the move that ends there. Where that move runs along
 the tool axis (within 1°) it is that of the next move of the run that does not, else of the one before, else workpiece
 x or y. A run begins at each rapid move.
 """

@@ -38,7 +38,7 @@ class EndDisc:
 
     radius: float  # m
     is_whole: bool  # the cutter along the move
-    share: float = 1.0  # of the move, where the whole cutter stands
+    share: float = 1.0  # of the move, where the whole cutter is
 
     @property
     def areas(self) -> Array:

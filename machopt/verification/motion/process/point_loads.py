@@ -31,7 +31,7 @@ class RecomputedLoads:
 
     force: Array  # (N, 3) N on the tool along travel, normal, axis
     moment: Array  # (N,) N·m
-    arm_force: Array  # (N, 3) N that the arm bears
+    arm_force: Array  # (N, 3) N on the arm
     operation: np.ndarray  # (N,) operation of process.yaml, −1 for none
     side: np.ndarray  # (N,) 1 up, −1 down, 0 else
     bite: Array  # (N,) m, feed per tooth of milling; NaN elsewhere

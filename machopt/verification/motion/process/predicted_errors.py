@@ -144,7 +144,7 @@ class _Predictor:
         strongest = max((s.point for s in hole.strokes), key=lambda p: self.loads.force[p, 2], default=hole.deepest)
         thrust, torque = float(self.loads.force[strongest, 2]), float(self.loads.moment[strongest])
         sideways = self.loads.force[strongest, :2]
-        least = one.clamp or -math.inf  # without a foot the arm bears the thrust
+        least = one.clamp or -math.inf  # without a foot the arm carries the thrust
         single = DrawnLoads(
             thrust=np.array([max(thrust, least)]), torque=np.array([torque]), sideways=np.ones(1), nominal=sideways
         )

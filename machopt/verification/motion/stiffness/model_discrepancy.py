@@ -1,6 +1,6 @@
 """What a stiffness file says it lacks (``discrepancy``), read again: how it moves the TCP, how unsure it is.
 
-Each of ``parts`` is one thing that may give way by a coefficient x (SI), τ = Jᵀw of the process, g of the weight:
+Each of ``parts`` is one compliant part with a coefficient x (SI), τ = Jᵀw of the process, g of the weight:
 
 * ``joint j``: x τ_j; ``coupling i-j``: x τ_j and x τ_i; ``cos j``, ``sin j``: x cos(q_j) τ_j, x sin(q_j) τ_j;
 * ``play j``, ``slack j``, ``knee j``, ``bow j``: x (tanh((g + τ)/s) − tanh(g/s)), s = 0.05, 0.13, 0.35 and 1 of the

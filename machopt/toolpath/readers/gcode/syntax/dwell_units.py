@@ -25,7 +25,7 @@ def find_control(source: SourceFile) -> Control:
         source: Lines of the file, with its path and the builders of its errors.
 
     Returns:
-        The control; empty where nothing tells.
+        The control; empty where unknown.
     """
     if source.find_line(_LINUXCNC) is not None:
         return "linuxcnc"
