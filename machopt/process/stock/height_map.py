@@ -70,14 +70,6 @@ class HeightMap:
         """
         return np.ascontiguousarray(position @ self.rotation.T)
 
-    def convert_directions(self, direction: Array) -> Array:
-        """Return (N, 2) the components of directions across the axis.
-
-        Args:
-            direction: (N, 3), CAM frame.
-        """
-        return np.ascontiguousarray(direction @ self.rotation[:2].T)
-
 
 def build_height_map(body: StockBody, axis: Array) -> HeightMap:
     """Return the stock before the first move.

@@ -65,9 +65,7 @@ def _list_notes(job: PostJob, used: frozenset[str]) -> Sequence[str]:
     if "status" in used and job.program.wrist_behind is None:
         notes.append("S is left out: the arm's posture is not known (LIN does not read it)")
     if np.isfinite(job.program.tool_mass):
-        notes.append(
-            "$LOAD holds mass and centre of mass of the cell's tool; its inertia is not known and stands as 0"
-        )
+        notes.append("$LOAD holds mass and centre of mass of the cell's tool; its inertia is not known and stands as 0")
     rails = [d for d in list_driven_axes(job.program, job.controller) if not d.axis.carries_part]
     if rails:
         axes = ", ".join(f"E{d.number}" for d in rails)

@@ -19,7 +19,6 @@ from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.effects.protocol import JointLoading
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
 from machopt.numerics.array_types import Array
-from machopt.stiffness.terms import LinearTerm
 
 Ints = NDArray[np.int64]
 BODY_BEHIND_FLANGE = MOST_JOINTS + 1  # index of the first body attached to the flange, behind any link
@@ -199,14 +198,3 @@ class StaticReadings:
         twist[:, 3:] = np.einsum("nci,ni->nc", J[:, 3:, :k], (tau * self.compliance)[:, :k])
         rotation = np.einsum("nci,ni->nc", J[:, 3:], tau * self.compliance)[:, : self.dimensions - 3]
         return np.concatenate([twist[:, :3], rotation, twist[:, 3:5] * self.inclinometer.present], axis=1)
-
-    def compute_term_response(self, term: LinearTerm) -> Array:
-        """Compute the columns of a linear elastic term under the recorded wrench (without gravity).
-
-        Args:
-            term: Linear elastic term.
-
-        Returns:
-            (N, D, P) m, rad per unit of each coefficient.
-        """
-        return term.compute_response(self.state, self.wrench)[:, : self.dimensions]

@@ -29,10 +29,6 @@ class RivalPair:
     advice: str  # a measurement that separates them if this plan cannot
     is_separated: bool = False  # all rounds separate them with 90 % power by the test of diagnose
 
-    @property
-    def is_separable(self) -> bool:
-        return not self.advice
-
 
 @dataclass(frozen=True, kw_only=True)
 class DiscriminationPlan:
