@@ -122,6 +122,15 @@ def replace_word(name: str, word: str, rows: Rows) -> None:
     next(r for r in rows if r[name] and r[name] != word)[name] = word
 
 
+def fill_cell(name: str, word: str, rows: Rows) -> None:
+    """The first cell of a column that is empty."""
+    next(r for r in rows if not r[name])[name] = word
+
+
+def name_operation_of_way_home(rows: Rows) -> None:
+    rows[-1]["operation"] = next(r["operation"] for r in rows if r["operation"])
+
+
 def forget_outcome(rows: Rows) -> None:
     row = next(r for r in rows if r["outcome"])
     row["outcome"], row["p_in"] = "unknown", ""
@@ -259,6 +268,13 @@ DAMAGES = [
         for count in (2, 3, 100)
     ),
     Damage(
+        "drilled: trajectory.csv operation on the way home",
+        "1 cell",
+        build_table_change("trajectory.csv", name_operation_of_way_home),
+        "operations of the samples",
+        "drilled",
+    ),
+    Damage(
         "drilled: trajectory.csv without points",
         "1 column",
         build_table_change("trajectory.csv", partial(empty_columns, ["point"])),
@@ -281,6 +297,21 @@ DAMAGES = [
             "process",
         )
         for value in ("0.9", "-1")
+    ),
+    *(
+        Damage(
+            f"{job}: points.csv {name} where it must be empty",
+            "1 cell",
+            build_table_change("points.csv", partial(fill_cell, name, word)),
+            "points.csv empty cells",
+            job,
+        )
+        for job, name, word in (
+            ("process", "error_along_lo_mm", "0.5"),
+            ("process", "error_normal_hi_mm", "0.09"),
+            ("drilled", "cause", "joint:3 0.62"),
+            ("drilled", "a_lim_mm", "0.5"),
+        )
     ),
     Damage(
         "points.csv f1_Hz lost",

@@ -32,6 +32,7 @@ from machopt.verification.motion.checks.compensation_shift import (
     compute_commanded_corners,
 )
 from machopt.verification.motion.checks.dwells_and_stops import check_dwells_and_stops
+from machopt.verification.motion.checks.empty_cells import check_empty_cells
 from machopt.verification.motion.checks.feed_rate import check_feed
 from machopt.verification.motion.checks.force_and_error_columns import check_process_columns
 from machopt.verification.motion.checks.move_labels import check_move_labels
@@ -287,6 +288,7 @@ class _VerifiedTool:
             *_check_clearance(table, self.points, self.cell_bodies, pairs, options),
             *check_process_columns(cell, toolpath, points, motion, arm, options),
             *check_advised_feeds(toolpath, points, options),
+            check_empty_cells(points),
         ]
         checks += [replace(c, file="points.csv") for c in of_points]
         checks += check_requested_choices(cell, toolpath, points, np.flatnonzero(table.live), options, motion)

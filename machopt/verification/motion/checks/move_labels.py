@@ -122,7 +122,8 @@ def _check_operations(motion: ExportedMotion, toolpath: Toolpath) -> list[str]:
     wanted = labels[toolpath.operation[toward]]
     wanted[known[-1] + 1 :] = ""
     have = np.array(motion.operation, dtype=object)
-    wrong = (have != wanted) & (have != labels[toolpath.operation[_find_next_point(motion, toolpath, toward)]])
+    is_next = have == labels[toolpath.operation[_find_next_point(motion, toolpath, toward)]]
+    wrong = (have != wanted) & ~(is_next & (np.arange(len(s)) <= known[-1]))
     rapid = motion.move == MoveKind.RAPID  # one that passes points by belongs to where it ends
     for n in np.flatnonzero(wrong & rapid & np.isfinite(s)):
         after = np.flatnonzero(~rapid[n:])
