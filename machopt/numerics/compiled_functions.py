@@ -81,7 +81,20 @@ def jit_compile(function: F) -> F:
     Args:
         function: function to compile.
     """
-    compiled = numba.njit(nogil=True)(function)
+    return _compile(function, fastmath=False)
+
+
+def jit_compile_reordering(function: F) -> F:
+    """Compile a function as :func:`jit_compile` does, with sums and maxima in any order: several elements at once.
+
+    Args:
+        function: function to compile; its numbers are never NaN.
+    """
+    return _compile(function, fastmath={"nnan", "nsz", "reassoc"})
+
+
+def _compile(function: F, fastmath: bool | set[str]) -> F:
+    compiled = numba.njit(nogil=True, fastmath=fastmath)(function)
     try:
         compiled._cache = _CallTreeCache(function)
     except RuntimeError:  # numba finds no writable folder

@@ -11,6 +11,7 @@ import trimesh
 
 from machopt.data_types.stock import StockBody, StockComparison
 from machopt.errors import CuttingInputError
+from machopt.process.stock.end_cutting import measure_map_end
 from machopt.process.stock.height_map import HeightMap, build_height_map
 from machopt.process.stock.height_map_comparison import compare_with_finished_part
 from machopt.process.stock.path_removal import remove_path
@@ -268,3 +269,15 @@ def test_a_cusp_against_a_wall_that_is_tangent_to_the_cutter_is_in_contact(ahead
     begin = 90.0 + degrees(acos(0.5 * ahead / radius))  # both circles and the wall enclose the cusp
     assert mine[-1, 2] == pytest.approx(begin, abs=2 * ANGLE)
     assert mine[-1, 3] == pytest.approx(180.0, abs=ANGLE)
+
+
+def test_the_volume_beneath_the_end_is_that_of_a_part_of_a_disc() -> None:
+    """The end of a cutter descends over the side of a block, at random distances."""
+    stock, radius, depth = build_height_map(build_block((0, 0, 0), (0.06, 0.04, 0.02)), UP), 5e-3, 1e-3
+    rng, off = np.random.default_rng(3), []
+    for d in rng.uniform(-0.95, 0.95, 200):
+        start = np.array([0.03 + rng.uniform(-1e-3, 1e-3), d * radius, 0.02])
+        found = measure_map_end(stock.grid, stock.origin, stock.cell, start, start - [0.0, 0.0, depth], radius)
+        off.append(found / (depth * radius**2) / pi - 1.0 + (acos(d) - d * sqrt(1.0 - d * d)) / pi)
+    assert np.std(off) < 0.01
+    assert np.abs(off).max() < 0.04

@@ -23,7 +23,13 @@ END_SHARE = 0.01  # of the removed material; less by the end changes the force b
 THROUGH = 1e-12  # m³ (0.001 mm³); moves that remove less touch the stock by rounding
 SHORT = 1e-9  # m, a move without travel across the axis
 ROUNDING = 1e-9  # m, of heights: a move that descends less is level
-_RINGS, _ANGLES, _DEPTHS = 8, 32, 4  # of places beneath the end
+_RINGS, _ANGLES, _DEPTHS = (
+    8,
+    32,
+    4,
+)  # of places of equal area beneath the end, and of their depths. The part of a disc on
+# one side of a line is found with an error of 0.5 % of the disc (1 sigma; at most 2.7 %: test_stock_removal.py), and a
+# surface across the axis to an eighth of the descent
 
 
 def measure_descents(position: Array, axis: Array, cutting: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -116,7 +122,7 @@ def measure_map_end(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, 
         p1: (3,) at the end.
         inner: m, radius of the flat end.
     """
-    nv, nu = grid.shape[:2]
+    nv, nu = grid.shape[1:]
     x, y, rise = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
     length = sqrt(x * x + y * y)
     cu, cv = (x / length, y / length) if length > SHORT else (1.0, 0.0)
@@ -131,10 +137,10 @@ def measure_map_end(grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, 
             i, j = int(np.floor((u - origin[0]) / cell[0])), int(np.floor((v - origin[1]) / cell[1]))
             if not (0 <= i < nu and 0 <= j < nv):
                 continue
-            z = max(p0[2] + rise * _find_descent_share(a, b, length, inner), grid[j, i, BOTTOM])
-            c = grid[j, i, SHARE]
-            total += (1.0 - c) * max(min(grid[j, i, HIGH], p0[2]) - z, 0.0) + c * max(
-                min(grid[j, i, LOW], p0[2]) - z, 0.0
+            z = max(p0[2] + rise * _find_descent_share(a, b, length, inner), grid[BOTTOM, j, i])
+            c = grid[SHARE, j, i]
+            total += (1.0 - c) * max(min(grid[HIGH, j, i], p0[2]) - z, 0.0) + c * max(
+                min(grid[LOW, j, i], p0[2]) - z, 0.0
             )
     return float(total * pi * inner * inner / (_RINGS * _ANGLES))
 

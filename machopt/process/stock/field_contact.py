@@ -21,14 +21,18 @@ from machopt.process.stock.field_types import Cutter, FieldArrays, Frame
 SLICES = 24  # of the cylindrical part, at most, where no arcs change: an even wall needs one
 THICKNESS = 2.0  # cells, of a slice where no arcs change: the sampling distance of a field without aliasing
 SAME_ANGLE = 0.004  # rad; neighbouring slices whose arcs differ by less become one
-STEP_ANGLE = 0.1  # rad of all arcs of a slice; where neighbours differ by more, arcs are measured between them
+STEP_ANGLE = (
+    0.1  # rad of all arcs of a slice; where neighbours differ by more, arcs are measured between them. A height
+)
+# between two nodes then has arcs within half of it of those stated: 1 sigma of an angle is at most 0.1/√12 rad = 1.7°
 SHORTEST = 0.5  # cells between such heights, at least: the field is known at every cell
 EDGE_HEIGHT = 1.0  # cells over which an edge across the axis is rounded
 NARROWER = (
     0.8  # of the width a cell from the end; at a slope it falls to 0.5, at a round one to 0.71 half a cell from it
 )
-NEAR = 0.25  # cells from an end of the contact that is no edge
-NODES = 64  # heights at which arcs are measured, at most
+NEAR = 0.5 * SHORTEST  # cells from an end of the contact that is no edge: the middle of the thinnest slice
+NODES = SLICES + 2 * 20  # heights at which arcs are measured, at most: an edge across the axis divides an interval of
+# ``THICKNESS`` twice until it is ``SHORTEST``; there is room for 20 edges at one point
 RISING = 1e-3  # of the largest removed volume of a bin; less is the rounding of stored distances (EQUAL cells)
 
 

@@ -28,28 +28,28 @@ class HeightMap:
     rotation: Array  # (3, 3) rows u, v, w in the CAM frame
     origin: tuple[float, float]  # m, u and v of the corner of cell (0, 0)
     cell: tuple[float, float]  # m, size of a cell along u and v
-    grid: Grid  # (nv, nu, 4) high, low, share and bottom of each cell
+    grid: Grid  # (4, nv, nu) high, low, share and bottom of each cell
     gap_volume: float  # m³, of gaps along the axis, which count as filled
 
     @property
     def high(self) -> Heights:
         """(nv, nu) m, upper height."""
-        return self.grid[:, :, HIGH]
+        return np.asarray(self.grid[HIGH])
 
     @property
     def low(self) -> Heights:
         """(nv, nu) m, height of the share that was cut deeper."""
-        return self.grid[:, :, LOW]
+        return np.asarray(self.grid[LOW])
 
     @property
     def share(self) -> Heights:
         """(nv, nu) 0 … 1 of the area at ``low``."""
-        return self.grid[:, :, SHARE]
+        return np.asarray(self.grid[SHARE])
 
     @property
     def bottom(self) -> Heights:
         """(nv, nu) m, lower side."""
-        return self.grid[:, :, BOTTOM]
+        return np.asarray(self.grid[BOTTOM])
 
     @property
     def size(self) -> float:
@@ -94,11 +94,11 @@ def build_height_map(body: StockBody, axis: Array) -> HeightMap:
     is_empty = share >= 1.0
     filled = float(((1.0 - share) * (top - bottom)).sum(dtype=np.float64) - thickness) * float(cell[0] * cell[1])
     whole = max(thickness * float(cell[0] * cell[1]), 1e-300)
-    grid = np.empty((*top.shape, 4), np.float32)
-    grid[:, :, HIGH] = np.where(is_empty, bottom, top)
-    grid[:, :, LOW] = np.where(share > 0, bottom, top)
-    grid[:, :, SHARE] = np.where(is_empty, np.float32(0.0), share)
-    grid[:, :, BOTTOM] = bottom
+    grid = np.empty((4, *top.shape), np.float32)
+    grid[HIGH] = np.where(is_empty, bottom, top)
+    grid[LOW] = np.where(share > 0, bottom, top)
+    grid[SHARE] = np.where(is_empty, np.float32(0.0), share)
+    grid[BOTTOM] = bottom
     return HeightMap(
         rotation=rotation,
         origin=(float(least[0]), float(least[1])),

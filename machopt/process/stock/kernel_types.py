@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Heights = NDArray[np.float32]
-Grid = Heights  # (nv, nu, 4) of a height map; one array, because a compiled call counts references of each array
-HIGH, LOW, SHARE, BOTTOM = 0, 1, 2, 3  # places in the last axis of a grid
+Grid = Heights  # (4, nv, nu) of a height map; one array, because a compiled call counts references of each array
+HIGH, LOW, SHARE, BOTTOM = 0, 1, 2, 3  # places along the first axis of a grid
 Pair = tuple[float, float]  # along u and v
 Tip = tuple[float, float, float]  # radius m, corner radius m, slope of the cone

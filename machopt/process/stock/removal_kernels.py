@@ -6,7 +6,7 @@ the corner radius r_c outside, plus c r for the cone of a drill. A move from p�
     z = min over the move of w(s) + f(d(s)),   d(s) the distance of the cell from the axis at s.
 
 Closed forms hold for level moves (s nearest to the cell), for flat cutters (the ends of the chord) and for a sphere on
-an inclined move; other cutters on inclined moves are searched by golden section (the function is convex). A cell within
+an inclined move; other cutters on inclined moves are searched by the derivative (the function is convex). A cell within
 half a cell of the outline is covered in part, by its distance from the outline. Parts of one cell that several moves
 cover count as nested, which holds for the moves of one pass.
 """
@@ -18,15 +18,16 @@ from math import ceil, floor, sqrt
 import numpy as np
 
 from machopt.numerics.array_types import Array
-from machopt.numerics.compiled_functions import jit_compile
-from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Pair, Tip
+from machopt.numerics.compiled_functions import jit_compile, jit_compile_reordering
+from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Heights, Pair, Tip
 
-SLIVER = 0.05  # of a cell; less is the rounding of an outline that was cut before
-LEVEL = 1e-6  # m, heights that are equal
-LEVEL_MOVE = 1e-9  # m; a move that rises or descends less is level
-_GOLDEN = 0.6180339887498949
-_STEPS = 24  # of the golden section: 1e-5 of the chord, whose height differs by the square of that
-_REACH = 0.7072  # half the diagonal of a cell, in cells
+SLIVER = (
+    sqrt(0.5) - 0.5
+) ** 2  # of a cell: the largest error of its covered share, 0.043, of a line at 45° to the cells
+LEVEL = 1e-6  # m, heights that are equal: the last digit of a CAM file; single precision is finer up to 8 m
+LEVEL_MOVE = 1e-9  # m; a smaller rise is rounding: single precision states a height of 0.1 m to 4e-9 m
+SHORT_ROW = 16  # cells; shorter rows are computed cell by cell, which only takes another time
+_REACH = sqrt(0.5) + 1e-4  # half the diagonal of a cell, in cells, and rounding
 
 
 @jit_compile
@@ -95,29 +96,46 @@ def _compute_height(x: float, y: float, length: float, rise: float, radius: floa
         s = min(max(x - slope * half / sqrt(1.0 + slope * slope), first), last)
         d = sqrt(y * y + (x - s) * (x - s))
         return slope * s + compute_profile(d, radius, corner, cone)
-    a, b = first, last
-    e, f = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
-    at_e = slope * e + compute_profile(sqrt(y * y + (x - e) * (x - e)), radius, corner, cone)
-    at_f = slope * f + compute_profile(sqrt(y * y + (x - f) * (x - f)), radius, corner, cone)
-    for _ in range(_STEPS):
-        if at_e < at_f:
-            b, f, at_f = f, e, at_e
-            e = b - _GOLDEN * (b - a)
-            at_e = slope * e + compute_profile(sqrt(y * y + (x - e) * (x - e)), radius, corner, cone)
-        else:
-            a, e, at_e = e, f, at_f
-            f = a + _GOLDEN * (b - a)
-            at_f = slope * f + compute_profile(sqrt(y * y + (x - f) * (x - f)), radius, corner, cone)
-    return min(at_e, at_f)
+    return _search_height(x, y, slope, first, last, radius, corner, cone)
 
 
 @jit_compile
-def _compute_level_height(squared: float, radius: float, corner: float, cone: float) -> float:
-    """Height that a level move leaves at a place, from the square of its distance from the path, m²."""
-    inner = radius - corner
-    if cone > 0.0 or inner > 1e-12:
-        return compute_profile(sqrt(squared), radius, corner, cone)
-    return corner - sqrt(max(corner * corner - squared, 0.0))
+def _compute_slope(u: float, y: float, slope: float, radius: float, corner: float, cone: float) -> float:
+    """Change of the height over the share of a move, per m of travel, at u along travel and y across from a place."""
+    d, inner = sqrt(u * u + y * y), radius - corner
+    if d <= 0.0:
+        return slope
+    steep = cone
+    if d > inner and corner > 0.0:
+        ring = d - inner
+        steep += ring / sqrt(max(corner * corner - ring * ring, 1e-30))
+    return slope + steep * u / d
+
+
+@jit_compile
+def _search_height(
+    x: float, y: float, slope: float, first: float, last: float, radius: float, corner: float, cone: float
+) -> float:
+    """Least height between two places of an inclined move, from the root of its derivative.
+
+    The height is convex: between a with a falling and b with a rising height, it is at most g'(a) (b − a) below that at
+    a. The search ends where that is less than a tenth of ``LEVEL``, so that heights that are equal stay equal.
+    """
+    a, b = first, last
+    at_a = _compute_slope(a - x, y, slope, radius, corner, cone)
+    at_b = _compute_slope(b - x, y, slope, radius, corner, cone)
+    if at_b <= 0.0:
+        a = b
+    turn = False
+    while at_a < 0.0 < at_b and -at_a * (b - a) > 0.1 * LEVEL and b - a > 0.1 * LEVEL:
+        s = (a * at_b - b * at_a) / (at_b - at_a) if turn else 0.5 * (a + b)
+        turn = not turn
+        at_s = _compute_slope(s - x, y, slope, radius, corner, cone)
+        if at_s <= 0.0:
+            a, at_a = s, at_s
+        else:
+            b, at_b = s, at_s
+    return slope * a + compute_profile(sqrt(y * y + (x - a) * (x - a)), radius, corner, cone)
 
 
 @jit_compile
@@ -173,26 +191,61 @@ def _find_columns(
 
 
 @jit_compile
+def find_ceiling(grid: Grid, origin: Pair, cell: Pair, position: Array, reach: float) -> float:
+    """Largest height of the stock around some positions, m; −inf where there is none.
+
+    Args:
+        grid: (4, nv, nu) high, low, share, bottom.
+        origin: u and v of the corner of cell (0, 0).
+        cell: size of a cell.
+        position: (n, 3) u, v, w.
+        reach: m, distance from the positions.
+    """
+    first, last = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    for n in range(2):
+        low, high = position[:, n].min() - reach, position[:, n].max() + reach
+        first[n] = max(floor((low - origin[n]) / cell[n]), 0)
+        last[n] = min(ceil((high - origin[n]) / cell[n]), grid.shape[2 - n])
+    out = np.float32(-np.inf)
+    for j in range(first[1], last[1]):
+        for i in range(first[0], last[0]):
+            out = max(out, grid[HIGH, j, i])
+    return float(out)
+
+
+@jit_compile_reordering
 def remove_move(
-    grid: Grid, origin: Pair, cell: Pair, p0: Array, p1: Array, cutter: Tip, is_first: bool, bands: Array, peak: Array
+    grid: Grid,
+    origin: Pair,
+    cell: Pair,
+    p0: Array,
+    p1: Array,
+    cutter: Tip,
+    is_first: bool,
+    ceiling: float,
+    bands: Array,
+    peak: Array,
+    work: Heights,
 ) -> float:
     """Remove the cutter swept from p0 to p1 from the map; returns the removed volume, m³.
 
     Args:
-        grid: (nv, nu, 4) high, low, share, bottom.
+        grid: (4, nv, nu) high, low, share, bottom.
         origin: u and v of the corner of cell (0, 0).
         cell: size of a cell.
         p0: (3,) u, v, w of the tip at the start.
         p1: (3,) at the end.
         cutter: radius, corner radius, slope of the cone.
         is_first: Nothing was removed at p0 before: else cells that p0 covers are left out where they cannot change.
-        bands: (n, 3) lower and upper height above the tip at p1, and the removed volume between them, which is added.
+        ceiling: m, at least the height of the stock there.
+        bands: (n, 4) lower and upper height above the tip at p1, the removed volume between them, which is added, and
+            the volume that matters: from there on in all bands, none is added.
         peak: (1,) largest height above the tip at p1 of what is removed, which is raised.
+        work: (2, nu) the numbers of columns, and work space.
     """
     radius, corner, cone = cutter
-    nv, nu = grid.shape[:2]
+    nv, nu = grid.shape[1:]
     size = max(cell[0], cell[1])
-    reach = radius + _REACH * size
     x, y, rise = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
     if abs(rise) < LEVEL_MOVE:
         rise = 0.0
@@ -201,94 +254,121 @@ def remove_move(
     if length <= 1e-12:
         length = 0.0
     only_ahead = not is_first and rise >= 0.0
-    if only_ahead and length == 0.0:
+    p0u, p0v, p0w, p1u, p1w, per_cell = p0[0], p0[1], p0[2], p1[0], p1[2], 1.0 / size
+    lowest = float(np.float32(p0w + min(rise, 0.0)))
+    if (only_ahead and length == 0.0) or ceiling <= lowest:
         return 0.0
+    reach, inner = radius + _REACH * size, radius - corner
+    if ceiling - lowest < corner:
+        reach = min(reach, inner + sqrt((ceiling - lowest) * (2.0 * corner - ceiling + lowest)) + size)
     j0 = max(int((min(p0[1], p1[1]) - reach - origin[1]) / cell[1]), 0)
     j1 = min(int((max(p0[1], p1[1]) + reach - origin[1]) / cell[1]) + 1, nv)
+    middle = min(max(int((p1[1] - origin[1]) / cell[1]), j0), j1)
     area = cell[0] * cell[1]
-    p0u, p0v, p0w, p1u, p1w, per_cell = p0[0], p0[1], p0[2], p1[0], p1[2], 1.0 / size
-    inner = radius - corner - _REACH * size if cone == 0.0 else 0.0
-    lowest, farthest = float(np.float32(p0w + min(rise, 0.0))), (radius + 0.5 * size) ** 2
-    nearest = max(radius - 0.5 * size, 0.0) ** 2
-    centre, corner_squared, is_ball = lowest + corner, corner * corner, cone == 0.0 and radius - corner <= 1e-12
+    end = inner - _REACH * size if cone == 0.0 and only_ahead else 0.0
+    rim, farthest = radius - 0.5 * size, (radius + 0.5 * size) ** 2
     offset = origin[0] + 0.5 * cell[0] - p0u
     total, highest, n, number = 0.0, -1e30, 0, len(bands)
-    for j in range(j0, j1):
-        v = origin[1] + (j + 0.5) * cell[1]
-        z0 = v - p0v
-        first, last, skip_first, skip_last = _find_columns(
-            p0u, p1u, z0, cu, cv, length, reach, inner if only_ahead else 0.0, only_ahead
-        )
+    zero, big, huge, summit = np.float32(0.0), np.float32(1e20), np.float32(1e37), np.int32(-2000000000)
+    tip, two, nano = np.float32(p1w), np.float32(2.0), np.float32(1e9)
+    step, least = (np.float32(cell[0] * cu), np.float32(-cell[0] * cv)), 0.0 if only_ahead else -1e20
+    tool = (
+        *(np.float32(length), np.float32(inner), np.float32(lowest), np.float32(cone), np.float32(corner)),
+        *(np.float32(corner * corner), np.float32(farthest), np.float32(least)),
+        np.float32(max(rim, 0.0) ** 2),
+    )
+    count, waiting = work[0], work[1]
+    for row in range(j1 - j0):  # from the middle on, where all bands may fill
+        j = middle + row if row < j1 - middle else j1 - 1 - row
+        z0 = origin[1] + (j + 0.5) * cell[1] - p0v
+        first, last, skip_first, skip_last = _find_columns(p0u, p1u, z0, cu, cv, length, reach, end, only_ahead)
         if first > last:
             continue
         i0 = max(int((first - origin[0]) / cell[0] - 0.5), 0)
         i1 = min(int((last - origin[0]) / cell[0] + 0.5) + 1, nu)
         skip, resume = i1, i1
         if skip_first < skip_last:
-            skip = max(ceil((skip_first - origin[0]) / cell[0] - 0.5), i0)
-            resume = max(floor((skip_last - origin[0]) / cell[0] - 0.5), i0)
-        i = i0
-        while i < i1:
-            if skip <= i < resume:
-                i = resume
+            skip = min(max(ceil((skip_first - origin[0]) / cell[0] - 0.5), i0), i1)
+            resume = min(max(floor((skip_last - origin[0]) / cell[0] - 0.5), skip), i1)
+        for begin, stop in ((i0, skip), (resume, i1)):
+            if begin >= stop:
                 continue
-            column = i
-            i += 1
-            top = grid[j, column, HIGH]
-            if top <= lowest:
-                continue
-            d = offset + column * cell[0]
-            along, across = d * cu + z0 * cv, z0 * cu - d * cv
-            beyond = along - length if along > length else 0.0
-            if along < 0.0:
-                if only_ahead:
+            d0 = offset + begin * cell[0]
+            is_short = stop - begin < SHORT_ROW
+            if not is_short:
+                along0, across0 = np.float32(d0 * cu + z0 * cv), np.float32(z0 * cu - d0 * cv)
+                high, share = grid[HIGH, j, begin:stop], grid[SHARE, j, begin:stop]
+                bottom, hold = grid[BOTTOM, j, begin:stop], zero if rise == 0.0 and number == 0 else big
+                fallen, candidates = zero, zero
+                for m in range(stop - begin):  # in single precision and without branches: several cells at once
+                    along, across = along0 + count[m] * step[0], across0 + count[m] * step[1]
+                    beyond = along - min(max(along, zero), tool[0])
+                    squared = across * across + beyond * beyond
+                    r = sqrt(squared)
+                    ring = max(r - tool[1], zero)
+                    top = high[m]
+                    z = tool[2] + (tool[3] * r + tool[4] - sqrt(max(tool[5] - ring * ring, zero)))
+                    z = z if squared < tool[6] else top
+                    z = min(z if along >= tool[7] else top, top)
+                    waits = max(max(share[m], squared - tool[8]) * big, hold)
+                    lowered = min(top, max(z, bottom[m]) + max(waits, zero))
+                    high[m] = lowered
+                    fallen += top - lowered
+                    summit = max(summit, np.int32(max(min(top - tip, two, (top - lowered) * huge - two), -two) * nano))
+                    waiting[m] = min(waits, top - z)
+                    candidates += max(waiting[m], zero)
+                total += float(fallen)
+                if candidates <= zero:
                     continue
-                beyond = along
-            squared = across * across + beyond * beyond
-            if squared >= farthest:
-                continue
-            drop = centre - top  # of the height below the centre of the corner; the move reaches less deep at the place
-            if cone > 0.0:
-                if top - lowest <= cone * sqrt(squared):
+            for m in range(stop - begin):
+                if not is_short and waiting[m] <= zero:
                     continue
-            elif is_ball:
-                if drop >= 0.0 and drop * drop >= corner_squared - squared:
+                column = begin + m
+                top, d = grid[HIGH, j, column], d0 + m * cell[0]
+                if top <= lowest:
                     continue
-            elif drop >= 0.0:
-                ring = max(sqrt(squared) - radius + corner, 0.0)
-                if drop * drop >= corner_squared - ring * ring:
+                along, across = d * cu + z0 * cv, z0 * cu - d * cv
+                beyond = along - min(max(along, 0.0), length)
+                squared = across * across + beyond * beyond
+                if squared >= farthest or along < least:
                     continue
-            if rise == 0.0:
-                height = _compute_level_height(squared, radius, corner, cone)
-            else:
-                height = _compute_height(along, across, length, rise, radius, corner, cone)
-            part = 1.0
-            if squared > nearest:
-                part = 0.5 + (radius - sqrt(squared)) * per_cell
-            z = float(np.float32(p0w + height))
-            if z < top:
-                k, lowered = min(part, 1.0), max(z, grid[j, column, BOTTOM])
-                deep, c = grid[j, column, LOW], grid[j, column, SHARE]
+                distance = sqrt(squared)
+                if rise == 0.0:
+                    height = compute_profile(distance, radius, corner, cone)
+                else:
+                    height = _compute_height(along, across, length, rise, radius, corner, cone)
+                reached = float(np.float32(p0w + height))
+                if reached >= top:
+                    continue
+                k = 1.0 if distance <= rim else min(0.5 + (radius - distance) * per_cell, 1.0)
+                lowered = max(reached, grid[BOTTOM, j, column])
+                deep, c = grid[LOW, j, column], grid[SHARE, j, column]
                 if number:
                     base = lowered - p1w
                     while n > 0 and bands[n - 1, 1] > base:
                         n -= 1
                     while n < number and bands[n, 1] <= base:
                         n += 1
-                    m, upper, lower = n, top - p1w, deep - p1w
-                    while m < number and bands[m, 0] < upper:
-                        least = max(base, bands[m, 0])
-                        removed = max(k - c, 0.0) * (min(upper, bands[m, 1]) - least)
-                        bands[m, 2] += area * (removed + min(k, c) * max(min(lower, bands[m, 1]) - least, 0.0))
-                        m += 1
+                    band, upper, under = n, top - p1w, deep - p1w
+                    while band < number and bands[band, 0] < upper:
+                        low = max(base, bands[band, 0])
+                        removed = max(k - c, 0.0) * (min(upper, bands[band, 1]) - low)
+                        removed += min(k, c) * max(min(under, bands[band, 1]) - low, 0.0)
+                        bands[band, 2] += area * removed
+                        band += 1
                 if k - c > SLIVER:
                     highest = max(highest, top)
                 if k >= 1.0 and c <= 0.0:
-                    grid[j, column, HIGH], grid[j, column, LOW], new = lowered, lowered, top - lowered
+                    grid[HIGH, j, column], new = lowered, top - lowered
                 else:
                     new_top, new_deep, new_c = _lower_cell(top, deep, c, lowered, k)
-                    grid[j, column, HIGH], grid[j, column, LOW], grid[j, column, SHARE] = new_top, new_deep, new_c
+                    grid[HIGH, j, column], grid[LOW, j, column], grid[SHARE, j, column] = new_top, new_deep, new_c
                     new = (1.0 - c) * top + c * deep - (1.0 - new_c) * new_top - new_c * new_deep
                 total += max(new, 0.0)
-    peak[0] = max(peak[0], highest - p1w)
+        is_full = number > 0
+        for m in range(number):
+            is_full = is_full and bands[m, 2] > bands[m, 3]
+        if is_full:
+            number = 0
+    peak[0] = max(peak[0], highest - p1w, summit * 1e-9)
     return total * area
