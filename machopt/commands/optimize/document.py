@@ -41,46 +41,44 @@ from machopt.planning.uncertainty.stiffness_uncertainty import compute_gains
 from machopt.version import __version__
 
 
-def build_optimize_document(
-    job_result: OptimizeJobResult, folder: Path, seconds: dict[str, float]
-) -> doc.OptimizeDocument:
+def build_optimize_document(result: OptimizeJobResult, folder: Path, seconds: dict[str, float]) -> doc.OptimizeDocument:
     """Return the content of result.json; ``outputs`` are the files that lie in the folder at the time.
 
     Args:
-        job_result: Result of the run.
+        result: Result of the run.
         folder: The output folder.
         seconds: Computing time of each stage, s.
     """
-    cell, toolpath, the_plan, points = job_result.cell, job_result.toolpath, job_result.plan, job_result.points
-    timeline, checked = job_result.timeline, job_result.verification
+    cell, toolpath, the_plan, points = result.cell, result.toolpath, result.plan, result.points
+    timeline, checked = result.timeline, result.verification
     trajectory = timeline.trajectory if timeline else None
     stopped = timeline.obstructions if timeline else ()
     return doc.OptimizeDocument(
         machopt_result=1,
         version=__version__,
-        verdict=job_result.verdict,
-        exit_code=job_result.exit_code,
-        production_blockers=job_result.production_blockers,
-        unchecked=job_result.unchecked,
-        inputs=map_hashes_by_name(job_result.manifest.inputs),
+        verdict=result.verdict,
+        exit_code=result.exit_code,
+        production_blockers=result.production_blockers,
+        unchecked=result.unchecked,
+        inputs=map_hashes_by_name(result.manifest.inputs),
         outputs={name: compute_sha256(folder / name) for name in sorted(list_folder_files(folder))},
-        options=format_user_options(job_result.options),
-        reading=dict(job_result.manifest.reading),
+        options=format_user_options(result.options),
+        reading=dict(result.manifest.reading),
         cell=cell.name,
         toolpath=_build_toolpath_section(toolpath),
         index=the_plan.scores.index,
         index_scale=the_plan.scores.scale,
         chosen_from=the_plan.chosen_from,
         objective=build_objectives_section(the_plan),
-        front=tuple(doc.ParetoPlanEntry.from_fields(p) for p in job_result.front) or None,
-        tools=build_tool_sections(the_plan, [s.segment for s in job_result.segments]),
+        front=tuple(doc.ParetoPlanEntry.from_fields(p) for p in result.front) or None,
+        tools=build_tool_sections(the_plan, [s.segment for s in result.segments]),
         worst_point=build_worst_point_entry(the_plan, points),
         compensation=build_compensation_section(the_plan, toolpath) if trajectory is not None else None,
         tilt=build_tilt_section(the_plan, points),
         joint=build_joint_section(the_plan),
         reentry=build_reentry_section(the_plan),
         position_error=build_position_error_section(the_plan),
-        process=build_process_section(cell.process, points, job_result.stock, the_plan),
+        process=build_process_section(cell.process, points, result.stock, the_plan),
         infeasible_points=tuple(list_infeasible_entries(the_plan, points)),
         breaks=tuple(build_break_entry(b) for b in list_breaks(the_plan, stopped)),
         cycle_time_s=float(trajectory.time[-1]) if trajectory else None,
@@ -93,26 +91,26 @@ def build_optimize_document(
         verification=None
         if checked is None
         else VerificationSection.from_results(checked.ok, checked.checks, checked.information),
-        programs=tuple(p.to_document() for p in job_result.programs),
+        programs=tuple(p.to_document() for p in result.programs),
         notes=tuple(cell.notes),
-        warnings=_list_warnings(job_result),
+        warnings=_list_warnings(result),
         timings_s={name: round(value, 3) for name, value in seconds.items()},
     )
 
 
-def _list_warnings(job_result: OptimizeJobResult) -> tuple[str, ...]:
-    timeline, jobs = job_result.timeline, [(s.segment.cell, s.segment.toolpath) for s in job_result.segments]
+def _list_warnings(result: OptimizeJobResult) -> tuple[str, ...]:
+    timeline, jobs = result.timeline, [(s.segment.cell, s.segment.toolpath) for s in result.segments]
     return (
-        *job_result.cell.warnings,
-        *job_result.toolpath.warnings,
-        *find_options_without_effect(job_result.plan.options),
-        *describe_missing_plans(job_result.front, job_result.plan.options, jobs),
-        *describe_better_plans(job_result.front),
+        *result.cell.warnings,
+        *result.toolpath.warnings,
+        *find_options_without_effect(result.plan.options),
+        *describe_missing_plans(result.front, result.plan.options, jobs),
+        *describe_better_plans(result.front),
         *describe_low_feed(timeline.dips if timeline and timeline.trajectory else ()),
         *list_unchecked_stability(
-            job_result.points.table.process, job_result.plan.options.min_stability_ratio, job_result.points.table.status
+            result.points.table.process, result.plan.options.min_stability_ratio, result.points.table.status
         ),
-        *list_hints(job_result.plan),
+        *list_hints(result.plan),
     )
 
 
