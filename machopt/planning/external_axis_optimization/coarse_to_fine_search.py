@@ -17,6 +17,7 @@ from machopt.data_types.plan_options import ExternalJointOptions, PlanOptions
 from machopt.data_types.steering_rules import list_constrained_points, resolve_steering
 from machopt.data_types.toolpath import Toolpath
 from machopt.planning.continuous_refinement.plan_improvement import (
+    GAINS,
     PASSES,
     RefinementJob,
     is_drivable,
@@ -101,7 +102,7 @@ def find_best_external_axis_plan(
 def _complete_plan(plan: Plan, request: SearchRequest) -> list[Plan]:
     """Return the plans that follow from a refined one on the rotation grid of the request, best first.
 
-    Where the search finds a better rotation, better sequences around it are searched too.
+    Where the search finds a much better rotation, better sequences around it are searched too.
     """
     groups = build_operation_groups(request.cell, request.toolpath, plan.path, request.axes, plan.options.steer)
     ranking = AxisPlanRanking.build(plan.setup, request.axes)
@@ -110,7 +111,8 @@ def _complete_plan(plan: Plan, request: SearchRequest) -> list[Plan]:
     )
     step = request.options.rotation_step
     best, *own = plan_on_other_grid(plan, step, job)
-    if count_lost_points(best) or best.over_external is not None:
+    gained = ranking.plan(own[0]) - ranking.plan(best) if own else np.inf
+    if count_lost_points(best) or best.over_external is not None or gained < GAINS * best.chosen.objective.total:
         return [best, *own]
     led = leap_to_better_sequences(best, job)
     key = _build_ranking_key(plan.setup, request.axes)
