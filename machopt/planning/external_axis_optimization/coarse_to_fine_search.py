@@ -102,7 +102,7 @@ def find_best_external_axis_plan(
 def _complete_plan(plan: Plan, request: SearchRequest) -> list[Plan]:
     """Return the plans that follow from a refined one on the rotation grid of the request, best first.
 
-    Where the search finds a much better rotation, better sequences around it are searched too.
+    Where the search finds a much better rotation, it is refined again, and better sequences around it are searched.
     """
     groups = build_operation_groups(request.cell, request.toolpath, plan.path, request.axes, plan.options.steer)
     ranking = AxisPlanRanking.build(plan.setup, request.axes)
@@ -114,6 +114,9 @@ def _complete_plan(plan: Plan, request: SearchRequest) -> list[Plan]:
     gained = ranking.plan(own[0]) - ranking.plan(best) if own else np.inf
     if count_lost_points(best) or best.over_external is not None or gained < GAINS * best.chosen.objective.total:
         return [best, *own]
+    further = refine_plan(best, job)
+    if further is not best:
+        best, *own = plan_on_other_grid(further, step, job)
     led = leap_to_better_sequences(best, job)
     key = _build_ranking_key(plan.setup, request.axes)
     better = sorted((min(plan_on_other_grid(one, step, job), key=key) for one in led[1:]), key=key)

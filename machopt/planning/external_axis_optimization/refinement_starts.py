@@ -219,11 +219,15 @@ class _Tries:
     def _select_weights(
         self, curves: AxisCurveSearch, groups: list[OperationGroup], stands: list[Array]
     ) -> list[Sequence[ExternalJointOptions]]:
-        """Return the options of the joints, and with other weights of their travel where these lead to a better curve
-        on the coarse grid of values.
+        """Return the options of the joints, and with other weights of their travel.
+
+        Of a long path, of which one curve is planned, only those weights that lead to a better curve on the coarse grid
+        of values.
         """
         axes = self.request.axes
         every = [axes, *([replace(axis, weight=w * axis.weight) for axis in axes] for w in WEIGHTS)]
+        if len(self.path.index) <= SHORT:
+            return every
         ways = [compute_moving_axis_path(curves, self.path, groups, own, stands, is_coarse=True) for own in every]
         rates = [self.search.rate_along(at) for at in ways]
         return [own for own, rate in zip(every, rates, strict=True) if own is axes or rate < rates[0]]
@@ -281,11 +285,11 @@ def _may_win(estimate: float, estimates: Sequence[float], planned: Sequence[tupl
     return expected * (1.0 - UNSURE) <= sorted(value for value, _ in known)[count - 1]
 
 
-def _list_lost_groups(found: Plan, groups: Sequence[OperationGroup]) -> list[int]:
+def _list_lost_groups(plan: Plan, groups: Sequence[OperationGroup]) -> list[int]:
     """Groups with points that have no configuration, or with breaks."""
-    path = found.path
-    runs = set(path.run[found.missing[path.may_touch[found.missing]]].tolist())
-    for b in found.breaks:
+    path = plan.path
+    runs = set(path.run[plan.missing[path.may_touch[plan.missing]]].tolist())
+    for b in plan.breaks:
         if np.isfinite(b.after):
             runs.add(int(path.run[np.searchsorted(path.index, b.after - 1e-9)]))
     return [n for n, group in enumerate(groups) if runs & set(group.runs)]
