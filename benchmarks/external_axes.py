@@ -9,11 +9,11 @@ same passes, the rail) and with two (a groove that winds one and a half times ro
 table): wall and processor time, peak memory, stages, and in the same run how long a plain pinocchio loop takes for
 the Jacobian and stiffness of every point × rotation × branch where the external joints stand at one place: the ratio
 holds on any machine. Goals on two cores of an ordinary machine: 8 s with one, 25 s with two, 1.5 GiB.
-near (only where it is asked for: some minutes): what ``AS_GOOD`` and ``AS_NEAR`` of
-:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search`
-are worth. The shipped jobs of both cells and a short groove, rotations every 15°, with either number set so that
-nothing but the best is tried, as it stands, and so that everything is: J and processor time. On 24 Nov 2026 no setting
-changed J of any of the three (beam 1.206, drum 0.400, groove 2.182 with 2 breaks), for up to 16 % more time.
+near (only where it is asked for: some minutes): what ``AS_GOOD`` of
+:mod:`machopt.planning.external_axis_optimization.coarse_to_fine_search` and ``UNSURE`` of
+:mod:`machopt.planning.external_axis_optimization.refinement_starts` are worth. The shipped jobs of both cells and a
+short groove, rotations every 15°, with either number set so that nothing but the best is tried, as it stands, and so
+that everything is: J and processor time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from optimize_time import textbook
 
 from machopt.cell.cell_reader import load_cell
 from machopt.options.plan_option_reader import load_options
-from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.planning.external_axis_optimization import coarse_to_fine_search, refinement_starts
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -114,8 +114,8 @@ def gain() -> None:
 
 def near() -> None:
     """Print J and processor time of three jobs by the two numbers that say what is planned beside the best estimate."""
-    kept = {"AS_GOOD": coarse_to_fine_search.AS_GOOD, "AS_NEAR": coarse_to_fine_search.AS_NEAR}
-    trials = [kept, *({**kept, name: value} for name in kept for value in (1.0, np.inf))]
+    good, unsure = coarse_to_fine_search.AS_GOOD, refinement_starts.UNSURE
+    trials = [(good, unsure), (1.0, unsure), (np.inf, unsure), (good, 0.0), (good, 1.0)]
     with tempfile.TemporaryDirectory() as name:
         groove = make_groove(Path(name), GROOVE)
         jobs = [(CELL, TOOLPATHS / "beam_passes.csv"), (TABLE, TOOLPATHS / "drum_holes.csv"), (TABLE, groove)]
@@ -123,16 +123,14 @@ def near() -> None:
             cell, toolpath = load_cell(folder), read_toolpath(path)
             options = load_options(cell.plan, None, ["rotation_step_deg=15"])
             for trial in trials:
-                for key, value in trial.items():
-                    setattr(coarse_to_fine_search, key, value)
+                coarse_to_fine_search.AS_GOOD, refinement_starts.UNSURE = trial
                 start = time.process_time()
                 plan = coarse_to_fine_search.find_best_external_axis_plan(cell, toolpath, options)
                 spent, lost = time.process_time() - start, len(plan.missing) + len(plan.breaks)
-                said = ", ".join(f"{key} {value:g}" for key, value in trial.items())
+                said = f"AS_GOOD {trial[0]:g}, UNSURE {trial[1]:g}"
                 total = plan.chosen.objective.total
                 print(f"{path.stem:12} {said}: J {total:.5f}, {lost} lost, {spent:.1f} s CPU", flush=True)
-    for key, value in kept.items():
-        setattr(coarse_to_fine_search, key, value)
+    coarse_to_fine_search.AS_GOOD, refinement_starts.UNSURE = good, unsure
 
 
 def main() -> None:

@@ -37,7 +37,7 @@ from machopt.planning.external_axes.axis_modes import resolve_axis_options
 from machopt.planning.external_axes.operation_groups import OperationGroup, build_operation_groups
 from machopt.planning.external_axes.plan_ranking import AxisPlanRanking
 from machopt.planning.external_axis_optimization import coarse_to_fine_search, refinement_restarts
-from machopt.planning.external_axis_optimization.coarse_to_fine_search import _search_coarse_to_fine, _SearchRequest
+from machopt.planning.external_axis_optimization.refinement_starts import SearchRequest, find_refinement_starts
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
@@ -49,10 +49,10 @@ MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
 def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
     """What the search by grids comes to."""
     axes = resolve_axis_options(cell, options)
-    request = _SearchRequest(
+    request = SearchRequest(
         cell=cell, toolpath=path, options=options, axes=axes, clock=StageTimings(), before=None, scale=None
     )
-    return _search_coarse_to_fine(request).best
+    return find_refinement_starts(request).best
 
 
 def chosen(

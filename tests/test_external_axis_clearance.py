@@ -14,7 +14,7 @@ from machopt.data_types.toolpath import MoveKind
 from machopt.numerics.array_types import Array
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, _find_near_contact, _number_neighbours
-from machopt.planning.external_axis_optimization import coarse_to_fine_search
+from machopt.planning.external_axis_optimization import coarse_to_fine_search, refinement_starts
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 
@@ -43,13 +43,13 @@ def test_a_hanging_arm_that_touches_itself_is_led_along_beside_the_tool(
     assert cell.T_world_base[2, 2] == pytest.approx(-1.0)
     options = load_options(cell.plan, None, ["rotation_step_deg=30"])
     looked: list[bool] = []
-    made = coarse_to_fine_search.compute_moving_axis_path
+    made = refinement_starts.compute_moving_axis_path
 
     def noted(search: AxisCurveSearch, *given: Any) -> Array:
         looked.append(search.clear)
         return made(search, *given)
 
-    monkeypatch.setattr(coarse_to_fine_search, "compute_moving_axis_path", noted)
+    monkeypatch.setattr(refinement_starts, "compute_moving_axis_path", noted)
     found = coarse_to_fine_search.find_best_external_axis_plan(cell, path, options)
     assert looked == [False, False, False, True]  # with three weights of travel, then free poses
     assert not len(found.missing)

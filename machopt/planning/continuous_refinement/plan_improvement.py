@@ -2,8 +2,9 @@
 
 :class:`machopt.planning.continuous_refinement.refinement.PlanRefinement` finds offsets at stations. Between these a
 pose may be lost or touch something, so the full offsets are tried first, then a share of them. The refinement
-continues from the result that can be driven and is better. Only the final result is planned in full, with its external
-joints, because the search may find a better rotation for them.
+continues from the result that can be driven and is better. Candidates and choice of a refined plan are those of the
+plan it began with. :func:`plan_on_other_grid` plans the final result in full, with its external joints, because the
+search may find a better rotation for them.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ from machopt.planning.stations.planning_path import PlanningPath
 
 PASSES = 3  # of the refinement at most
 SHARES = (1.0, 0.6, 0.3)  # shares of its offsets that are tried
-SEARCHES = 2  # a rotation that only the search finds starts another refinement
 GAINS = 1e-3  # share of the objective: a smaller gain does not justify another pass or a full plan
+
+SAME = 1e-5  # share of the objective: plans that differ by less are at the same optimum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,21 +68,15 @@ def refine_plan(
     Args:
         plan: plan to refine.
         job: toolpath, operation groups and ranking of the plans.
-        below: ranking value that must be reached after the passes; otherwise the result is not planned in full.
+        below: ranking value that the result has to reach.
         trust: rad, trust region of the refinement's steps, initial and maximum value.
         start: starting point in place of the plan.
         passes: maximum number of refinement passes.
     """
     if plan.found is None or plan.breaks or len(plan.missing):
         return plan
-    best = plan
-    for _ in range(SEARCHES):
-        found, searched = _Passes(plan=best, job=job, trust=trust, passes=passes).best(below, start)
-        start = None
-        best, done = found, found is best or not searched
-        if done:
-            break
-    return best
+    best = _Passes(plan=plan, job=job, trust=trust, passes=passes).best(start)
+    return best if job.worth.plan(best) < below else plan
 
 
 def is_drivable(plan: Plan, toolpath: Toolpath, clock: StageTimings) -> bool:
@@ -95,8 +91,8 @@ def is_drivable(plan: Plan, toolpath: Toolpath, clock: StageTimings) -> bool:
         return has_motion(plan, toolpath)
 
 
-def plan_on_other_grid(plan: Plan, step: float, job: RefinementJob) -> Plan:
-    """Return the plan with another rotation step: the result of the search there, or its own rotation.
+def plan_on_other_grid(plan: Plan, step: float, job: RefinementJob) -> list[Plan]:
+    """Return plans with another rotation step, best first: the result of the search there, and the own rotation.
 
     The rotation of a plan with external joints is a curve between the grid's steps and therefore valid on
     any grid. No grid makes a complete plan worse.
@@ -119,49 +115,53 @@ class _Passes:
     trust: float = TRUST  # rad
     passes: int = PASSES
 
-    def best(self, below: float, start: RefinementStart | None = None) -> tuple[Plan, bool]:
-        """Return the result of the passes, else the plan itself; and whether the search found a better rotation.
+    def best(self, start: RefinementStart | None = None) -> Plan:
+        """Return the result of the passes; the plan itself where none makes it better.
 
         Args:
-            below: ranking value that must be reached.
             start: starting point in place of the plan.
         """
-        stages = [self.plan]  # each better than the previous one; without a new search the candidates are stale
+        best = self.plan
         for _ in range(self.passes):
             with self.job.clock.stage("external"):
-                proposed = PlanRefinement(stages[-1], self.job.groups, self.job.worth, self.trust).found(start)
+                proposed = PlanRefinement(best, self.job.groups, self.job.worth, self.trust).found(start)
                 start = None
-                if proposed is None or proposed.saved < GAINS * stages[-1].chosen.objective.total:
+                if proposed is None or proposed.saved < GAINS * best.chosen.objective.total:
                     break
-                better = self._find_best_share(stages[-1], proposed)
+                better = self._find_best_share(best, proposed)
             if better is None:
                 break
-            gained = self.job.worth.plan(stages[-1]) - self.job.worth.plan(better)
-            stages.append(better)
+            gained, best = self.job.worth.plan(best) - self.job.worth.plan(better), better
             if gained < GAINS * better.chosen.objective.total:
                 break
-        for last in reversed(stages[1:]):
-            if self.job.worth.plan(last) >= min(below, self.job.worth.plan(self.plan)):
-                break
-            whole, searched = self._plan_completely(last)
-            if self._is_better(whole, self.plan):
-                return whole, searched
-        return self.plan, False
+        return best
 
-    def planned_again(self) -> Plan:
-        """Return the plan planned in full by its own options; its own rotation where no other is better."""
-        is_incomplete = self.plan.found is None or bool(self.plan.breaks) or len(self.plan.missing) > 0
-        searched = self._plan_path_again(
-            self.plan, self.plan.path, np.inf if is_incomplete else _compute_searched_objective(self.plan)
+    def planned_again(self) -> list[Plan]:
+        """Return the plan planned in full by its own options, best first: as searched where that is complete and not
+        the same optimum, and with its own rotation where it is complete.
+        """
+        plan = self.plan
+        is_incomplete = plan.found is None or bool(plan.breaks) or len(plan.missing) > 0
+        searched = planned(
+            plan.setup.cell,
+            self.job.toolpath,
+            plan.options,
+            self.job.clock,
+            setup=plan.setup,
+            variant=PathVariant(
+                external=plan.path.external, below=np.inf if is_incomplete else _compute_searched_objective(plan)
+            ),
+            scale=plan.scores.scale,
+            before=self.job.before,
         )
         if is_incomplete:
-            return searched
-        own = replace(_restore_rotation(searched, self.plan), over_external=self.plan.over_external)
-        return (
-            searched
-            if self._is_better(searched, own) and is_drivable(searched, self.job.toolpath, self.job.clock)
-            else own
-        )
+            return [searched]
+        # the price of rapid moves follows from the stations' external joints
+        own = replace(searched, chosen_from=plan.chosen_from, check=plan.check, breaks=())
+        own = replace(rescore_plan(own, plan.chosen.assignment), over_external=plan.over_external)
+        gained = self.job.worth.plan(own) - self.job.worth.plan(searched)
+        is_better = self._is_better(searched, own) and gained > SAME * own.chosen.objective.total
+        return [searched, own] if is_better else [own]
 
     def _is_better(self, one: Plan, other: Plan) -> bool:
         return not one.breaks and not len(one.missing) and self.job.worth.plan(one) < self.job.worth.plan(other)
@@ -182,29 +182,6 @@ class _Passes:
                 return found
         return None
 
-    def _plan_completely(self, plan: Plan) -> tuple[Plan, bool]:
-        """Return the fully planned plan, with its own rotation or a searched one, and whether the latter is so much
-        better that another refinement is worth it.
-        """
-        searched = self._plan_path_again(plan, plan.path, _compute_searched_objective(plan))
-        own = _restore_rotation(searched, plan)
-        if searched.breaks or len(searched.missing) or self._is_better(own, searched):
-            return own, False
-        gained = self.job.worth.plan(own) - self.job.worth.plan(searched)
-        return searched, gained >= GAINS * searched.chosen.objective.total
-
-    def _plan_path_again(self, plan: Plan, path: PlanningPath, below: float = np.inf) -> Plan:
-        return planned(
-            plan.setup.cell,
-            self.job.toolpath,
-            plan.options,
-            self.job.clock,
-            setup=plan.setup,
-            variant=PathVariant(external=path.external, below=below),
-            scale=plan.scores.scale,
-            before=self.job.before,
-        )
-
     def _plan_with_rotation(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
         """Return the plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it is
         infeasible.
@@ -219,11 +196,6 @@ class _Passes:
             a.phi, a.q
         )
         return replace(rescore_plan(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None
-
-
-def _restore_rotation(searched: Plan, plan: Plan) -> Plan:
-    """Return the searched plan with the rotation of a plan of the same external joints and unit."""
-    return replace(searched, chosen=plan.chosen, chosen_from=plan.chosen_from, check=plan.check, breaks=())
 
 
 def _compute_searched_objective(plan: Plan) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from machopt.data_types.plan_options import ExternalJointOptions
 from machopt.numerics.array_types import Array, Bools
 from machopt.planning.external_axes.axis_curve_smoothing import GroupAxisRange
-from machopt.planning.external_axes.moving_axis_search import AxisCurveSearch, compute_axis_curve
+from machopt.planning.external_axes.moving_axis_search import FINER, AxisCurveSearch, compute_axis_curve
 from machopt.planning.external_axes.operation_groups import OperationGroup
 from machopt.planning.external_axes.position_constraints import (
     AxisBound,
@@ -88,6 +88,7 @@ def compute_moving_axis_path(
     groups: Sequence[OperationGroup],
     axes: Sequence[ExternalJointOptions],
     fixed_values: Sequence[Array],
+    is_coarse: bool = False,
 ) -> Array:
     """Return the (P, E) external joints in m or rad: curves where they may move, else the values of their group.
 
@@ -97,6 +98,7 @@ def compute_moving_axis_path(
         groups: operation groups.
         axes: options of each external joint.
         fixed_values: (E,) m or rad, fixed values of each group.
+        is_coarse: search on the first grid of values only.
     """
     fixed_values = [g.snapped(value) for g, value in zip(groups, fixed_values, strict=True)]
     out = np.empty((len(path.index), len(axes)))
@@ -123,7 +125,7 @@ def compute_moving_axis_path(
                 bounds=bounds,
                 allowed=g.allowed,
             )
-            out[rows] = compute_axis_curve(search, path, group, weight)
+            out[rows] = compute_axis_curve(search, path, group, weight, 0 if is_coarse else FINER)
     return out
 
 

@@ -111,7 +111,9 @@ class _GroupSearch:
         return cost, np.asarray(u[np.arange(len(u)), at])
 
 
-def compute_axis_curve(search: AxisCurveSearch, path: PlanningPath, group: GroupAxisRange, weight: Array) -> Array:
+def compute_axis_curve(
+    search: AxisCurveSearch, path: PlanningPath, group: GroupAxisRange, weight: Array, finer: int = FINER
+) -> Array:
     """Return the (n, E) external joints in m or rad at the planning points of a group's runs, in order.
 
     Args:
@@ -119,6 +121,7 @@ def compute_axis_curve(search: AxisCurveSearch, path: PlanningPath, group: Group
         path: planning points.
         group: group of operations and the ranges of its joints.
         weight: (E,) factor of their travel.
+        finer: most finer grids that are searched.
     """
     setup = search.setup
     free = np.flatnonzero(group.moving & (group.high > group.low))
@@ -129,7 +132,7 @@ def compute_axis_curve(search: AxisCurveSearch, path: PlanningPath, group: Group
     step[free] = (group.high - group.low)[free] / (np.array(counts) - 1)
     stairs, fixed_values = _find_coarse_steps(own, free, counts)
     found = smooth_step_curve(own.part, stairs, group, WAVE)
-    for level in range(1, FINER + 1):
+    for level in range(1, finer + 1):
         if float((step * setup.per_rad[6:]).max()) <= FINEST:
             break
         step = 0.5 * step

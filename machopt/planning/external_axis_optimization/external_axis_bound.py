@@ -54,7 +54,8 @@ from machopt.planning.stations.planning_path import PlanningPath
 MOST, LEAST = 240, 24  # stations
 STRUCK = 6  # maximum number of rounds in which colliding poses are excluded,
 LOOKED_AT = 2_000  # and maximum number per round
-SEARCHED = 0.25  # share of the way from the best sequence to the plan: up to there colliding poses are looked for
+# shares of the way from the best sequence to the plan: up to there colliding poses are looked for, in turn until enough
+SEARCHED = 0.03, 0.25
 SHARES = 0.1, 0.4, 1.0  # the same for sequences with consistent turns, tried in turn
 TOLD_APART = 2_500_000  # maximum number of vertices of a turn-resolved grid, limited by memory
 SLACK = 1e-9  # of J, rounding tolerance: vertices of the plan itself are kept
@@ -166,7 +167,7 @@ class BoundSearch:
             of: (V,) vertices of the original grid; None: it is the original one.
         """
         found, limit, free = lattice.best(GAP, onward, self.own), -np.inf, np.zeros(lattice.node.shape, bool)
-        through = np.empty(0)
+        through = np.full(lattice.node.shape, np.inf)
         for n in range(STRUCK):
             if found is None:
                 return None
@@ -174,10 +175,15 @@ class BoundSearch:
             hit = self.touching(np.arange(len(vertex)), vertex)
             if not hit.any():
                 break
-            if found[0] > limit:  # excluded vertices only raise it, so that it stays a lower bound
-                limit = found[0] + SEARCHED * max(self.own - found[0], 0.0)
-                through = lattice.through(onward, limit)
-            self._exclude_vertices(lattice, of, (np.flatnonzero(hit), found[2][hit]), through, free, LOOKED_AT << n)
+            rows, most = np.flatnonzero(hit), LOOKED_AT << n
+            for share in SEARCHED:
+                candidates = np.isfinite(through[rows]) & np.isfinite(lattice.node[rows]) & ~free[rows]
+                if found[0] <= limit and np.count_nonzero(candidates) >= most:
+                    break
+                further = found[0] + share * max(self.own - found[0], 0.0)
+                if further > limit:  # excluded vertices only raise it, so that it stays a lower bound
+                    limit, through = further, lattice.through(onward, further)
+            self._exclude_vertices(lattice, of, (rows, found[2][hit]), through, free, most)
             found = lattice.best(GAP, onward, self.own)
         return None if found is None else BoundSequence(*found)
 

@@ -121,9 +121,10 @@ def _sort_groups(
     """
     G = len(group) // B
     group[:] = np.inf
-    for u in range(len(before)):
-        k = (u // (B * R)) * B + u % B
-        group[k] = min(group[k], before[u])
+    for h in range(G):
+        for u in range(h * R * B, (h + 1) * R * B, B):
+            for b in range(B):
+                group[h * B + b] = min(group[h * B + b], before[u + b])
     for b in range(B):
         count[b] = 0
         for h in range(G):
@@ -191,52 +192,55 @@ def compute_reach_costs(
         _compute_value_steps(
             e[s], e[s - 1], position_number[s], position_number[s - 1], kind[s, SAME], slowness, way, slow
         )
-        for v in range(V):
-            b, r, g = v % B, (v // B) % R, v // (B * R)
-            if r == 0:
-                likely[b] = v  # a source of an earlier step may have another branch
-            if not node[s, v] < np.inf:
-                continue
-            most = np.nextafter(limit - onward[s, v], np.inf)  # a price equal to the limit is permitted
-            value = most
-            if is_plunge:
-                for u in range(v % same, V, same):
-                    h = u // (B * R)
+        for g in range(G):
+            for b in range(B):
+                likely[b] = g * R * B + b  # a source of an earlier step may have another branch
+            for v in range(g * R * B, (g + 1) * R * B):
+                if not (node[s, v] < np.inf and onward[s, v] <= limit):
+                    continue
+                b, r = v % B, (v // B) % R
+                most = np.nextafter(limit - onward[s, v], np.inf)  # a price equal to the limit is permitted
+                value = most
+                if is_plunge:
+                    for u in range(v % same, V, same):
+                        h = u // (B * R)
+                        if before[u] < value and way[g, h] < np.inf:
+                            to = value - before[u]
+                            price = _step(
+                                here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, r], slowness, paid, to
+                            )
+                            value = min(value, before[u] + price)
+                    if value < most:
+                        out[s, v] = value + node[s, v]
+                    continue
+                for u in (v, likely[b]):  # near values and the source of the last vertex first: few others are examined
+                    p, h = (u // B) % R, u // (B * R)
                     if before[u] < value and way[g, h] < np.inf:
-                        to = value - before[u]
-                        price = _step(
-                            here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, r], slowness, paid, to
-                        )
-                        value = min(value, before[u] + price)
-                if value < most:
-                    out[s, v] = value + node[s, v]
-                continue
-            for u in (v, likely[b]):  # near values and the source of the last vertex first: few others are examined
-                p, h = (u // B) % R, u // (B * R)
-                if before[u] < value and way[g, h] < np.inf:
-                    to = value - before[u]
-                    price = _step(here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, p], slowness, paid, to)
-                    value = min(value, before[u] + price)
-            for a in range(0 if every else b, B if every else b + 1):
-                for k in range(count[a]):
-                    h = order[a, k]
-                    if group[h * B + a] >= value:
-                        break
-                    flown = paid[TRAVEL] * way[g, h]
-                    if not group[h * B + a] + flown < value:
-                        continue
-                    for p in range(R):
-                        u = (h * R + p) * B + a
-                        if not before[u] + flown + paid[ROTATION] * turn[r, p] < value:
-                            continue
                         to = value - before[u]
                         price = _step(
                             here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, p], slowness, paid, to
                         )
-                        if before[u] + price < value:
-                            value, likely[b] = before[u] + price, u
-            if value < most:
-                out[s, v] = value + node[s, v]
+                        value = min(value, before[u] + price)
+                for a in range(0 if every else b, B if every else b + 1):
+                    for k in range(count[a]):
+                        h = order[a, k]
+                        if group[h * B + a] >= value:
+                            break
+                        flown = paid[TRAVEL] * way[g, h]
+                        if not group[h * B + a] + flown < value:
+                            continue
+                        for p in range(R):
+                            u = (h * R + p) * B + a
+                            if not before[u] + flown + paid[ROTATION] * turn[r, p] < value:
+                                continue
+                            to = value - before[u]
+                            price = _step(
+                                here, own, v, last, gone, u, way[g, h], slow[g, h], turn[r, p], slowness, paid, to
+                            )
+                            if before[u] + price < value:
+                                value, likely[b] = before[u] + price, u
+                if value < most:
+                    out[s, v] = value + node[s, v]
     return out
 
 

@@ -26,6 +26,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.toolpath import MoveKind, Toolpath
 from machopt.data_types.trajectory import Trajectory
 from machopt.numerics.array_types import Array
+from machopt.numerics.identity_cache import IdentityCache
 from machopt.planning.motion.blocked_rapid_break import RestPose
 from machopt.planning.motion.motion_segment import BEFORE_ALL, MotionSegment
 from machopt.planning.motion.rapid_corners import list_rounded_corners, round_rapid_corners
@@ -34,7 +35,7 @@ from machopt.planning.motion.segment_planner import SegmentPlanner
 from machopt.planning.motion.tilted_motion import SampleTilts, limit_cut_tilts, measure_sample_tilts
 from machopt.planning.pipeline.gaps import Stretch, find_driven_stretches, find_uncut_points, is_worth_driving
 from machopt.planning.pipeline.plan_data_types import Plan
-from machopt.planning.pipeline.planning_setup import StageTimings
+from machopt.planning.pipeline.planning_setup import ScoredAssignment, StageTimings
 from machopt.planning.pipeline.sequence_breaks import NO_WAY_FOUND, SequenceBreak
 from machopt.planning.retiming.slowdowns import FeedSlowdown
 
@@ -59,6 +60,9 @@ class MotionTimeline:
     given_up: dict[Stretch, str] = field(default_factory=dict)  # stretches left out (``allow_gaps``) with the reason
 
 
+_KNOWN: IdentityCache[ScoredAssignment, list[tuple[tuple[object, ...], MotionTimeline]]] = IdentityCache()
+
+
 def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], None] | None = None) -> MotionTimeline:
     """Compute the motion of the chosen assignment from home through every run and back home.
 
@@ -67,7 +71,17 @@ def build_timeline(plan: Plan, toolpath: Toolpath, progress: Callable[[float], N
         toolpath: its toolpath.
         progress: called with the completed share, 0 … 1.
     """
+    inputs, known = _list_inputs(plan, toolpath), _KNOWN.get(plan.chosen, lambda _: [])
+    for own, timeline in known:
+        if all(a is b or (isinstance(a, dict) and a == b) for a, b in zip(own, inputs, strict=True)):
+            known.clear()
+            return timeline
     return _Builder(plan, toolpath, progress or (lambda _: None)).build()
+
+
+def _list_inputs(plan: Plan, toolpath: Toolpath) -> tuple[object, ...]:
+    """Return what a motion depends on."""
+    return (toolpath, plan.setup, plan.options, plan.path, plan.begin, plan.end, plan.rounding, plan.breaks)
 
 
 def plan_motion(plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: StageTimings) -> MotionTimeline | None:
@@ -93,13 +107,19 @@ def plan_motion(plan: Plan, toolpath: Toolpath, options: PlanOptions, timings: S
 def has_motion(plan: Plan, toolpath: Toolpath) -> bool:
     """Return whether the chosen assignment can be driven; the search ends at the first obstruction.
 
+    A complete motion is stored for :func:`build_timeline`.
+
     Args:
         plan: plan of one tool.
         toolpath: its toolpath.
     """
     builder = _Builder(plan, toolpath, lambda _: None)
     builder.first_only = True
-    return builder.build().trajectory is not None
+    timeline = builder.build()
+    if timeline.trajectory is None:
+        return False
+    _KNOWN.get(plan.chosen, lambda _: [])[:] = [(_list_inputs(plan, toolpath), timeline)]
+    return True
 
 
 class _Builder:
