@@ -5,7 +5,7 @@
         writes cases and answers
     python benchmarks/diagnosis_thresholds.py --answers out/chain
         prints false alarms and misses of these answers
-    python benchmarks/diagnosis_thresholds.py --answers out/chain --vary detection.gain=20,30,40
+    python benchmarks/diagnosis_thresholds.py --answers out/chain --vary levels.min_gain=20,30,40
 
 ``--vary`` diagnoses every case again in this process with the threshold at each value, into a temporary folder.
 benchmarks/diagnosis_chain_benchmark/score_diagnoses.py compares the answers with the truth.
@@ -28,7 +28,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks" / "diagnosis_chain_benchmark"
 
 import score_diagnoses  # noqa: E402
 
-from machopt.measurement.diagnosis import thresholds  # noqa: E402
+from machopt.measurement import thresholds  # noqa: E402
 
 FIGURES = (
     "null: something named",
@@ -50,17 +50,16 @@ def set_threshold(key: str, value: float) -> Iterator[None]:
     """Set a threshold for the duration of a block.
 
     Args:
-        key: ``TABLE.NAME``, e.g. ``detection.gain``.
+        key: ``TABLE.NAME``, e.g. ``levels.min_gain``.
         value: its new value.
     """
     concern, _, name = key.partition(".")
-    module = thresholds.TABLES[concern.upper()]
-    table = getattr(module, concern.upper())
-    setattr(module, concern.upper(), replace(table, **{name: type(getattr(table, name))(value)}))
+    table = getattr(thresholds, concern.upper())
+    setattr(thresholds, concern.upper(), replace(table, **{name: type(getattr(table, name))(value)}))
     try:
         yield
     finally:
-        setattr(module, concern.upper(), table)
+        setattr(thresholds, concern.upper(), table)
 
 
 def compute_rates(answers: Path) -> dict[str, tuple[float, int]]:

@@ -14,7 +14,7 @@ from test_diagnose_tcp_poses import arm, measure, poses
 from test_diagnose_tcp_poses import readings as readings_of
 
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
 from machopt.numerics.array_types import Array
@@ -61,8 +61,7 @@ def gains(y: Array) -> dict[str, tuple[float, Array]]:
 
 
 def least(h: EffectHypothesis) -> float:
-    d = thresholds.DETECTION
-    return d.gain + d.per_coefficient * (h.columns(()).shape[2] - 1)
+    return thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (h.columns(()).shape[2] - 1)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -115,7 +114,7 @@ def test_only_what_the_base_leaves_is_offered() -> None:
     for h in offered:
         A = h.columns(()).reshape(len(Q), -1)
         whole, left = (np.linalg.svd(M, compute_uv=False) for M in (A, A - Q @ (Q.T @ A)))
-        assert left[-1] > thresholds.RESTING.weak_geometry * thresholds.RESTING.shown_geometry * whole[0]
+        assert left[-1] > thresholds.SHARES.negligible * thresholds.SHARES.negligible * whole[0]
     assert as_built_joint_frames.find_observable_directions(base[:, :, :6], base).shape[1] == 0
     r = readings_of(arm()[2], np.zeros((60, 6)), angles())
     fixed = replace(r, recording=measure(registration="fixed"))

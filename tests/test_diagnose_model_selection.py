@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     CoordinateFamily,
@@ -481,8 +481,11 @@ def test_the_selected_law_is_the_best_of_all_that_are_supported(seed: int) -> No
     quiet = max(1.0, (base.rss - max(s.gain for s in scored)) / (len(base.y) - base.count))
 
     def worth(s: ScoredHypothesis) -> float:
-        more, d = s.whitened.X.shape[2] - 1, thresholds.DETECTION
-        return s.total - min(d.simpler * more * base.residual_variance, d.as_good * more * quiet)
+        more = s.whitened.X.shape[2] - 1
+        return s.total - min(
+            thresholds.LEVELS.gain_two_sigma * more * base.residual_variance,
+            thresholds.LEVELS.gain_three_sigma * more * quiet,
+        )
 
     best = forward_selection._select_supported_law(base, fit_hypotheses(base, laws))
     assert best is max(scored, key=worth)

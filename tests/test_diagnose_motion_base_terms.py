@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
 
 from machopt.dynamics.rigid_body import load_dynamics
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.dynamic import joint_torque_channel, motion_channels, torque_delay
 from machopt.measurement.diagnosis.statistics import outlier_rejection
 
@@ -130,7 +130,9 @@ def test_what_comes_back_is_what_one_look_at_a_time_finds(channel: str) -> None:
                 continue
             other = e[twins].mean(axis=0)
             one, two = np.linalg.norm(e[k]), np.linalg.norm(other)
-            again = e[k] @ other > thresholds.RECORD.alike * one * two and thresholds.RECORD.like_size * two > one
+            again = (
+                e[k] @ other > thresholds.SHARES.agreement * one * two and thresholds.RATIOS.stiffness_error * two > one
+            )
             assert found[k] == again
             both[int(again)] += 1
     assert min(*both, twinless) > 50

@@ -20,7 +20,6 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import InputError
 from machopt.kinematics.urdf_loading import load_robot
-from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.data_quality.inconsistent_loads import correct_inconsistent_loads
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
 from machopt.measurement.diagnosis.dynamic import motion_record_checks
@@ -35,7 +34,7 @@ CELLS = Path(__file__).resolve().parents[1] / "cells"
 
 @pytest.mark.parametrize(("like", "frame", "body"), [(0.95, True, True), (0.72, True, False), (0.5, False, False)])
 def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float, frame: bool, body: bool) -> None:
-    """``outweighs``, ``outweighs_exact``: a frame takes what it is right in whole, and the rest is something else."""
+    """An effect that explains less than what remains is not named; a frame may leave more than another effect."""
     named = []
     for effect in ("geometry", "wind"):
         rng = np.random.default_rng(5)
@@ -51,7 +50,7 @@ def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float,
 
 @pytest.mark.parametrize(("left", "better"), [(0.6, True), (0.8, False)])
 def test_few_groups_are_better_where_the_error_falls_by_half_its_power(left: float, better: bool) -> None:
-    """``half``: three groups that disagree about it prove nothing by their number."""
+    """Three groups that disagree are no evidence, unless the error falls to half the power."""
     problem, _ = build_synthetic_problem(1)
     used = problem.group < 3
     rng = np.random.default_rng(2)
@@ -76,7 +75,7 @@ def hung(share: float) -> Recording:
 
 @pytest.mark.parametrize(("share", "said"), [(1.0, True), (0.8, False)])
 def test_what_moves_against_its_load_is_said_where_nearly_all_does(share: float, said: bool) -> None:
-    """``against``: either way the load is read as weights that hang."""
+    """Most readings oppose their load with either sign of it."""
     cell = load_cell(CELLS / "kr240_drilling")
     _, found = correct_inconsistent_loads(hung(share), load_robot(cell), cell.tool.T_flange_tcp)
     assert [f.effect for f in found] == ["load_geometry"]
@@ -87,7 +86,7 @@ def test_what_moves_against_its_load_is_said_where_nearly_all_does(share: float,
 def test_a_balancer_may_outweigh_the_masses_where_friction_points_forward(
     tmp_path: Path, rubs: float, accepted: bool
 ) -> None:
-    """``rubs``: without friction to tell the sign by, a channel that runs against the masses is wrong."""
+    """Without friction, torque that opposes the masses has the wrong sign."""
     cell = moved_arm(tmp_path, 1)
     rng = np.random.default_rng(6)
     t, q, v, a = excited(1, rng, period=60.0, rate=20.0)
@@ -104,7 +103,7 @@ def test_a_balancer_may_outweigh_the_masses_where_friction_points_forward(
 
 @pytest.mark.parametrize(("size", "column"), [(1e-3, "q"), (1.0, "velocity")])
 def test_slides_within_a_few_millimetres_were_metres(size: float, column: str) -> None:
-    """``few_millimetres``: of two columns a thousand apart, the one that would move next to nothing is the odd one."""
+    """Of two columns with a ratio of 1000, the one within a few millimetres is wrong."""
     t, q, v, a = excited(1, np.random.default_rng(1))
     scale = size / np.abs(q).max()
     r = replace(recorded(t, scale * q, 1e3 * scale * v, a), prismatic=(True,))
@@ -113,12 +112,12 @@ def test_slides_within_a_few_millimetres_were_metres(size: float, column: str) -
 
 
 def test_springs_that_no_cell_states_are_usual_ones_and_weights_are_seen_through_stiff_ones() -> None:
-    """``usual_joint`` and ``near_usual``."""
+    """``unit_checks.GENERIC_STIFFNESS`` and ``ratios.implausible``."""
     cell, robot, masses = posed_arm()
     bare = replace(cell, stiffness=None)
     model = NominalPoseModel(measure(noise=10e-6), bare, robot, masses, frozenset())
-    assert (model.nominal == thresholds.RESTING.usual_joint).all()
+    assert (model.nominal == 1e-6).all()
     first = model.fit_base()
     state = model.predict(first)[0]
     seen = model.build_readings(state, first, np.array([1e-9, 1e-7, 1e-6, 1e-4, 1e-2, 0.0])).compliance
-    np.testing.assert_allclose(seen, [5e-8, 1e-7, 1e-6, 1e-4, 1e-2, 5e-8])
+    np.testing.assert_allclose(seen, [1e-7, 1e-7, 1e-6, 1e-4, 1e-2, 1e-7])

@@ -174,7 +174,7 @@ def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
         scored = SimpleNamespace(whitened=SimpleNamespace(hypothesis=form), gain=600.0)
         chosen = selected_effect.SelectedEffect(scored, 0.0)  # type: ignore[arg-type]
         least.append(law_error.compute_law_error(other, [chosen]))
-    assert least == pytest.approx([180.0, 36.0])
+    assert least == pytest.approx([150.0, 36.0])
 
 
 def test_a_hose_that_hangs_loose_in_some_poses_is_no_joint() -> None:

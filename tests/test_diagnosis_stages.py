@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from test_diagnose_multiple_effects import model
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.search import candidate_checks, search_stages
 
 ROOT = Path(__file__).resolve().parents[1]

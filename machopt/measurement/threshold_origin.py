@@ -10,7 +10,7 @@ from typing import Any
 class ThresholdOrigin:
     """Origin of a value."""
 
-    method: str  # "measured", "statistics" or "judgement"
+    method: str  # "measured", "statistics", "published" or "judgement"
     script: str = ""  # script that determined it
     cases: str = ""  # case set of the script
     date: str = ""
@@ -25,20 +25,11 @@ class ThresholdOrigin:
 
 
 DEV = ThresholdOrigin("measured", "benchmarks/diagnosis_chain_benchmark/run_chain_benchmark.py", "dev", "2026-11-21")
-LOAD_TESTS = ThresholdOrigin(
-    "measured", "benchmarks/diagnosis_energy_benchmark/run_energy_benchmark.py", "dev", "2026-11-23"
-)
 POSES = ThresholdOrigin(
     "measured", "benchmarks/diagnosis_energy_benchmark/run_energy_benchmark.py", "dev", "2026-11-26"
 )
-VERDICTS = ThresholdOrigin(
-    "measured",
-    "benchmarks/diagnosis_energy_benchmark/run_energy_benchmark.py",
-    "dev",
-    "2026-11-26",
-    "240, 249, 401, 402, 403, 405",
-)
 STATISTICS = ThresholdOrigin("statistics")  # follows from its statistical meaning
+PUBLISHED = ThresholdOrigin("published")  # the meaning names the publication
 JUDGEMENT = ThresholdOrigin("judgement")  # chosen by an engineer; no set of cases set it
 
 

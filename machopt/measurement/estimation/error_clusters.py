@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from machopt.measurement.estimation import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.numerics.array_types import Array, Ints
 
@@ -90,8 +90,8 @@ def build_error_clusters(experiment: LoadTestExperiment) -> ErrorClusters:
     )
     cycle, visit_of_cycle = cycle.reshape(-1), visit[first]
     n, k, u = len(pose), len(visit_of_cycle), len(pose_of_visit)
-    has_replicates = n - k >= thresholds.ESTIMATED.least_replicates  # readings that repeat a cycle
-    has_visit = (k if has_replicates else n) - u >= thresholds.ESTIMATED.least_replicates
+    has_replicates = n - k >= thresholds.COUNTS.min_comparisons  # readings that repeat a cycle
+    has_visit = (k if has_replicates else n) - u >= thresholds.COUNTS.min_comparisons
     has_cycle = has_replicates and has_visit
     if has_replicates and not has_visit:  # one cycle per visit: both are one level
         has_visit = True

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.data_types.measurements.recording import StandardUncertainty
 from machopt.data_types.stiffness import LEAST_STIFFNESS
-from machopt.measurement.estimation import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.numerics.array_types import Array
 from machopt.stiffness.terms import LinearTerm
@@ -42,9 +42,7 @@ def compute_reading_covariance(
     channels = experiment.dimensions // 3
     own = (stated.displacement, stated.rotation)
     out = np.empty((channels, len(experiment), 3, 3))
-    floor = thresholds.ESTIMATED.least_share * np.median(
-        np.abs(experiment.measured.reshape(-1, channels, 3)), axis=(0, 2)
-    )
+    floor = thresholds.SHARES.rank * np.median(np.abs(experiment.measured.reshape(-1, channels, 3)), axis=(0, 2))
     for c in range(channels):
         sigma = own[c]
         out[c] = max(typical[c] if sigma is None else sigma, floor[c], np.finfo(float).tiny) ** 2 * np.eye(3)

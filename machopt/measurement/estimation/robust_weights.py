@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.measurement.estimation import thresholds
+from machopt.measurement import thresholds
 from machopt.numerics.array_types import Array
 
 START_STEPS = 25
@@ -24,7 +24,7 @@ def compute_robust_weights(residual: Array, sigma: Array) -> Array:
     Returns:
         Weights in [0, 1].
     """
-    full, none = thresholds.ESTIMATED.full, thresholds.ESTIMATED.none
+    full, none = thresholds.LEVELS.three_sigma, thresholds.LEVELS.outlier_sigma
     u = np.clip((np.abs(residual) / sigma - full) / (none - full), 0.0, 1.0)
     return np.asarray((1.0 - u**2) ** 2)
 

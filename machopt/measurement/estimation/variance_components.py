@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from machopt.measurement.estimation import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.error_clusters import (
     ClusterSums,
     ErrorClusters,
@@ -87,7 +87,7 @@ def estimate_variance_components(
         )
         best = np.asarray(found.x, float)
     rss = misfit(best)[1]
-    stated_freedom = thresholds.ESTIMATED.trust_in_stated if stated else 0.0
+    stated_freedom = thresholds.COUNTS.min_degrees_of_freedom if stated else 0.0
     cycle, visit = ratios(best)
     return VarianceComponents((stated_freedom + rss) / (stated_freedom + free), cycle, visit)
 

@@ -17,8 +17,8 @@ import numpy as np
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.errors import InputError
 from machopt.kinematics.robot import Robot, RobotMasses
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.assessment.coefficient_uncertainty import (
     CoefficientUncertainty,
     compute_coefficient_uncertainty,
@@ -191,7 +191,7 @@ def _refine_with_load(
     )
     sigma = np.where(known, again.uncertainty.sigma[: len(c)], np.inf)
     moved = np.abs(again.settled.compliance - plain.settled.compliance)
-    if not (moved > thresholds.IDENTIFIED.load_matters * sigma).any():
+    if not (moved > thresholds.SHARES.minority * sigma).any():
         return plain
     worst = int(np.argmax(moved / sigma))
     exact = np.linalg.norm((equilibrium.experiment.measured - about.measured + about.sensitivity @ c)[:, :3], axis=1)
@@ -209,7 +209,7 @@ def _run_studies(
 ) -> tuple[SubsetStudyResult | None, MonteCarloResult | None]:
     if not options.studies:
         return None, None
-    of = "poses" if solved.fit.clusters.poses >= thresholds.IDENTIFIED.poses_for_subsets else "readings"
+    of = "poses" if solved.fit.clusters.poses >= thresholds.COUNTS.min_comparisons else "readings"
     return (
         run_subset_study(solved.fit, solved.settled, rng, of=of),
         run_monte_carlo(solved.fit, solved.settled, robot, T_flange_tcp, rng),
@@ -220,10 +220,10 @@ def _fit_grid_if_useful(solved: _ConstantSolution, options: IdentifyOptions) -> 
     """Return the grid if it is requested or useful."""
     if options.model == "constant":
         return None, ""
-    if options.model == "auto" and solved.fit.clusters.poses < thresholds.IDENTIFIED.poses_for_grid:
+    if options.model == "auto" and solved.fit.clusters.poses < thresholds.COUNTS.min_degrees_of_freedom:
         return (
             None,
-            f"constant: fewer than {thresholds.IDENTIFIED.poses_for_grid} poses say nothing of a change over space",
+            f"constant: fewer than {thresholds.COUNTS.min_degrees_of_freedom} poses say nothing of a change over space",
         )
     known = np.array([s.identified for s in solved.settled.joint_status])
     if not known.any():
@@ -245,7 +245,7 @@ def _fit_grid_if_useful(solved: _ConstantSolution, options: IdentifyOptions) -> 
     gain, error = found.heldout.gain
     grid, constant = (1e3 * r for r in found.heldout.rmse)
     compared = f"held-out error {grid:.4f} mm with the grid, {constant:.4f} mm without"
-    errors, least = thresholds.IDENTIFIED.worth_a_grid, thresholds.IDENTIFIED.least_gain
+    errors, least = thresholds.LEVELS.two_sigma, thresholds.SHARES.negligible
     if gain > errors * error and grid < (1.0 - least) * constant:
         return found, f"grid: {compared}; the gain is {gain / error:.1f} standard errors"
     return None, (

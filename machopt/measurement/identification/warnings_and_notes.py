@@ -6,7 +6,7 @@ import numpy as np
 
 from machopt.data_types.documents.identification_document import describe_unidentified_joint
 from machopt.data_types.stiffness import format_joint_stiffness
-from machopt.measurement.identification import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.identification.assessment.coefficient_uncertainty import CoefficientUncertainty
 from machopt.measurement.identification.assessment.holdout_errors import HoldoutErrorSummary
 from machopt.measurement.identification.assessment.identifiability import SettledCoefficients
@@ -55,7 +55,7 @@ def _list_identifiability_warnings(
         names = [
             u.name
             for u, row in zip(fit.unknowns, uncertainty.unobserved_directions, strict=True)
-            if np.abs(row).max() > thresholds.IDENTIFIED.moves_together
+            if np.abs(row).max() > thresholds.SHARES.small
         ]
         out.append(
             f"singular design: no reading separates {', '.join(names)}, or shows them at all; other poses and loads "
@@ -78,7 +78,7 @@ def _list_coefficient_warnings(
     """Return warnings of negative compliances, of single coefficients and of whole matrices."""
     out = []
     for p, u in enumerate(fit.unknowns):
-        if np.isfinite(u.lower) and fit.free[p] + thresholds.IDENTIFIED.below_bound * uncertainty.sigma[p] < u.lower:
+        if np.isfinite(u.lower) and fit.free[p] + thresholds.LEVELS.three_sigma * uncertainty.sigma[p] < u.lower:
             out.append(
                 f"without its bound, the compliance of {u.name} would be negative by "
                 f"{abs(fit.free[p]) / uncertainty.sigma[p]:.1f} standard errors: the model lacks something, "
@@ -97,13 +97,13 @@ def _list_coefficient_warnings(
 def _list_error_warnings(fitted_errors: HoldoutErrorSummary, holdout_errors: HoldoutErrorSummary) -> list[str]:
     """Return warnings of a model that explains little, or that predicts unseen poses worse."""
     out = []
-    if fitted_errors.explained < thresholds.IDENTIFIED.explains_little:
+    if fitted_errors.explained < thresholds.SHARES.majority:
         out.append(
             f"the model explains only {100 * fitted_errors.explained:.0f} % of the squared displacements"
             if fitted_errors.explained > 0
             else "the model explains none of the displacements"
         )
-    if holdout_errors.rmse > thresholds.IDENTIFIED.overfitted * fitted_errors.rmse:
+    if holdout_errors.rmse > thresholds.RATIOS.larger * fitted_errors.rmse:
         out.append(
             f"poses that the fit has not seen err by {1e3 * holdout_errors.rmse:.3g} mm, seen ones by "
             f"{1e3 * fitted_errors.rmse:.3g} mm: "
@@ -123,7 +123,7 @@ def _list_scatter_warnings(fit: StiffnessFit) -> list[str]:
         (1e3, 1e3),
         strict=False,
     ):
-        if value is not None and fit.weighted and scatter.reading > thresholds.IDENTIFIED.stated_off * value:
+        if value is not None and fit.weighted and scatter.reading > thresholds.LEVELS.two_sigma * value:
             out.append(
                 f"readings scatter by {factor * scatter.reading:.3g} {unit} about the model, {factor * value:.3g} "
                 f"{unit} are stated: physics that the model lacks, or a measurement that is worse than stated"

@@ -10,7 +10,7 @@ import numpy as np
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects import prior_scales
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.session_corrections import build_record_equations
 from machopt.measurement.diagnosis.data_types.reflectors_and_tracker_frames import (
     compute_nominal_points,
@@ -42,7 +42,7 @@ class ConventionFit:
     @property
     def is_point_misplaced(self) -> bool:
         """Whether a reflector would be far from its nominal place."""
-        return self.misplaced > thresholds.RECORD.far_misplaced
+        return self.misplaced > thresholds.RATIOS.implausible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,14 +112,14 @@ def build_pose_fit(part: Recording, robot: Robot, T_flange_tcp: Array) -> Callab
         rigid = fit_frames_and_points(p, R, part, frames=frames, points=points)
         error = np.linalg.norm(rigid.residual, axis=1)
         off = np.abs(rigid.offset) / sigma
-        doubtful = float(np.mean(error)) > thresholds.RECORD.whole_pose_off * spread
+        doubtful = float(np.mean(error)) > thresholds.SHARES.pose_misfit * spread
         by_place = compute_description_cost(compute_pose_errors(part.pose, error))
         return ConventionFit(
             error=error,
             cost=by_place + 2.0 * float(np.sum(np.log1p(off**2))),  # heavy-tailed (Cauchy) prior of each coordinate
             misplaced=float(off.max()),
-            is_doubtful=doubtful or float(off.max()) > thresholds.RECORD.far_misplaced,
-            falls=thresholds.RECORD.clearly,
+            is_doubtful=doubtful or float(off.max()) > thresholds.RATIOS.implausible,
+            falls=thresholds.SHARES.relevant,
         )
 
     return fit
@@ -142,8 +142,8 @@ def build_load_test_fit(part: Recording, robot: Robot, T_flange_tcp: Array) -> C
             error=error,
             cost=compute_description_cost(compute_pose_errors(part.pose, error)),
             misplaced=0.0,
-            is_doubtful=float(np.mean(error)) > thresholds.RECORD.whole_off * size,
-            falls=thresholds.RECORD.whole_falls,
+            is_doubtful=float(np.mean(error)) > thresholds.SHARES.relevant * size,
+            falls=thresholds.SHARES.corrected_misfit,
         )
 
     return fit

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.session_corrections import (
     RecordEquations,
     build_record_equations,
@@ -35,8 +35,8 @@ def is_coarsely_rounded(values: Array) -> bool:
     Returns:
         True if all values are multiples of the coarse resolution.
     """
-    steps = values / thresholds.RESTING.fine
-    return bool(np.abs(steps - np.round(steps)).max() < thresholds.RESTING.whole_step)
+    steps = values / thresholds.LIMITS.reading_step
+    return bool(np.abs(steps - np.round(steps)).max() < thresholds.SHARES.negligible)
 
 
 def find_duplicated_rows(recording: Recording, robot: Robot, T_flange_tcp: Array) -> Flags:
@@ -66,7 +66,7 @@ def find_duplicated_rows(recording: Recording, robot: Robot, T_flange_tcp: Array
     whole = build_record_equations(register_positions(recording, robot, T_flange_tcp), robot, T_flange_tcp)
     error = whole.error(whole.fit())
     there, _ = compute_nominal_points(recording, robot, T_flange_tcp)
-    most = thresholds.RECORD.apart * compute_typical_error(error)
+    most = thresholds.RATIOS.implausible * compute_typical_error(error)
     off = np.linalg.norm(error, axis=1)
     for k in twice:
         rows = np.flatnonzero(label == k)
@@ -100,10 +100,10 @@ def _find_duplicated_visits(recording: Recording, equations: RecordEquations) ->
         return out
     error = equations.error(equations.fit())
     off, predicted = np.linalg.norm(error, axis=1), equations.y - error
-    most = thresholds.RECORD.apart * compute_typical_error(error)
+    most = thresholds.RATIOS.implausible * compute_typical_error(error)
     for alike in pairs.values():
         one, two = np.array(alike).T
-        if _compute_chance_of_duplicates(d, one) < thresholds.RECORD.copied and (
+        if _compute_chance_of_duplicates(d, one) < thresholds.LEVELS.duplicate_probability and (
             np.median(np.linalg.norm(predicted[one] - predicted[two], axis=1)) > most
         ):
             out[one if np.median(off[one]) > np.median(off[two]) else two] = True

@@ -20,7 +20,7 @@ from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS, UNITS
 from machopt.kinematics.robot import Robot, RobotMasses
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.session_corrections import compute_sign_test
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding, compute_rms
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
@@ -88,7 +88,7 @@ def correct_inclinometer_columns(
     if inclined is None or recording.tilt is None:
         return recording, []
     rows = np.asarray(inclined.present.all(axis=1))
-    if rows.sum() < thresholds.RECORD.tilt_readings:
+    if rows.sum() < thresholds.COUNTS.min_groups:
         return recording, []
     model = NominalPoseModel(recording, cell, robot, masses, frozenset())
     seen = _collect_tilt_evidence(model, inclined.link, rows)
@@ -156,7 +156,7 @@ def _estimate_base_rotation(
     without, *_ = np.linalg.lstsq(A[:, :-3] / size[:-3], e.reshape(-1), rcond=1e-9)
     left = float(np.linalg.norm(e.reshape(-1) - A / size @ x))
     more = float(np.linalg.norm(e.reshape(-1) - A[:, :-3] / size[:-3] @ without))
-    return np.einsum("nck,k->nc", turns, (x / size)[-3:]), left < thresholds.RECORD.tilt_shown * more
+    return np.einsum("nck,k->nc", turns, (x / size)[-3:]), left < thresholds.SHARES.agreement * more
 
 
 def _find_column_assignment(tilt_evidence: _TiltEvidence) -> tuple[str, inclinometer_equations.ColumnAssignment] | None:
@@ -165,14 +165,14 @@ def _find_column_assignment(tilt_evidence: _TiltEvidence) -> tuple[str, inclinom
     """
     size = compute_rms(tilt_evidence.y)
     stated = compute_rms(tilt_evidence.error(tilt_evidence.y)[0]) / max(size, 1e-300)
-    if stated < thresholds.RECORD.tilt_doubted:
+    if stated < thresholds.SHARES.majority:
         return None
     found = []
     for words, read in _list_column_assignments():
         found.append((compute_rms(tilt_evidence.error(read(tilt_evidence.y))[0]) / max(size, 1e-300), words, read))
     found.sort(key=lambda f: f[0])
     (best, words, read), (second, *_) = found[:2]
-    if best > thresholds.RECORD.moved_falls * stated or second < thresholds.RECORD.moved_as_good * best:
+    if best > thresholds.SHARES.majority * stated or second < thresholds.RATIOS.equal_fit * best:
         return None
     return words, read
 
@@ -194,13 +194,13 @@ def _list_column_assignments() -> Iterator[tuple[str, inclinometer_equations.Col
 def _find_unit_factor(tilt_evidence: _TiltEvidence) -> float:
     """Return the factor of a wrong unit; 1 if mrad fits as well as any other unit."""
     whole = tilt_evidence.sag + (tilt_evidence.rocking if tilt_evidence.is_shown_by_points else 0.0)
-    if compute_rms(whole) < thresholds.RECORD.tilt_least * (1.0 if tilt_evidence.is_shown_by_points else 2.0):
+    if compute_rms(whole) < thresholds.LIMITS.reading_step * (1.0 if tilt_evidence.is_shown_by_points else 2.0):
         return 1.0
     slope = float(np.sum(whole * tilt_evidence.y) / np.sum(whole**2))
     alike = float(np.sum(whole * tilt_evidence.y)) / max(
         float(np.linalg.norm(whole) * np.linalg.norm(tilt_evidence.y)), 1e-300
     )
-    if slope <= 0.0 or alike < thresholds.RECORD.tilt_alike:
+    if slope <= 0.0 or alike < thresholds.SHARES.half_power_amplitude:
         return 1.0
     factors = (1.0, *inclinometer_equations.UNITS.values())
     return min(factors, key=lambda f: abs(np.log(slope / f)))

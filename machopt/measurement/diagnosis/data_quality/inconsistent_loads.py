@@ -11,7 +11,7 @@ import numpy as np
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.sensor_errors import DISPLACEMENT, LOAD
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
@@ -40,7 +40,7 @@ def correct_inconsistent_loads(
     recording, lever = _correct_computed_moments(recording, robot, T_flange_tcp)
     out += lever
     stated = _compute_unexplained_share(recording, robot, T_flange_tcp)
-    if stated < thresholds.RECORD.hopeless:
+    if stated < thresholds.SHARES.majority:
         return recording, out
     assert recording.wrench is not None  # kind deflection
     assert recording.displacement is not None
@@ -56,14 +56,14 @@ def correct_inconsistent_loads(
             ways[load, axis] = replace(recording, wrench=wrench, wrench_frame=frame, displacement=turned)
     left = {k: _compute_unexplained_share(r, robot, T_flange_tcp) for k, r in ways.items()}
     load, axis = best = min(left, key=lambda k: left[k])
-    if left[best] > thresholds.RECORD.halved * stated:
+    if left[best] > thresholds.SHARES.majority * stated:
         return recording, out
     before, after = (1e3 * v * float(np.mean(np.abs(d[:, :3]))) for v in (stated, left[best]))
     against = float(np.mean(np.einsum("nc,nc->n", w[:, :3], d[:, :3]) < 0))
     chance = 0.5 ** len(np.unique(recording.pose))  # probability that every pose agrees by chance
     text = (
         f"{100 * against:.0f} % of the readings move against their load. "
-        if against > thresholds.RECORD.against
+        if against > thresholds.SHARES.agreement
         else ""
     )
     if load == "hung":
@@ -107,12 +107,12 @@ def _correct_computed_moments(
     if (
         recording.wrench_frame != "base"
         or not m.any()
-        or len(np.unique(tests.pose)) < thresholds.RECORD.contradicting_poses
+        or len(np.unique(tests.pose)) < thresholds.COUNTS.min_comparisons
     ):
         return recording, []
     R = tests.T_base_tcp[:, :3, :3]
     spread = float(np.linalg.norm((R - R.mean(axis=0)).reshape(-1, 9), axis=1).mean() / np.sqrt(2.0))
-    if spread < thresholds.RESTING.turned:
+    if spread < thresholds.LIMITS.attitude_spread:
         return recording, []
     A = np.concatenate([-skew_matrix(f), np.broadcast_to(np.eye(3), (len(f), 3, 3))], axis=2).reshape(-1, 6)
     y, weight = m.reshape(-1), np.ones(m.size)
@@ -121,7 +121,7 @@ def _correct_computed_moments(
         x = np.asarray(np.linalg.lstsq(A * weight[:, None], y * weight, rcond=None)[0], float)
         weight = 1.0 / np.sqrt(np.maximum(np.abs(y - A @ x), 1e-3))
     share = 1.0 - float(np.median(np.abs(y - A @ x)) / max(np.median(np.abs(y)), 1e-9))
-    if share < thresholds.RECORD.one_lever:
+    if share < thresholds.SHARES.inseparable_correlation:
         return recording, []
     bare = w.copy()
     bare[:, 3:] = 0.0

@@ -21,7 +21,7 @@ from machopt.data_types.robot_program import JointMap
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.convention_fits import (
     ConventionFit,
     build_load_test_fit,
@@ -110,7 +110,7 @@ def correct_joint_convention(
     best = tried[0]
     if not _is_accepted(stated, best) or _is_mirrored(part, robot, T_flange_tcp, best):
         return recording, []
-    rivals = [t for t in tried[1:] if t.cost - best.cost < thresholds.DETECTION.shorter and not _is_same(t, best)]
+    rivals = [t for t in tried[1:] if t.cost - best.cost < thresholds.LEVELS.min_evidence and not _is_same(t, best)]
     if rivals:
         raise RecordingError(
             f"joint angles do not fit the arm as stated; they fit where {_describe(best)}, and as well where "
@@ -228,7 +228,7 @@ def _key(c: JointConvention) -> bytes:
 
 def _is_accepted(stated: _TestedConvention, best: _TestedConvention) -> bool:
     """Return whether a convention is very strongly better, and leaves little of the misfit."""
-    if best.cost > stated.cost - thresholds.DETECTION.shorter:
+    if best.cost > stated.cost - thresholds.LEVELS.min_evidence:
         return False
     return best.fit.mean_error < best.fit.falls * stated.fit.mean_error or (
         stated.fit.is_point_misplaced and not best.fit.is_point_misplaced
@@ -246,7 +246,7 @@ def _is_mirrored(part: Recording, robot: Robot, T: Array, best: _TestedConventio
         mirror = np.ones(3)
         mirror[axis] = -1.0
         fit = build_pose_fit(replace(part, position=part.position * mirror), robot, T)(part.q)
-        if fit.cost + 2.0 * float(np.log(SIGNED_PERMUTATIONS)) < best.cost + thresholds.DETECTION.shorter:
+        if fit.cost + 2.0 * float(np.log(SIGNED_PERMUTATIONS)) < best.cost + thresholds.LEVELS.min_evidence:
             return True
     return False
 
@@ -254,7 +254,7 @@ def _is_mirrored(part: Recording, robot: Robot, T: Array, best: _TestedConventio
 def _is_same(one: _TestedConvention, other: _TestedConvention) -> bool:
     """Return whether two conventions differ by a turn of the tracker or of the reflectors only."""
     apart = float(np.mean(np.abs(one.fit.error - other.fit.error)))
-    return apart < thresholds.RECORD.same_convention * other.fit.mean_error
+    return apart < thresholds.SHARES.minority * other.fit.mean_error
 
 
 def _describe(t: _TestedConvention) -> str:
@@ -273,7 +273,7 @@ def _select_few_used_readings(recording: Recording) -> Recording:
 
 def _choose_fit(part: Recording, robot: Robot, T: Array) -> Callable[[Array], ConventionFit] | None:
     """Return the fit of a kind of recording; None if it does not depend on conventions."""
-    if len(np.unique(part.pose)) < thresholds.RECORD.part_readings:
+    if len(np.unique(part.pose)) < thresholds.COUNTS.min_comparisons:
         return None
     if part.kind == "absolute" and part.position is not None:
         return build_pose_fit(part, robot, T)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.effects.recording.record_faults import FORCES, LENGTHS
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
 from machopt.measurement.identification.data_quality.record_fault_type import RecordFault as Problem
@@ -48,24 +48,24 @@ def find_displacement_unit_fault(
 
     seen, predicted = ratio(prior)
     joints = _compute_softness_factors(tests, prior)
-    alike = bool(len(joints) > 2 and joints.min() > 0 and joints.max() < thresholds.RECORD.alike_factor * joints.min())
-    far = thresholds.RECORD.far_alike if alike and not estimated else thresholds.RECORD.far
+    alike = bool(len(joints) > 2 and joints.min() > 0 and joints.max() < thresholds.RATIOS.double * joints.min())
+    far = thresholds.RATIOS.wrong_unit if alike and not estimated else thresholds.RATIOS.doubtful
     if (
         not seen > 0
         or 1 / far < seen < far
-        or np.abs(y - seen * predicted).sum() > thresholds.RECORD.half * np.abs(y).sum()
-        or _compute_unexplained_share(tests) > thresholds.RECORD.whole_off
+        or np.abs(y - seen * predicted).sum() > thresholds.SHARES.majority * np.abs(y).sum()
+        or _compute_unexplained_share(tests) > thresholds.SHARES.relevant
     ):
         return None
     usual, _ = ratio(np.full(tests.joint_count, GENERIC_STIFFNESS * (reach / GENERIC_REACH) ** 3))
     scatter = _compute_replicate_scatter(tests)
     for name, value, head, factor in sorted(SIZES, key=lambda s: abs(np.log(seen / s[1]))):
         as_stated = np.inf if alike else abs(np.log(max(usual, 1e-300)))
-        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(thresholds.RECORD.unusual))
+        nearer = abs(np.log(max(usual, 1e-300) / value)) < min(as_stated, np.log(thresholds.RATIOS.implausible))
         likely = (alike or _are_most_joints_off(joints, value)) and not (
             head == "dx_mm" and _is_scatter_as_stated(scatter, factor, tests)
         )
-        if abs(np.log(seen / value)) < np.log(thresholds.RECORD.near) and nearer and likely:
+        if abs(np.log(seen / value)) < np.log(thresholds.RATIOS.double) and nearer and likely:
             return Problem(
                 code="units",
                 severity="error",
@@ -89,7 +89,7 @@ def _compute_softness_factors(tests: LoadTestExperiment, prior: Array) -> Array:
     y, A = tests.measured[:, :3], tests.response()[:, :3]
     c = fit_least_absolute_deviations(A, y, np.linalg.norm(tests.wrench, axis=1))
     moved = np.abs(A * c).sum(axis=(0, 1))
-    return np.asarray((c * prior)[moved > thresholds.RECORD.shown * moved.sum()])
+    return np.asarray((c * prior)[moved > thresholds.SHARES.negligible * moved.sum()])
 
 
 def _are_most_joints_off(joints: Array, value: float) -> bool:
@@ -114,7 +114,7 @@ def _compute_replicate_scatter(tests: LoadTestExperiment) -> float:
         i, j = (rows[k] for k in np.triu_indices(len(rows), 1))
         near = (
             np.linalg.norm(w[i] - w[j], axis=1)
-            <= thresholds.RECORD.different_load * np.linalg.norm(w[rows], axis=1).max()
+            <= thresholds.SHARES.load_tolerance * np.linalg.norm(w[rows], axis=1).max()
         )
         near &= tests.cycle[i] != tests.cycle[j]
         apart.append((e[i] - e[j])[near].ravel())

@@ -18,7 +18,7 @@ from machopt.data_types.measurements.recording import Recording, TrackerTarget
 from machopt.effects import prior_scales
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.kinematics.robot import Robot, RobotMasses
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.session_corrections import compute_sign_test
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
@@ -53,7 +53,7 @@ def correct_misplaced_reflectors(
         return recording, []
     model = NominalPoseModel(recording, cell, robot, masses, frozenset())
     first = model.fit_base(LOOSE_UNCERTAINTY_FACTOR)
-    threshold = thresholds.RECORD.misplaced * (recording.uncertainty.target or thresholds.RECORD.nest)
+    threshold = thresholds.LEVELS.three_sigma * (recording.uncertainty.target or prior_scales.TARGET_POSITION.scale)
     found = first.target + np.array([t.place for t in recording.targets])  # (T, 3)
     pair = _find_exchanged_reflectors(recording, first.target, found, threshold)
     if pair is not None:
@@ -102,7 +102,7 @@ def _move_all_reflectors(
     )
     heavy = 2.0 * float(np.sum(np.log1p((first.target / sigma) ** 2)))  # heavy-tailed (Cauchy) prior
     after = compute_description_cost(compute_pose_errors(pose, shown), parameters=3 * len(first.target)) + heavy
-    if before - after < thresholds.DETECTION.shorter:
+    if before - after < thresholds.LEVELS.min_evidence:
         return recording, []
     targets = [TrackerTarget(t.name, _as_place(at)) for t, at in zip(recording.targets, found, strict=True)]
     names = ", ".join(recording.targets[n].name for n in far)

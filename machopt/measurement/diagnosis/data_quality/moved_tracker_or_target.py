@@ -25,7 +25,7 @@ from machopt.effects.recording.record_faults import COLUMNS
 from machopt.effects.recording.sensor_errors import DISPLACEMENT
 from machopt.effects.structure.thermal_drift import THERMAL
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.session_corrections import (
     build_record_equations,
     compute_sign_test,
@@ -142,11 +142,11 @@ def correct_session_changes(
         if not found:
             break
         best = max(found, key=lambda t: t.misfit_reduction)
-        likely = [t for t in found if t.misfit_reduction * thresholds.RECORD.moved_as_good > best.misfit_reduction]
+        likely = [t for t in found if t.misfit_reduction * thresholds.RATIOS.equal_fit > best.misfit_reduction]
         read = [_apply_explanation(recording, robot, T_flange_tcp, t) for t in likely]
         left = [_compute_misfit(r, robot, T_flange_tcp) for r in read]
         # with two sessions the difference is symmetric: the model decides, otherwise the later one is corrected
-        n = next(n for n, m in enumerate(left) if m < thresholds.RECORD.moved_as_good * min(left))
+        n = next(n for n, m in enumerate(left) if m < thresholds.RATIOS.equal_fit * min(left))
         recording = read[n]
         out.append(_build_change_finding(likely[n]))
     return recording, out
@@ -198,7 +198,7 @@ def _compute_session_differences(recording: Recording, robot: Robot, T: Array) -
         own = recording.session == name
         both = np.intersect1d(kind[own], kind[~own])
         rows = own & np.isin(kind, both)
-        if len(np.unique(recording.pose[rows])) < thresholds.RECORD.part_readings:
+        if len(np.unique(recording.pose[rows])) < thresholds.COUNTS.min_comparisons:
             continue
         first = np.array([np.flatnonzero(rows & (kind == k))[0] for k in both])
         d = _average_by_kind(e, kind, rows, both) - _average_by_kind(e, kind, ~own, both)
@@ -224,7 +224,7 @@ def _number_reading_kinds(recording: Recording) -> Ints:
     key = [recording.pose.astype(float), index_reflectors(recording).astype(float)]
     if recording.wrench is not None and recording.wrench.any():
         size = [max(float(np.abs(recording.wrench[:, a : a + 3]).max()), 1e-9) for a in (0, 3)]
-        steps = recording.wrench / (thresholds.RECORD.same_force * np.repeat(size, 3))
+        steps = recording.wrench / (thresholds.SHARES.load_tolerance * np.repeat(size, 3))
         key += list(np.round(steps).T)
     return np.unique(np.stack(key, axis=1), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
@@ -239,7 +239,6 @@ def _average_by_kind(e: Array, kind: Ints, rows: Flags, of: Ints) -> Array:
 
 def _find_explanation(of: _SessionDifferences) -> _SessionExplanation | None:
     """Return the cause that leaves the smallest penalised residual; None for noise and for physical effects."""
-    limits = thresholds.RECORD
     load, left, x = np.ones(len(of.d)), {}, {}
     for cause, A in of.columns().items():
         x[cause] = fit_least_absolute_deviations(A, of.d, load)
@@ -249,12 +248,12 @@ def _find_explanation(of: _SessionDifferences) -> _SessionExplanation | None:
     single = min((c for c in left if c.kind is _ChangeKind.ENCODER), key=lambda c: left[c][1])
     order = [single, SHIFT, TARGET, FRAME]  # fewest parameters first
     best = min(order, key=lambda c: left[c][1])
-    best = next(c for c in order if left[c][1] < limits.moved_as_good * left[best][1])
-    if left[best][1] > limits.moved_falls * plain:
+    best = next(c for c in order if left[c][1] < thresholds.RATIOS.equal_fit * left[best][1])
+    if left[best][1] > thresholds.SHARES.majority * plain:
         return None
-    warm = left[HEAT][1] < limits.moved_as_good * left[best][1]
+    warm = left[HEAT][1] < thresholds.RATIOS.equal_fit * left[best][1]
     shift_alone = best == SHIFT
-    if warm and (not shift_alone or abs(of.temperature_rise) > limits.moved_warmer):
+    if warm and (not shift_alone or abs(of.temperature_rise) > thresholds.LIMITS.temperature_rise):
         return None
     taken = FRAME if shift_alone else best
     return _SessionExplanation(taken, x[taken], of, left[best][0], shift_alone)

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from machopt.data_types.effect_locations import format_rows_location, parse_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import OUTLIERS
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.duplicated_rows import is_coarsely_rounded
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem as Equations
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
@@ -45,15 +45,15 @@ def find_outlier_rows(
     if measured is not None:
         d = measured[:, :3]
         predicted = d - diagnosis.errors.final[:, :3]
-        noise = thresholds.RECORD.fits * 1e-3 * diagnosis.noise_floor
+        noise = thresholds.RATIOS.double * 1e-3 * diagnosis.noise_floor
         for f in DECIMAL_SHIFTS:
-            large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_up * noise)
-            small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > thresholds.RECORD.slip_down * noise)
+            large = (np.abs(d / f - predicted) < noise) & (np.abs(predicted) > thresholds.RATIOS.double * noise)
+            small = (np.abs(d - predicted / f) < noise) & (np.abs(predicted) > thresholds.RATIOS.doubtful * noise)
             slips |= excluded & (large | small).any(axis=1)
     clerical = int((slips | (copies & excluded)).sum())
     share = float(excluded.mean())
-    if share <= thresholds.RECORD.ordinary and (
-        clerical < thresholds.RECORD.clerical or clerical < thresholds.RECORD.mostly * excluded.sum()
+    if share <= thresholds.SHARES.outliers and (
+        clerical < thresholds.COUNTS.min_repetitions or clerical < thresholds.SHARES.majority * excluded.sum()
     ):
         excluded = excluded & (np.zeros(len(excluded), bool) if certain is None else certain)
         clerical = int(excluded.sum())
@@ -62,7 +62,7 @@ def find_outlier_rows(
     where = format_rows_location(problem.row[excluded].tolist())
     count = float(excluded.sum())
     # probability that Gaussian noise causes at least one of these rows
-    by_noise = float(min(2.0 * ndtr(-thresholds.NOISE.gross) * diagnosis.errors.final.size, 1.0))
+    by_noise = float(min(2.0 * ndtr(-thresholds.LEVELS.outlier_sigma) * diagnosis.errors.final.size, 1.0))
     return build_record_finding(
         OUTLIERS.name,
         where,
@@ -98,6 +98,6 @@ def find_copied_rows(recording: Recording) -> Flags:
     if recording.wrench is not None:
         size = max(float(np.linalg.norm(recording.wrench[:, :3], axis=1).max()), 1e-9)
         change = np.linalg.norm(np.diff(recording.wrench[:, :3], axis=0), axis=1)
-        moved |= change > thresholds.RECORD.different_load * size
+        moved |= change > thresholds.SHARES.load_tolerance * size
     out[1:] = same & moved
     return out

@@ -18,7 +18,7 @@ from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import ANGLES, LENGTHS, UNITS
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.correction_candidates import replace_rows, select_rows
 from machopt.measurement.diagnosis.data_quality.session_corrections import build_record_equations, compute_sign_test
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
@@ -127,18 +127,18 @@ def _find_best_units(
     """Return the units of a session and the misfits (G,) of its poses before and after; None if the stated units
     hold.
     """
-    if len(np.unique(part.pose)) < thresholds.RECORD.part_readings:
+    if len(np.unique(part.pose)) < thresholds.COUNTS.min_comparisons:
         return None
     as_stated, spread = _compute_pose_errors(part, STATED, robot, T)
     stated = float(np.median(as_stated)) / spread
-    if stated < thresholds.RECORD.whole_pose_off:
+    if stated < thresholds.SHARES.pose_misfit:
         return None
     ways = [*_list_unit_readings(), *_list_single_joint_units(part)]
     tried = [(way, *_compute_pose_errors(part, way, robot, T)) for way in ways]
     tried.sort(key=lambda w: float(np.median(w[1])) / w[2])
     way, errors, _ = tried[0]
     best, second = (float(np.median(e)) / s for _, e, s in tried[:2])
-    if best > thresholds.RECORD.clearly * stated or best > thresholds.RECORD.session_falls * second:
+    if best > thresholds.SHARES.relevant * stated or best > thresholds.SHARES.minority * second:
         return None  # no certain alternative
     pose = np.unique(part.pose, return_inverse=True)[1].reshape(-1)
     by_pose = [np.array([np.median(e[pose == g]) for g in range(int(pose.max()) + 1)]) for e in (as_stated, errors)]

@@ -17,7 +17,7 @@ from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.convention_fits import fit_frames_and_points
 from machopt.measurement.diagnosis.data_quality.session_corrections import compute_sign_test
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
@@ -68,7 +68,7 @@ def correct_quaternion_convention(
     """
     if recording.kind != "absolute" or recording.quaternion is None or COLUMNS.name in accept:
         return recording, []
-    if len(np.unique(recording.pose)) < thresholds.RECORD.part_readings:
+    if len(np.unique(recording.pose)) < thresholds.COUNTS.min_comparisons:
         return recording, []
     p, R = compute_nominal_points(recording, robot, T_flange_tcp)
     free = recording.registration == "fit"
@@ -97,19 +97,19 @@ def correct_quaternion_convention(
 
 def _select_reading(stated: _QuaternionReading, read: list[_QuaternionReading]) -> _QuaternionReading | None:
     """Return the convention with the fewest changes that fits; None if the stated one fits, or if several do."""
-    if float(np.mean(stated.error)) < thresholds.RESTING.stand_turned:
+    if float(np.mean(stated.error)) < thresholds.LIMITS.large_rotation:
         return None
     fits = [
         r
         for r in read
-        if stated.cost - r.cost > thresholds.DETECTION.shorter
-        and float(np.mean(r.error)) < thresholds.RECORD.clearly * float(np.mean(stated.error))
+        if stated.cost - r.cost > thresholds.LEVELS.min_evidence
+        and float(np.mean(r.error)) < thresholds.SHARES.relevant * float(np.mean(stated.error))
     ]
     if not fits:
         return None
     least = min(len(r.words) for r in fits)
     simple = sorted((r for r in fits if len(r.words) == least), key=lambda r: r.cost)
-    undecided = len(simple) > 1 and simple[1].cost - simple[0].cost < thresholds.DETECTION.shorter
+    undecided = len(simple) > 1 and simple[1].cost - simple[0].cost < thresholds.LEVELS.min_evidence
     return None if undecided else simple[0]
 
 

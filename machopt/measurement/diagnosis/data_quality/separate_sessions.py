@@ -20,7 +20,7 @@ from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.effects.recording.sensor_errors import DISPLACEMENT
 from machopt.kinematics.robot import Robot, RobotMasses
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.session_corrections import compute_sign_test
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
@@ -99,7 +99,7 @@ def _list_changes(recording: Recording, robot: Robot, masses: RobotMasses | None
         rows = recording.session == name
         if not rows.any() or rows.all() or np.intersect1d(recording.pose[rows], recording.pose[~rows]).size:
             continue
-        if len(np.unique(recording.pose[rows])) < thresholds.RECORD.part_readings:
+        if len(np.unique(recording.pose[rows])) < thresholds.COUNTS.min_comparisons:
             continue
         middle = p[rows].mean(axis=0)
         frame = np.concatenate([np.broadcast_to(np.eye(3), R.shape), -skew_matrix(p - middle)], axis=2)
@@ -125,8 +125,8 @@ def _list_changes(recording: Recording, robot: Robot, masses: RobotMasses | None
                 )
             )
         best = max(tried, key=lambda c: c.gain)
-        falls = float(np.mean(best.after)) < thresholds.RECORD.moved_falls * float(np.mean(before))
-        if falls and best.gain > thresholds.DETECTION.shorter:
+        falls = float(np.mean(best.after)) < thresholds.SHARES.majority * float(np.mean(before))
+        if falls and best.gain > thresholds.LEVELS.min_evidence:
             out.append(best)
     return out
 

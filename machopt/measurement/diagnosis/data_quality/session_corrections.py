@@ -18,7 +18,7 @@ from scipy.special import bdtrc
 from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.correction_candidates import (
     CorrectionCandidate,
     generate_correction_candidates,
@@ -116,7 +116,7 @@ def correct_sessions_and_poses(
         _, pose = np.unique(recording.pose, return_inverse=True)
         levels.append(("pose", pose.reshape(-1).astype(np.int64), recording.pose))
     for level, label, name in levels:
-        if level == "pose" and label.max() + 1 < thresholds.RECORD.poses_to_compare:
+        if level == "pose" and label.max() + 1 < thresholds.COUNTS.min_comparisons:
             continue
         for _ in range(MOST_REPAIRS):
             best = _select_best_correction(
@@ -179,13 +179,12 @@ def _generate_session_corrections(
     recording: Recording, robot: Robot, T: Array, prior: Array | None, label: Ints, level: str
 ) -> Iterable[_SessionCorrection]:
     """Yield every candidate correction of every part."""
-    limits = thresholds.RECORD
     whole = build_record_equations(recording, robot, T)
     parts = int(label.max()) + 1
     sigma = recording.uncertainty.displacement or 0.0
     for k in range(parts):
         rows = label == k
-        if parts < 2 or rows.sum() < limits.part_readings:
+        if parts < 2 or rows.sum() < thresholds.COUNTS.min_comparisons:
             continue
         others = _select_equations(whole, ~rows)
         x = others.fit()
@@ -194,10 +193,10 @@ def _generate_session_corrections(
         known = others, rest, level == "session"
         seen, _ = _compute_part_misfit(_select_equations(whole, rows), x, *known)
         before = compute_typical_error(seen)
-        if before < limits.part_stands_out * level_of_others:
+        if before < thresholds.RATIOS.double * level_of_others:
             continue
         part = select_rows(recording, rows)
-        falls = limits.session_falls if level == "session" else limits.pose_falls
+        falls = thresholds.SHARES.minority if level == "session" else thresholds.SHARES.corrected_misfit
         for way in generate_correction_candidates(part):
             changed = way.apply(part)
             whole_again = replace_rows(recording, changed, rows)
@@ -210,11 +209,11 @@ def _generate_session_corrections(
             )
             e, twins = _compute_part_misfit(now, x, *known)
             after = compute_typical_error(e) * way.scale
-            if after > falls * before or compute_typical_error(e) > limits.part_level * level_of_others:
+            if after > falls * before or compute_typical_error(e) > thresholds.RATIOS.double * level_of_others:
                 continue
             every = build_record_equations(whole_again, robot, T)
             left = _compute_unexplained_share(every, label)
-            if left > limits.session_falls**0.5 * _compute_unexplained_share(whole, label):
+            if left > thresholds.SHARES.minority**0.5 * _compute_unexplained_share(whole, label):
                 continue
             by_chance = compute_sign_test(now.pose, np.linalg.norm(seen, axis=1), np.linalg.norm(e, axis=1) * way.scale)
             yield _SessionCorrection(
@@ -237,7 +236,7 @@ def _select_best_correction(found: list[_SessionCorrection]) -> _SessionCorrecti
     if not found:
         return None
     least = min(r.unexplained_share for r in found)
-    near = [r for r in found if r.unexplained_share <= thresholds.RECORD.part_as_good * least]
+    near = [r for r in found if r.unexplained_share <= thresholds.RATIOS.equal_fit * least]
     return min(near, key=lambda r: (-round(r.replicate_share, 1), round(r.distance_from_prior, 1), r.unexplained_share))
 
 
@@ -256,7 +255,7 @@ def _compute_part_misfit(
             continue
         a, b = part.wrench[here, :3], others.wrench[there, :3]
         apart = np.linalg.norm(a[:, None] - b[None], axis=2)
-        near = apart <= thresholds.RECORD.same_force * np.linalg.norm(b, axis=1).max()
+        near = apart <= thresholds.SHARES.load_tolerance * np.linalg.norm(b, axis=1).max()
         count = near.sum(axis=1)
         has = count > 0
         mean = (near[has].astype(float) @ rest[there]) / count[has, None]

@@ -17,7 +17,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.effects import prior_scales
 from machopt.effects.recording.sensor_errors import GAIN
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.force_gain_estimate import estimate_force_gain, predict_displacements
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
@@ -51,11 +51,11 @@ def correct_session_force_gains(
     wrench = recording.wrench.copy()
     for one in sessions[1:].tolist():
         each = np.array([v / first[p] for p, v in share[one].items() if p in first])
-        if len(each) < thresholds.RECORD.gain_poses:
+        if len(each) < thresholds.COUNTS.min_comparisons:
             continue
         middle = float(np.median(each))
         spread = compute_robust_sigma(each - middle)
-        if abs(middle - 1.0) < thresholds.RECORD.gain_far * max(prior_scales.FORCE_GAIN.scale, spread):
+        if abs(middle - 1.0) < thresholds.LEVELS.difference_sigma * max(prior_scales.FORCE_GAIN.scale, spread):
             continue
         wrench[recording.session == one] /= middle
         out.append(_build_gain_finding(*estimate_force_gain(each, middle, spread), one, int(sessions[0])))

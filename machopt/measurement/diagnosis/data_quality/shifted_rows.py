@@ -17,7 +17,7 @@ from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.correction_candidates import (
     HEADS,
     replace_rows,
@@ -55,7 +55,7 @@ def correct_shifted_rows(
         return recording, out
     if recording.kind == "deflection" and not (np.any(recording.wrench) and np.any(recording.displacement)):
         return recording, out  # no load or no measurement; reported by a later check
-    if len(recording) < 2 * thresholds.RECORD.part_readings:
+    if len(recording) < 2 * thresholds.COUNTS.min_comparisons:
         return recording, out
     for _ in range(MOST):
         found = _correct_worst_interval(recording, robot, T_flange_tcp, kind)
@@ -88,22 +88,25 @@ def _correct_worst_interval(
     recording: Recording, robot: Robot, T: Array, kind: str
 ) -> tuple[Recording, Finding] | None:
     """Return the recording with its worst block shifted back; None if no block is certain."""
-    limits = thresholds.RECORD
     best = max(
         (_compare_shift(register_positions(recording, robot, T), robot, T, kind, by) for by in (-1, 1)),
         key=lambda h: h.score,
     )
     rows, e, beside = best.rows, best.stated, best.shifted_error
-    least = limits.part_readings
-    if rows.sum() < least or (~rows).sum() < least or (best.is_stated_model and rows.mean() > thresholds.NOISE.mostly):
+    least = thresholds.COUNTS.min_comparisons
+    if (
+        rows.sum() < least
+        or (~rows).sum() < least
+        or (best.is_stated_model and rows.mean() > thresholds.SHARES.majority)
+    ):
         return None
     if _is_whole_sessions(recording.session, rows):
         return None
     # the model is fitted to the rows outside of the block
     others = float(np.median(e[~rows]))
     before, after = float(np.median(e[rows])), float(np.median(beside[rows]))
-    if before < limits.part_stands_out * others or after > min(
-        limits.session_falls * before, limits.part_level * others
+    if before < thresholds.RATIOS.double * others or after > min(
+        thresholds.SHARES.minority * before, thresholds.RATIOS.double * others
     ):
         return None
     head = HEADS[kind]
@@ -160,7 +163,7 @@ def _compare_shift(recording: Recording, robot: Robot, T: Array, kind: str, by: 
     n = int(np.argmin([np.minimum(*e).sum() for e in errors]))
     e, beside = errors[n]
     gain = (e - beside) / max(float(np.median(np.minimum(e, beside))), 1e-300)
-    score, at = _find_largest_interval(np.clip(gain, -thresholds.NOISE.gross, thresholds.NOISE.gross))
+    score, at = _find_largest_interval(np.clip(gain, -thresholds.LEVELS.outlier_sigma, thresholds.LEVELS.outlier_sigma))
     rows = np.zeros(len(e), bool)
     rows[at] = True
     return _ShiftComparison(shift=by, is_stated_model=n == 0, stated=e, shifted_error=beside, rows=rows, score=score)

@@ -20,7 +20,7 @@ from machopt.effects.recording.record_faults import COLUMNS
 from machopt.effects.recording.sensor_errors import DISPLACEMENT
 from machopt.effects.structure.as_built_joint_frames import EFFECT as GEOMETRY
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.convention_fits import RigidFit, fit_frames_and_points
 from machopt.measurement.diagnosis.data_quality.session_corrections import compute_sign_test
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
@@ -54,7 +54,7 @@ class _FrameReading:
         """Whether the frame is so far from base_link that no catalogue effect describes it."""
         turn = float(np.linalg.norm(convert_to_rotation_vector(self.fit.turn[0])))
         shift = float(np.linalg.norm(self.fit.shift[0]))
-        return turn > thresholds.RESTING.stand_turned or shift > thresholds.RESTING.stand_shifted
+        return turn > thresholds.LIMITS.large_rotation or shift > thresholds.LIMITS.lever
 
 
 def correct_stated_frame(
@@ -73,7 +73,7 @@ def correct_stated_frame(
     """
     if recording.kind != "absolute" or recording.position is None or recording.registration != "fixed":
         return recording, []
-    if len(np.unique(recording.pose)) < thresholds.RECORD.part_readings:
+    if len(np.unique(recording.pose)) < thresholds.COUNTS.min_comparisons:
         return recording, []
     p, R = compute_nominal_points(recording, robot, T_flange_tcp)
     sigma = recording.uncertainty.target or prior_scales.TARGET_POSITION.scale
@@ -84,15 +84,15 @@ def correct_stated_frame(
     best = min(ways, key=lambda w: w.cost)
     if best.frame and not best.is_frame_far:  # an effect of the catalogue
         best = min(ways[:2], key=lambda w: w.cost)
-    better = float(np.mean(best.error)) < thresholds.RECORD.moved_falls * float(np.mean(stated.error))
-    if stated.cost - best.cost < thresholds.DETECTION.shorter or not better:
+    better = float(np.mean(best.error)) < thresholds.SHARES.majority * float(np.mean(stated.error))
+    if stated.cost - best.cost < thresholds.LEVELS.min_evidence or not better:
         return recording, []
     out: list[Finding] = []
     if best.frame:
         out.append(_build_frame_finding(recording, stated, best))
         recording = replace(recording, registration="fit")
     off = float(np.abs(best.fit.offset).max())
-    if best.point and not recording.targets and off > thresholds.RECORD.misplaced * sigma:
+    if best.point and not recording.targets and off > thresholds.LEVELS.three_sigma * sigma:
         if GEOMETRY.name in accept or COLUMNS.name in accept:
             return recording, out
         offset, covariance = _estimate_point(recording, robot, T_flange_tcp, best)

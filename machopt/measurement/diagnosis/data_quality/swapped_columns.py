@@ -15,7 +15,7 @@ from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS, UNITS
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.correction_candidates import (
     CorrectionCandidate,
     generate_correction_candidates,
@@ -52,7 +52,7 @@ def correct_swapped_columns(
     stated = build_record_equations(register_positions(recording, robot, T_flange_tcp), robot, T_flange_tcp)
     before = _compute_errors(stated)
     left = _compute_error_share(stated, before)
-    gate = thresholds.RECORD.whole_off if recording.kind == "deflection" else thresholds.RECORD.whole_pose_off
+    gate = thresholds.SHARES.relevant if recording.kind == "deflection" else thresholds.SHARES.pose_misfit
     if left < gate:
         return recording, []
     found: list[tuple[float, int, CorrectionCandidate, Recording, Array]] = []
@@ -60,14 +60,14 @@ def correct_swapped_columns(
         changed = way.apply(recording)
         now = build_record_equations(register_positions(changed, robot, T_flange_tcp), robot, T_flange_tcp)
         after = _compute_errors(now)
-        if _compute_error_share(now, after) < thresholds.RECORD.whole_falls * left:
+        if _compute_error_share(now, after) < thresholds.SHARES.corrected_misfit * left:
             found.append((_compute_error_share(now, after), len(found), way, changed, after))
     if not found:
         return recording, []
     least, _, way, changed, after = min(found, key=lambda f: f[:2])
-    if compute_typical_error(after) > thresholds.RECORD.whole_falls * compute_typical_error(before):
+    if compute_typical_error(after) > thresholds.SHARES.corrected_misfit * compute_typical_error(before):
         return recording, []
-    as_good = [f for f in found if f[0] < thresholds.RECORD.part_as_good * least]
+    as_good = [f for f in found if f[0] < thresholds.RATIOS.equal_fit * least]
     if recording.registration == "fit" and {f[2].column for f in as_good} == {"x_mm"}:
         _, _, way, changed, after = as_good[0]  # with a free frame all mirrored readings are equivalent
     elif len(as_good) > 1:  # ambiguous: nothing is corrected
@@ -95,7 +95,7 @@ def correct_moment_units(
     if UNITS.name in accept or recording.wrench is None or not recording.wrench[:, 3:].any():
         return recording, []
     stated = build_record_equations(recording, robot, T_flange_tcp)
-    if not stated.wrench[:, :3].any() or not stated.y.any() or len(recording) < thresholds.RECORD.part_readings:
+    if not stated.wrench[:, :3].any() or not stated.y.any() or len(recording) < thresholds.COUNTS.min_comparisons:
         return recording, []
     before = _compute_errors(stated)
     left = _compute_error_share(stated, before)
@@ -111,7 +111,7 @@ def correct_moment_units(
         found.append((_compute_error_share(now, after), way, changed, after))
     found.sort(key=lambda f: f[0])
     (best, way, changed, after), (second, *_) = found[:2]
-    if best > thresholds.RECORD.whole_falls * least or second < thresholds.RECORD.part_as_good * best:
+    if best > thresholds.SHARES.corrected_misfit * least or second < thresholds.RATIOS.equal_fit * best:
         return recording, []
     return changed, [_build_column_finding(way, best / left, stated, before, after)]
 

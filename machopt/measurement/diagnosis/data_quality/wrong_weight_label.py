@@ -19,7 +19,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.effects import prior_scales
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_quality.force_gain_estimate import estimate_force_gain, predict_displacements
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
@@ -91,16 +91,18 @@ def _find_wrong_size(tests: LoadTestExperiment) -> _LoadSize | None:
 
 
 def _is_size_off(s: _LoadSize) -> bool:
-    least = thresholds.RECORD.gain_far * max(prior_scales.FORCE_GAIN.scale, s.spread / np.sqrt(len(s.ratio_by_pose)))
-    alike = np.mean(np.sign(np.log(s.ratio_by_pose)) == np.sign(np.log(s.factor))) >= thresholds.RECORD.label_alike
+    least = thresholds.LEVELS.difference_sigma * max(
+        prior_scales.FORCE_GAIN.scale, s.spread / np.sqrt(len(s.ratio_by_pose))
+    )
+    alike = np.mean(np.sign(np.log(s.ratio_by_pose)) == np.sign(np.log(s.factor))) >= thresholds.SHARES.agreement
     return abs(s.factor - 1.0) > least and bool(alike)
 
 
 def _is_only_deviating_size(s: _LoadSize, every: list[_LoadSize]) -> bool:
     """Return whether the other sizes of its session agree with each other."""
     others = [o for o in every if o.session == s.session and o is not s]
-    most = thresholds.RECORD.label_others * abs(np.log(s.factor))
-    return len(others) + 1 >= thresholds.RECORD.label_sizes and all(abs(np.log(o.factor)) < most for o in others)
+    most = thresholds.SHARES.majority * abs(np.log(s.factor))
+    return len(others) + 1 >= thresholds.COUNTS.min_repetitions and all(abs(np.log(o.factor)) < most for o in others)
 
 
 def _has_smaller_and_larger_loads(s: _LoadSize, every: list[_LoadSize]) -> bool:
@@ -114,7 +116,7 @@ def _is_contradicted_elsewhere(s: _LoadSize, every: list[_LoadSize]) -> bool:
     return any(
         o.session != s.session
         and not _is_size_off(o)
-        and abs(np.log(o.force * s.factor / s.force)) < thresholds.RECORD.label_same
+        and abs(np.log(o.force * s.factor / s.force)) < thresholds.SHARES.load_tolerance
         for o in every
     )
 
@@ -135,7 +137,7 @@ def _group_load_sizes(tests: LoadTestExperiment) -> list[_LoadSize]:
         share = _compute_force_ratios(tests.pose[own], label, read[own], moved[own])
         for k in range(int(label.max()) + 1):
             each = share[k][np.isfinite(share[k])]
-            if len(each) < thresholds.RECORD.label_poses:
+            if len(each) < thresholds.COUNTS.min_comparisons:
                 continue
             rows = own.copy()
             rows[own] = label == k
@@ -148,11 +150,11 @@ def _label_load_sizes(force: Array) -> Ints | None:
     order = np.argsort(force)
     if force[order[-1]] <= 0.0:
         return None
-    step = np.diff(force[order]) > thresholds.RECORD.label_gap * force[order[-1]]
+    step = np.diff(force[order]) > thresholds.SHARES.load_tolerance * force[order[-1]]
     label = np.empty(len(force), np.int64)
     label[order] = np.concatenate([[0], np.cumsum(step)])
     wide = [np.ptp(force[label == k]) for k in range(int(label.max()) + 1)]
-    return label if max(wide) < thresholds.RECORD.label_wide * force[order[-1]] else None
+    return label if max(wide) < thresholds.SHARES.load_tolerance * force[order[-1]] else None
 
 
 def _compute_force_ratios(pose: Ints, label: Ints, read: Array, moved: Array) -> Array:
@@ -162,7 +164,7 @@ def _compute_force_ratios(pose: Ints, label: Ints, read: Array, moved: Array) ->
     cell = label * poses + at.reshape(-1)
     above, below = (np.bincount(cell, v, sizes * poses).reshape(sizes, poses) for v in (read, moved))
     out = np.where(below > 0.0, above / np.where(below > 0.0, below, 1.0), np.nan)
-    out[:, np.isfinite(out).sum(axis=0) < thresholds.RECORD.label_sizes] = np.nan
+    out[:, np.isfinite(out).sum(axis=0) < thresholds.COUNTS.min_repetitions] = np.nan
     some = np.isfinite(out).any(axis=0)
     out[:, some] /= np.nanmedian(out[:, some], axis=0)
     return np.asarray(out)

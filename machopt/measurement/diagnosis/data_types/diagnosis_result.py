@@ -10,7 +10,7 @@ import numpy as np
 
 from machopt.data_types.effect_locations import parse_location
 from machopt.data_types.stiffness import SOFTEST, STIFFEST
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     Channel,
@@ -139,7 +139,7 @@ def is_spring_observable(compliance: float, sigma: float) -> bool:
     Returns:
         True if compliance and uncertainty are within plausible bounds.
     """
-    return 1.0 / STIFFEST < compliance < 1.0 / SOFTEST and sigma < thresholds.RESTING.certain_joint * compliance
+    return 1.0 / STIFFEST < compliance < 1.0 / SOFTEST and sigma < thresholds.SHARES.max_relative_error * compliance
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording, StandardUncertainty
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.numerics.array_types import Array
 
 COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
@@ -37,9 +37,9 @@ def discard_noise_components(recording: Recording) -> tuple[Recording, list[str]
         sigma = notes or _estimate_component_scatter(recording, k)
         if not sigma:
             continue
-        loud = w > thresholds.NOISE.silent_peak * sigma
+        loud = w > thresholds.LEVELS.outlier_sigma * sigma
         rest = w[~loud]
-        if loud.mean() <= thresholds.NOISE.silent_share and np.mean(rest**2) <= (thresholds.NOISE.silent * sigma) ** 2:
+        if loud.mean() <= thresholds.SHARES.negligible and np.mean(rest**2) <= (thresholds.RATIOS.larger * sigma) ** 2:
             quiet.append(k)
     if not quiet or set(quiet) >= {0, 1, 2}:
         return recording, []
@@ -59,17 +59,17 @@ def _estimate_component_scatter(recording: Recording, k: int) -> float:
     assert recording.wrench is not None  # kind deflection
     force = recording.wrench[:, :3]
     largest = float(np.linalg.norm(force, axis=1).max(initial=0.0))
-    small = thresholds.NOISE.silent_small * largest * (1.0 if k < 3 else thresholds.NOISE.moment_lever)
+    small = thresholds.SHARES.negligible * largest * (1.0 if k < 3 else thresholds.LIMITS.lever)
     value = recording.wrench[:, k]
     if recording.pose is None or not largest or float(np.sqrt(np.mean(value**2))) > small:
         return 0.0
     others = np.delete(force, k, axis=1) if k < 3 else force
-    level = np.round(others / (thresholds.NOISE.silent_step * largest))
+    level = np.round(others / (thresholds.SHARES.load_tolerance * largest))
     labels = np.column_stack([recording.pose, level])
     _, group, count = np.unique(labels, axis=0, return_inverse=True, return_counts=True)
     group = group.reshape(-1)
     free = int((count - 1).sum())
-    if free < thresholds.NOISE.least_freedom:
+    if free < thresholds.COUNTS.min_degrees_of_freedom:
         return 0.0
     mean = np.bincount(group, value) / count
     return float(np.sqrt(np.sum((value - mean[group]) ** 2) / free))
@@ -87,4 +87,6 @@ def compute_load_tolerance(largest: Array, share: float, stated: StandardUncerta
         (6,) tolerance of each component, N and N·m.
     """
     sigma = np.array([stated.force or 0.0, stated.moment or 0.0])
-    return np.repeat(np.maximum(np.maximum(share * largest, thresholds.NOISE.same * sigma), 1e-9 * share), 3)
+    return np.repeat(
+        np.maximum(np.maximum(share * largest, thresholds.LEVELS.difference_sigma * sigma), 1e-9 * share), 3
+    )

@@ -14,7 +14,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import LENGTHS
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.rigid_transforms import (
     convert_quaternion_to_matrix,
@@ -157,7 +157,7 @@ def transform_to_base(recording: Recording, robot: Robot, T_flange_tcp: Array) -
         scale = _estimate_length_factor(x[rows], p[rows])
         turn, shift = fit_rigid_transform(scale * x[rows], p[rows])
         angle, distance = float(np.linalg.norm(convert_to_rotation_vector(turn))), float(np.linalg.norm(shift))
-        is_close = angle < thresholds.RESTING.stand_turned and distance < thresholds.RESTING.stand_shifted
+        is_close = angle < thresholds.LIMITS.large_rotation and distance < thresholds.LIMITS.lever
         if is_close and not several:
             return recording, ()
         out[rows] = (scale * x[rows] @ turn.T + shift) / scale
@@ -237,12 +237,12 @@ def _estimate_length_factor(x: Array, p: Array) -> float:
     """Return the factor that makes the spread of the points equal to that of the arm's points; 1 if none does."""
     spread = [float(np.median(np.linalg.norm(v - np.median(v, axis=0), axis=1))) for v in (x, p)]
     ratio = spread[1] / max(spread[0], 1e-300)
-    return next((f for f in (1.0, *LENGTHS.values()) if abs(ratio / f - 1.0) < thresholds.RESTING.same_spread), 1.0)
+    return next((f for f in (1.0, *LENGTHS.values()) if abs(ratio / f - 1.0) < thresholds.SHARES.load_tolerance), 1.0)
 
 
 def _check_frame_is_determined(recording: Recording, x: Array, name: str) -> None:
     extent = np.linalg.svd(x - x.mean(axis=0), compute_uv=False) if len(x) >= FEWEST else np.zeros(3)
-    if extent[1] <= thresholds.RESTING.flat * extent[0]:
+    if extent[1] <= thresholds.SHARES.negligible * extent[0]:
         raise RecordingError(
             f"frame {name} has {len(x)} reading{'' if len(x) == 1 else 's'}"
             f"{', all on one line' if len(x) >= FEWEST else ''}, which do not fix where the tracker stood; expected "

@@ -16,6 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from machopt.measurement import thresholds
 from machopt.measurement.design.d_optimal_search import compute_information_matrix
 from machopt.measurement.design.design_problem import ReadingDesign
 from machopt.measurement.design.expected_accuracy import compute_expected_accuracy
@@ -35,7 +36,6 @@ from machopt.measurement.design.measurement_plan import (
 from machopt.measurement.design.measurement_schedule import build_schedule, order_poses_by_travel
 from machopt.measurement.design.pose_candidates import PosePool
 from machopt.measurement.design.reading_noise import ReadingNoise
-from machopt.measurement.diagnosis import thresholds
 from machopt.measurement.diagnosis.discrimination.open_hypotheses import (
     MAX_HIDDEN_EFFECTS,
     MAX_LOCATIONS,
@@ -281,7 +281,7 @@ def _build_contests(
                     forms[rival.name] = list_law_columns(rival, at)
                 sides.append(ContestSide(t, r, laws[t].signal, base, forms[rival.name]))
             left = [compute_total_noncentrality(c, covariance) for c in contests]
-            if min(rest / max(whole, 1e-300) for rest, whole in left) < thresholds.DETECTION.left_apart:
+            if min(rest / max(whole, 1e-300) for rest, whole in left) < thresholds.SHARES.rank:
                 closed.append(replace(pair, advice=advise_on_separation(one.candidate_law, two.candidate_law)))
             else:
                 open_.append((pair, contests, sides))

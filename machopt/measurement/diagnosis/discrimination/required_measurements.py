@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import stdtrit
 
+from machopt.measurement import thresholds
 from machopt.measurement.design.maximin_discrimination import (
     ModelContest,
     compute_contest_noncentrality,
@@ -22,7 +23,6 @@ from machopt.measurement.design.maximin_discrimination import (
     select_maximin_readings,
 )
 from machopt.measurement.design.measurement_plan import MeasurementPlanSize
-from machopt.measurement.diagnosis import thresholds
 from machopt.numerics.array_types import Array, Ints
 
 MOST_CYCLES = 10  # most rounds that a plan proposes
@@ -214,10 +214,15 @@ def _find_exclusion_rounds(
     G, total, spread = len(each), float(each.sum()), float(each.var(ddof=1)) if len(each) > 1 else 0.0
     if total <= 0.0 or G < 2:
         return None
-    critical = float(stdtrit(G - 1, 1.0 - thresholds.DETECTION.paired)) + thresholds.DETECTION.nine_of_ten
-    alone = 1.0 - total / whole < thresholds.DETECTION.most_of  # the rival reaches less than most of the gain
+    critical = (
+        float(stdtrit(G - 1, 1.0 - thresholds.LEVELS.mismatch_significance_level)) + thresholds.LEVELS.power_quantile
+    )
+    alone = 1.0 - total / whole < thresholds.SHARES.majority  # the rival reaches less than most of the gain
     for n in range(1, MAX_COUNTED_CYCLES + 1):
-        larger = n * total - thresholds.DETECTION.nine_of_ten * 2.0 * np.sqrt(n * total) >= thresholds.DETECTION.as_good
+        larger = (
+            n * total - thresholds.LEVELS.power_quantile * 2.0 * np.sqrt(n * total)
+            >= thresholds.LEVELS.gain_three_sigma
+        )
         if larger and (alone or n * total / np.sqrt(G * n**2 * spread + 4.0 * n * total) >= critical):
             return n
     return None

@@ -11,7 +11,7 @@ from machopt.data_types.effect_locations import COLUMN, parse_joint_location, pa
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.joint.drive_gain import DriveGainError
 from machopt.effects.protocol import Effect, MotorLaw, MotorLoading
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     EffectHypothesis,
     Quantity,
@@ -242,7 +242,7 @@ def _build_drive_hypothesis(
         equation=law.equation,
         columns=columns,
         quantities=sizes,
-        least_size=thresholds.MOTION.least_gain_percent if isinstance(law, DriveGainError) else 0.0,
+        least_size=100.0 * thresholds.SHARES.negligible if isinstance(law, DriveGainError) else 0.0,
         shapes=grid,
         lower=lower if np.isfinite(lower).any() else (),
         family="drive",

@@ -16,7 +16,7 @@ from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import COLUMNS
 from machopt.errors import RecordingError
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_record_finding
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
@@ -55,7 +55,7 @@ def correct_exchanged_torques(
         other = [_compute_unexplained_share(motion, tau, predicted, a, b) for a, b in ((i, j), (j, i))]
         # each channel fits the other joint much better than its own, with about the required magnitude
         falls = all(
-            o is not None and s is not None and o[0] < thresholds.RECORD.whole_falls * s[0]
+            o is not None and s is not None and o[0] < thresholds.SHARES.corrected_misfit * s[0]
             for s, o in zip(stated, other, strict=True)
         )
         if not falls or not all(_is_near_one(o[1]) for o in other if o is not None):
@@ -76,7 +76,7 @@ def _compute_unexplained_share(
 
     None if the joint requires too little torque.
     """
-    if np.ptp(predicted[:, j]) < thresholds.RECORD.loaded * np.ptp(predicted, axis=0).max():
+    if np.ptp(predicted[:, j]) < thresholds.SHARES.negligible * np.ptp(predicted, axis=0).max():
         return None
     v = motion.v[:, j]
     rubbing = np.stack([np.ones(len(v)), np.sign(v), v], axis=1)
@@ -86,7 +86,7 @@ def _compute_unexplained_share(
 
 
 def _is_near_one(s: float) -> bool:
-    return 1.0 / thresholds.RECORD.alike_factor < s < thresholds.RECORD.alike_factor
+    return 1.0 / thresholds.RATIOS.double < s < thresholds.RATIOS.double
 
 
 def _build_exchange_finding(
@@ -118,13 +118,13 @@ def _refuse_motor_side(recording: Recording, motion: MotionSignals, predicted: A
     assert recording.torque is not None  # checked by the caller
     tau = recording.torque[motion.index, : predicted.shape[1]]
     each = {j: _compute_unexplained_share(motion, tau, predicted, j, j) for j in range(predicted.shape[1])}
-    slopes = {j: x[1] for j, x in each.items() if x is not None and x[2] > thresholds.RECORD.slope_sure}
+    slopes = {j: x[1] for j, x in each.items() if x is not None and x[2] > thresholds.SHARES.agreement}
     whole = [j for j, s in slopes.items() if _is_near_one(s)]
     small = [
         j
         for j, s in slopes.items()
-        if 0.0 < s < thresholds.RECORD.geared
-        and np.ptp(tau[:, j]) < thresholds.RECORD.motor_side * np.ptp(predicted[:, j])
+        if 0.0 < s < thresholds.SHARES.small
+        and np.ptp(tau[:, j]) < thresholds.SHARES.minority * np.ptp(predicted[:, j])
     ]
     if small and len(whole) >= len(small):
         j = small[0]

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.joint.presliding_direction import compute_presliding_direction
 from machopt.effects.protocol import Effect, FrictionLaw, FrictionState, JointSpeedRange
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, LawCurve, Quantity, Shape
 from machopt.measurement.diagnosis.effect_columns.motion_columns import (
     MotionModel,
@@ -99,7 +99,7 @@ def _is_in_several_intervals(scene: MotionModel, x: Array) -> bool:
     power = np.bincount(
         np.unique(m.group, return_inverse=True)[1], m.subtract_period_mean(m.average_blocks(x[:, None]))[:, 0] ** 2
     )
-    return bool(power.sum() - power.max() > thresholds.DETECTION.without_best * power.sum())
+    return bool(power.sum() - power.max() > thresholds.SHARES.minority * power.sum())
 
 
 def compute_reversal_signal(scene: MotionModel, v: Array, turn: FrictionReversal) -> Array:
@@ -139,7 +139,7 @@ def fit_breakaway(scene: MotionModel, joint: int, y: Array, other_columns: Array
     best, found = np.inf, REVERSAL_SHAPES[0]
     for turn in REVERSAL_SHAPES:
         left = power(turn)
-        if left < thresholds.MOTION.turn_over * best:
+        if len(y) * np.log(best / max(left, 1e-300)) > thresholds.LEVELS.gain_two_sigma:
             best, found = left, turn
     return min((found, *_refine_breakaway(found, power)), key=power)
 
@@ -182,7 +182,7 @@ def describe_gradual_reversal(
     if speed <= between and 2.0 * path <= between / scene.motion.rate:
         return ""
     power = _build_residual_function(scene, joint, y, other_columns)
-    if len(y) * np.log(power(IMMEDIATE_REVERSAL) / max(power(turn), 1e-300)) < thresholds.DETECTION.gain:
+    if len(y) * np.log(power(IMMEDIATE_REVERSAL) / max(power(turn), 1e-300)) < thresholds.LEVELS.min_gain:
         return ""
     if scene.prismatic[joint]:
         over = f"{1e3 * speed:.2g} mm/s" if speed > 0.0 else f"a path of {1e3 * path:.2g} mm"
@@ -279,7 +279,7 @@ def build_friction_hypotheses(scene: MotionModel, joint: int, turn: FrictionReve
     v = m.v[:, joint]
     load = np.zeros_like(v) if scene.predicted is None else np.abs(scene.predicted[:, joint])
     heavy = max(float(np.quantile(load, 0.98)), 1e-9)
-    loaded = scene.predicted is not None and bool(np.ptp(load) > thresholds.MOTION.loaded * heavy)
+    loaded = scene.predicted is not None and bool(np.ptp(load) > thresholds.SHARES.small * heavy)
     pace = JointSpeedRange(float(np.quantile(np.abs(v), 0.98)), loaded, tuple(t for (t,) in list_warming_shapes(scene)))
     seen = FrictionState(
         speed=v,

@@ -26,7 +26,7 @@ from machopt.effects.protocol import (
     VibrationLoading,
     is_time_dependent,
 )
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, LawCurve, Quantity, Shape
 from machopt.measurement.diagnosis.dynamic.joint_torque_channel import compute_gear_load
 from machopt.measurement.diagnosis.effect_columns.motion_columns import (
@@ -60,7 +60,7 @@ def build_gear_hypotheses(
     swing = load - np.median(load)
     largest = float(np.quantile(np.abs(load), 0.99))
     around = float(np.quantile(np.abs(swing), 0.99))
-    if largest <= 0 or around < thresholds.MOTION.gear_swing * largest:
+    if largest <= 0 or around < thresholds.SHARES.negligible * largest:
         return []
     m = scene.motion
     lasting = min(float(m.time[s.stop - 1] - m.time[s.start]) for s in m.segments())

@@ -16,7 +16,7 @@ import numpy as np
 from machopt.data_types.effect_locations import parse_joint_location
 from machopt.effects import registry
 from machopt.effects.protocol import Effect, JointAngleLaw, JointAngleRange
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     EffectHypothesis,
     Shape,
@@ -40,7 +40,7 @@ def compute_lowest_order(scene: MotionModel, joint: int, turns: float) -> float:
     Returns:
         Order per turn.
     """
-    return max(thresholds.MOTION.slowest_order, float(np.ceil(turns * _compute_order_resolution(scene, joint))))
+    return max(thresholds.LIMITS.gear_order, float(np.ceil(turns * _compute_order_resolution(scene, joint))))
 
 
 def _compute_order_resolution(scene: MotionModel, joint: int) -> float:
@@ -81,7 +81,7 @@ def build_order_refinement(scene: MotionModel, joint: int) -> ShapeRefinement:
         shapes_around=about,
         is_preferred=lambda s: float(s[0]).is_integer(),
         describe_ambiguity=said,
-        minimum_separation=thresholds.MOTION.beats * resolution,
+        minimum_separation=thresholds.LIMITS.partial_periods * resolution,
     )
 
 
@@ -119,7 +119,7 @@ def build_motion_angle_hypotheses(
         visible = [
             h
             for h in laws
-            if fit.compute_remaining_share(h.columns(h.shapes[len(h.shapes) // 2])) > thresholds.RESTING.taken_up
+            if fit.compute_remaining_share(h.columns(h.shapes[len(h.shapes) // 2])) > thresholds.SHARES.rank
         ]
         visible_hypotheses += visible
         if not visible:
@@ -134,12 +134,12 @@ def _list_slow_orders(scene: MotionModel, by: int, law: JointAngleLaw, grid: tup
     if not law.has_angle_range or not scene.is_joint_moving(by) or any(len(s) != 1 for s in grid):
         return ()
     q = scene.motion.q[:, by]
-    most = compute_lowest_order(scene, by, thresholds.MOTION.turns)
+    most = compute_lowest_order(scene, by, thresholds.LIMITS.ripple_periods)
     few = JointAngleRange(
         float(q.min()),
         float(q.max()),
         len(q),
-        compute_lowest_order(scene, by, thresholds.MOTION.few_turns),
+        compute_lowest_order(scene, by, thresholds.LIMITS.partial_periods),
         is_motion=True,
     )
     slow = tuple(s for s in law.grid(few) if len(s) == 1 and s[0] < 2.0 * most)
@@ -148,7 +148,7 @@ def _list_slow_orders(scene: MotionModel, by: int, law: JointAngleLaw, grid: tup
 
 def _penalise_partial_waves(h: EffectHypothesis) -> EffectHypothesis:
     """Return a hypothesis with a penalty: any smooth curve resembles part of a wave."""
-    return replace(h, law=f"{h.law}, slow", penalty=h.penalty + thresholds.MOTION.of_few_turns)
+    return replace(h, law=f"{h.law}, slow", penalty=h.penalty + thresholds.LEVELS.gain_two_sigma)
 
 
 def compute_motion_angle_range(scene: MotionModel, joint: int) -> JointAngleRange:
@@ -166,7 +166,7 @@ def compute_motion_angle_range(scene: MotionModel, joint: int) -> JointAngleRang
         float(q.min()),
         float(q.max()),
         len(q),
-        compute_lowest_order(scene, joint, thresholds.MOTION.turns),
+        compute_lowest_order(scene, joint, thresholds.LIMITS.ripple_periods),
         is_motion=True,
     )
 

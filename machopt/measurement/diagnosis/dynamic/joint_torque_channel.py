@@ -16,7 +16,7 @@ import numpy as np
 
 from machopt.data_types.effect_locations import format_column_location, format_joint_location, format_link_location
 from machopt.errors import RecordingError
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     CoordinateFamily,
@@ -280,7 +280,7 @@ def compute_gear_load(scene: MotionModel) -> Array | None:
     left, x = fit_least_squares((y * weight).reshape(-1), A)
     error = np.std(left.reshape(y.shape) / weight, axis=0)
     moving = [j for j in range(scene.joints) if scene.is_joint_moving(j)]
-    if any(error[j] > thresholds.MOTION.describes * np.ptp(measured[:, j]) for j in moving):
+    if any(error[j] > thresholds.SHARES.relevant * np.ptp(measured[:, j]) for j in moving):
         return None
     return np.asarray(scene.predicted + own @ x[len(unknowns) :])
 

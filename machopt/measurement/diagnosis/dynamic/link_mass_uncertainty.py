@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from machopt.effects import prior_scales
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Ints
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
 from machopt.numerics.array_types import Array
@@ -44,8 +44,8 @@ def estimate_link_mass_sigma(
     best_loss = np.minimum(base_loss, rival_loss)
     gain = best_loss - left(rivals, links)
     if (
-        gain.sum() / best_loss.sum() > thresholds.MOTION.links_gain
-        and np.mean(gain > 0) > thresholds.MOTION.links_groups
+        gain.sum() / best_loss.sum() > thresholds.SHARES.negligible
+        and np.mean(gain > 0) > thresholds.SHARES.half_power_amplitude
         and link_loss.sum() < payload_loss.sum()
     ):
         words = (
@@ -55,8 +55,8 @@ def estimate_link_mass_sigma(
         return prior_scales.WRONG_LINK_MASS.scale, [words]
     best_alternative = min(payload_loss, rival_loss, key=lambda x: float(x.sum()))
     worse = link_loss.sum() / best_alternative.sum() - 1.0
-    if worse > thresholds.MOTION.links_gain or (
-        worse > -thresholds.MOTION.links_gain
+    if worse > thresholds.SHARES.negligible or (
+        worse > -thresholds.SHARES.negligible
         and _are_masses_implausible(
             y * weight,
             base * weight[:, None],
@@ -94,7 +94,7 @@ def _are_masses_implausible(y: Array, base: Array, links: Array, better: bool) -
         np.concatenate([b, np.zeros(len(prior_weights))]), np.concatenate([A, np.diag(prior_weights)])
     )
     needed = x[base.shape[2] :] / prior_scales.LINK_MASS.scale
-    chance = thresholds.MOTION.links_chance ** (2 if better else 1)
+    chance = thresholds.LEVELS.significance_level ** (2 if better else 1)
     return bool(chdtrc(len(needed), float(needed @ needed)) < chance)
 
 

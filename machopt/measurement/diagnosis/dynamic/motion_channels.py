@@ -17,7 +17,7 @@ from machopt.data_types.stiffness import StiffnessTerm
 from machopt.dynamics.rigid_body import MissingInertiaError, RigidBodyDynamics, load_dynamics
 from machopt.errors import RecordingError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     DiagnosisProblem,
     HypothesisCatalogue,
@@ -159,7 +159,7 @@ def build_motion_problem(
         )
         found = [_add_errors_to_finding(f, *errors) for f in found]
     missing = [*catalogue.untestable]
-    if float(np.ptp(motion.time)) < thresholds.MOTION.long_s:
+    if float(np.ptp(motion.time)) < thresholds.LIMITS.warm_up_time:
         missing.append(
             UntestableEffect("thermal_drift", "environment", f"{np.ptp(motion.time):.0f} s are too short for heat")
         )

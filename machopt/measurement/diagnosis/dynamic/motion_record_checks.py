@@ -16,7 +16,7 @@ from machopt.data_types.effect_locations import format_column_location
 from machopt.data_types.measurements.recording import Recording
 from machopt.effects.recording.record_faults import UNITS
 from machopt.errors import RecordingError
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.measurement.diagnosis.data_types.record_findings import build_exact_estimate, build_record_finding
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
@@ -119,7 +119,7 @@ def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -
     """Correct the units of one channel for the revolute or for the prismatic joints."""
     x, q = _compare_with_encoders(recording, name)
     pairs = {j: fit_slope(q[:, j], x[:, j]) for j in joints if np.isfinite(x[:, j]).all() and np.ptp(x[:, j]) > 0}
-    sure = {j: s for j, (s, r) in pairs.items() if abs(r) > thresholds.RECORD.slope_sure}
+    sure = {j: s for j, (s, r) in pairs.items() if abs(r) > thresholds.SHARES.agreement}
     if not sure:
         return recording, []
     against = [j for j, s in sure.items() if s < 0]
@@ -130,23 +130,23 @@ def _correct_channel_units(recording: Recording, name: str, joints: list[int]) -
         )
     factor = float(np.median(list(sure.values())))
     slides = bool(recording.prismatic) and recording.prismatic[joints[0]]
-    known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < thresholds.RECORD.slope_near]
+    known = [f for f in (THOUSANDS if slides else FACTORS) if abs(factor / f - 1.0) < thresholds.SHARES.load_tolerance]
     assert recording.time is not None  # checked by the caller
     if (
         known
         and name == "velocity"
         and known[0] > 1.0
-        and np.median(np.diff(np.sort(recording.time))) > thresholds.MOTION.slow_s
+        and np.median(np.diff(np.sort(recording.time))) > thresholds.LIMITS.segment_time
     ):
         return _correct_milliseconds(recording, joints)
-    if not known or max(abs(s / factor - 1.0) for s in sure.values()) > thresholds.RECORD.slope_near:
+    if not known or max(abs(s / factor - 1.0) for s in sure.values()) > thresholds.SHARES.load_tolerance:
         return recording, []
     # all joints within a few degrees and all other channels 57 times larger: the encoders are in another unit
     own = recording.q[:, joints]
     few = (
-        np.abs(1e3 * own).max() < thresholds.MOTION.few_millimetres
+        np.abs(1e3 * own).max() < thresholds.LIMITS.millimetre_range
         if slides
-        else np.abs(np.degrees(own)).max() < thresholds.MOTION.few_degrees
+        else np.abs(np.degrees(own)).max() < 2.0 * np.pi
     )
     odd, scale = ("q", known[0]) if known[0] > 1.0 and few else (name, 1.0 / known[0])
     values = getattr(recording, odd).copy()
@@ -208,13 +208,13 @@ def correct_torque_side(
         return recording, []
     tau = recording.torque[motion.index, : predicted.shape[1]]
     needed = np.ptp(predicted, axis=0)
-    for j in np.flatnonzero(needed > thresholds.MOTION.needed * needed.max()).tolist():
+    for j in np.flatnonzero(needed > thresholds.SHARES.negligible * needed.max()).tolist():
         v = motion.v[:, j]
         friction = np.stack([np.ones(len(v)), np.sign(v), v], axis=1)  # it can hide which way the rest points
         against = fit_slope(fit_least_squares(predicted[:, j], friction)[0], fit_least_squares(tau[:, j], friction)[0])[
             1
         ]
-        if against < -thresholds.RECORD.slope_sure and not _is_dissipative(
+        if against < -thresholds.SHARES.agreement and not _is_dissipative(
             tau[:, j], predicted[:, j], motion.q[:, j], friction
         ):
             raise RecordingError(
@@ -226,14 +226,14 @@ def correct_torque_side(
     sure = [
         j
         for j, (s, r) in enumerate(pairs)
-        if abs(r) > thresholds.RECORD.slope_sure and needed[j] > thresholds.MOTION.needed * needed.max()
+        if abs(r) > thresholds.SHARES.agreement and needed[j] > thresholds.SHARES.negligible * needed.max()
     ]
     if len(sure) < min(2, predicted.shape[1]):
         return recording, []
     slopes = np.array([pairs[j][0] for j in sure])
     median_slope = float(np.median(slopes))
-    known = [f for f in (1e-3, 1e3) if abs(median_slope / f - 1.0) < thresholds.MOTION.torque_factor]
-    if known and np.ptp(slopes) < thresholds.MOTION.torque_factor * abs(median_slope):
+    known = [f for f in (1e-3, 1e3) if abs(median_slope / f - 1.0) < thresholds.SHARES.majority]
+    if known and np.ptp(slopes) < thresholds.SHARES.majority * abs(median_slope):
         factor = known[0]
         # against the nominal arm: refitted masses of links would make up for any factor
         before, after = (
@@ -249,7 +249,7 @@ def correct_torque_side(
         )
         finding = replace(finding, before=float(np.median(before)), after=float(np.median(after)))
         return replace(recording, torque=recording.torque / factor), [finding]
-    if np.all(np.abs(slopes) < thresholds.RECORD.motor_side):
+    if np.all(np.abs(slopes) < thresholds.SHARES.minority):
         shares = ", ".join(f"{100 * pairs[j][0]:.2g} %" for j in sure)
         raise RecordingError(
             f"{recording.source}: {format_column_name(recording, 'torque', sure[0])} is {shares} of what the "
@@ -271,7 +271,7 @@ def _is_dissipative(tau: Array, predicted: Array, q: Array, friction: Array) -> 
     left, x = fit_least_squares(tau, np.concatenate([friction, beside], axis=1))
     rubs = friction[:, 1:] @ x[1:3]
     power = rubs * friction[:, 2]
-    return bool(power.mean() > 0.0 and np.std(rubs) > thresholds.RECORD.rubs * np.std(left))
+    return bool(power.mean() > 0.0 and np.std(rubs) > thresholds.SHARES.minority * np.std(left))
 
 
 def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording, list[str]]:
@@ -288,11 +288,11 @@ def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording,
         InputError: No joint moves, or a torque is constant although its joint moves.
     """
     out = []
-    moves = np.ptp(recording.q[:, :joints], axis=0) > thresholds.MOTION.moves
+    moves = np.ptp(recording.q[:, :joints], axis=0) > thresholds.LIMITS.joint_motion
     if not moves.any():
         raise RecordingError(
-            f"{recording.source}: no joint moves by more than {np.degrees(thresholds.MOTION.moves):.2g}° (or "
-            f"{1e3 * thresholds.MOTION.moves:g} mm); there is no motion to diagnose"
+            f"{recording.source}: no joint moves by more than {np.degrees(thresholds.LIMITS.joint_motion):.2g}° (or "
+            f"{1e3 * thresholds.LIMITS.joint_motion:g} mm); there is no motion to diagnose"
         )
     for name in ("velocity", "torque"):
         values = getattr(recording, name)
@@ -315,7 +315,7 @@ def check_channel_quality(recording: Recording, joints: int) -> tuple[Recording,
             if name == "torque":
                 top = np.abs(x).max()
                 share = float(np.mean(np.abs(x) >= top * (1.0 - 1e-9)))
-                if top > 0 and share > thresholds.RECORD.clipped:
+                if top > 0 and share > thresholds.SHARES.negligible:
                     out.append(f"{label} is at ±{top:.4g} in {100 * share:.1f} % of the samples: cut off at a limit")
     return recording, out
 

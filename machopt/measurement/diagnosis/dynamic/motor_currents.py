@@ -14,7 +14,7 @@ import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.dynamic.friction import fit_least_squares
 from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSignals
 from machopt.numerics.array_types import Array
@@ -68,7 +68,7 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
             "nothing is said of torque there; a recording with the currents of all joints would work"
         )
     each = [_fit_current_per_torque(motion, current[:, j], predicted[:, j], j) for j in range(n)]
-    sure = thresholds.MOTION.current_sure
+    sure = thresholds.SHARES.minority
     against = [j for j, (slope, sigma) in enumerate(each) if -slope * sure > sigma]
     unsized = frozenset(j for j, (slope, sigma) in enumerate(each) if sigma > sure * slope)
     if against or n - len(unsized) < min(n, MIN_JOINTS):
@@ -111,4 +111,6 @@ def _fit_current_per_torque(motion: MotionSignals, current: Array, needed: Array
     slope = float(needed_part @ seen) / power
     left = seen - slope * needed_part
     # errors of a cycle are correlated: that many readings count as one
-    return slope, float(np.std(left)) * float(np.sqrt(thresholds.MOTION.current_alike / power))
+    return slope, float(np.std(left)) * float(
+        np.sqrt(thresholds.LIMITS.reading_rate * thresholds.LIMITS.segment_time / power)
+    )

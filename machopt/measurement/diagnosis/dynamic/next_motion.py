@@ -18,7 +18,7 @@ from machopt.dynamics.rigid_body import MissingInertiaError, load_dynamics
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.errors import InputError
 from machopt.kinematics.urdf_loading import load_robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem, HypothesisCatalogue
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
 from machopt.measurement.diagnosis.dynamic import motion_channels
@@ -91,7 +91,7 @@ def _describe_separating_motion(
             continue
         if best is None or power > best[0]:
             best = power, one.words
-    if best is None or best[0] < thresholds.DETECTION.apart:
+    if best is None or best[0] < thresholds.LEVELS.gain_three_sigma:
         return (
             f"{head}no motion within the arm's limits does, of those that were tried; another load at the flange, or "
             "a sensor behind the joint, would."

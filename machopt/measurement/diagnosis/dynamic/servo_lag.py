@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 from machopt.measurement.diagnosis.dynamic.motion_record_checks import STRETCHES, compute_sign_test
@@ -32,7 +32,7 @@ def find_servo_lag(recording: Recording, motion: MotionSignals) -> list[Finding]
     delay, sure, before, after = np.zeros(n), np.zeros(n), np.zeros(STRETCHES), np.zeros(STRETCHES)
     for j in range(n):
         behind, x = _subtract_mean(commanded[:, j] - motion.q[:, j]), _subtract_mean(speed[:, j])
-        if np.ptp(commanded[:, j]) < thresholds.MOTION.moves or not float(x @ x) > 0:
+        if np.ptp(commanded[:, j]) < thresholds.LIMITS.joint_motion or not float(x @ x) > 0:
             continue
         delay[j] = float(x @ behind) / float(x @ x)
         local = [float(x[p] @ behind[p]) / float(x[p] @ x[p]) for p in parts if float(x[p] @ x[p]) > 0]
@@ -42,11 +42,7 @@ def find_servo_lag(recording: Recording, motion: MotionSignals) -> list[Finding]
         after += [float(left[p] @ left[p]) for p in parts]
     moving = delay[np.abs(delay) > 0]
     share = 1.0 - after.sum() / before.sum() if before.sum() > 0 else 0.0
-    if (
-        not len(moving)
-        or share < thresholds.RECORD.lag_explains
-        or abs(float(np.mean(moving))) < thresholds.RECORD.lag_worth_s
-    ):
+    if not len(moving) or share < thresholds.SHARES.majority or abs(float(np.mean(moving))) < thresholds.LIMITS.delay:
         return []
     mean, unit = float(np.mean(moving)), "mm" if recording.prismatic and all(recording.prismatic) else "mrad"
     error = 1e3 * np.sqrt(np.array([before.sum(), after.sum()]) / commanded.size)

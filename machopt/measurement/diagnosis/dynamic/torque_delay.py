@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.dynamic.friction import (
     compute_reversal_signal,
     fit_least_squares,
@@ -86,7 +86,7 @@ def estimate_torque_delay(
 
     best = find_best_delay(misfit) if moving else 0.0
     # an insignificant delay would still smear each reversal over several samples
-    worth = len(tau) * (misfit(0.0) - misfit(best)) >= thresholds.DETECTION.gain
+    worth = len(tau) * (misfit(0.0) - misfit(best)) >= thresholds.LEVELS.min_gain
     shared = worth and 2 * int(np.sum(np.array(left(best)) < power)) > len(moving)
     fitted, late = [], smooth(best)
     for j in moving:
@@ -111,8 +111,8 @@ def _select_moving_readings(scene: MotionModel, joint: int) -> NDArray[np.bool_]
     """Return readings (N,) around which a joint does not reverse within the longest delay; all if these are few."""
     m = scene.motion
     v = m.average_blocks(m.v[:, joint])
-    fast = float(np.quantile(np.abs(v), 0.9)) * thresholds.MOTION.under_way
+    fast = float(np.quantile(np.abs(v), 0.9)) * thresholds.SHARES.relevant
     window = 2 * int(np.ceil(LONGEST / max(float(np.median(np.diff(m.average_blocks(m.time)))), 1e-6))) + 1
     low, high = minimum_filter1d(v, window), maximum_filter1d(v, window)
     out = (low > fast) | (high < -fast)
-    return out if out.mean() > thresholds.MOTION.mostly_under_way else np.ones(len(v), bool)
+    return out if out.mean() > thresholds.SHARES.minority else np.ones(len(v), bool)

@@ -16,7 +16,7 @@ from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.effects.recording.time_delay import CLOCK_EFFECT, COMMAND_DELAY_EFFECT
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     CoordinateFamily,
@@ -212,7 +212,10 @@ def estimate_encoder_delays(scene: MotionModel, commanded_angles: Array) -> Arra
     out = np.zeros(commanded_angles.shape[1])
     for j in range(commanded_angles.shape[1]):
         behind = commanded_angles[:, j] - m.q[:, j]
-        if np.std(behind) > thresholds.MOTION.follows and np.ptp(commanded_angles[:, j]) > thresholds.MOTION.moves:
+        if (
+            np.std(behind) > thresholds.LIMITS.reading_step
+            and np.ptp(commanded_angles[:, j]) > thresholds.LIMITS.joint_motion
+        ):
             x = np.stack([speed[:, j], np.ones(len(behind))], axis=1)
             out[j] = float(np.linalg.lstsq(x, behind, rcond=None)[0][0])
     return out
@@ -221,13 +224,13 @@ def estimate_encoder_delays(scene: MotionModel, commanded_angles: Array) -> Arra
 def _find_late_encoders(y: Array, base: Array, scene: MotionModel, followed: Array, lag: Array) -> list[Finding]:
     """Return findings on encoders that lag the command while the TCP does not: a clock error, not a servo lag."""
     moving = lag[np.abs(lag) > 0]
-    if not len(moving) or abs(float(np.mean(moving))) < thresholds.MOTION.late_s:
+    if not len(moving) or abs(float(np.mean(moving))) < thresholds.LIMITS.delay:
         return []
     own = scene.average_coordinates(followed[:, :, None])
     X = np.concatenate([base, own], axis=2).reshape(-1, base.shape[2] + 1)
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     share = float((np.linalg.lstsq(X / size, y.reshape(-1), rcond=1e-10)[0] / size)[-1])
-    if share > thresholds.MOTION.followed or np.std(moving) > thresholds.MOTION.alike * abs(float(np.mean(moving))):
+    if share > thresholds.SHARES.minority or np.std(moving) > thresholds.SHARES.minority * abs(float(np.mean(moving))):
         return []
     late, sigma = 1e3 * float(np.mean(moving)), 1e3 * float(np.std(moving)) / np.sqrt(len(moving))
     # predicted from the encoders as recorded, and with a corrected clock, that is from the command

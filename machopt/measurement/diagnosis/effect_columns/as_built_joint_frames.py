@@ -14,7 +14,7 @@ from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.effects import prior_scales
 from machopt.effects.protocol import JOINTS, Quantity
 from machopt.effects.structure import as_built_joint_frames
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantities, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.numerics.array_types import Array
@@ -75,7 +75,9 @@ def build_geometry_hypotheses(r: StaticReadings, base: Array) -> list[EffectHypo
         V = find_observable_directions(columns, _append_zero_offset(r, place, base))
         if V.shape[1]:
             beside_frame = place in WHOLE_ARM_FRAMES and r.recording.registration == "fixed"
-            out.append(_build_frame_hypothesis(place, columns, V, thresholds.RESTING.aside if beside_frame else 0.0))
+            out.append(
+                _build_frame_hypothesis(place, columns, V, thresholds.LEVELS.gain_three_sigma if beside_frame else 0.0)
+            )
     return out
 
 
@@ -102,7 +104,7 @@ def find_observable_directions(columns: Array, base: Array) -> Array:
     Q = np.linalg.qr(B)[0] if B.shape[1] else B
     _, s, Vt = np.linalg.svd(np.linalg.qr(A - Q @ (Q.T @ A))[1])
     whole = np.linalg.norm(A @ Vt.T, axis=0)
-    is_observable = (s > thresholds.RESTING.shown_geometry * whole) & (s > thresholds.RESTING.weak_geometry * s[0])
+    is_observable = (s > thresholds.SHARES.negligible * whole) & (s > thresholds.SHARES.negligible * s[0])
     return np.asarray(np.round(Vt[is_observable], 12).T)  # removes rounding residue of absorbed components
 
 

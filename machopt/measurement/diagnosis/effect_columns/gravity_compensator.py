@@ -19,7 +19,7 @@ from machopt.effects.joint.gravity_compensator import LINKAGE, convert_to_file_l
 from machopt.effects.kinematic_corrections import build_kinematic_correction
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import Effect, ParallelTorqueLaw
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     EffectHypothesis,
     LawCurve,
@@ -150,7 +150,7 @@ def _list_places() -> list[tuple[Effect, str]]:
 
 def _has_turning_joint(r: StaticReadings, where: str) -> bool:
     j = parse_joint_location(where)[0]
-    return bool(r.compliance[j] > 0.0 and np.ptp(r.state.q[:, j]) >= thresholds.RESTING.least_turn)
+    return bool(r.compliance[j] > 0.0 and np.ptp(r.state.q[:, j]) >= thresholds.LIMITS.joint_range)
 
 
 def _is_joint_moving(scene: MotionModel, j: int) -> bool:
@@ -254,7 +254,7 @@ def _build_stiffness_hypothesis(
     def buildable(x: Array, shape: Shape) -> bool:
         """A balancer is there for the weight."""
         peak = float(np.abs(law.torque(np.array(shape), along) @ x).max())
-        return peak <= thresholds.RESTING.most_balanced * weight
+        return peak <= thresholds.RATIOS.impossible * weight
 
     return EffectHypothesis(
         effect=effect.file_word,

@@ -17,7 +17,7 @@ from machopt.effects.joint.harmonic_functions import ARCSEC
 from machopt.effects.joint.joint_angle_errors import LOW_ORDERS, MOST_HIGH
 from machopt.effects.kinematic_corrections import build_kinematic_correction
 from machopt.effects.protocol import DEGREE, Effect, JointAngleLaw, JointAngleRange
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, LawCurve, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.numerics.array_types import Array
@@ -82,8 +82,8 @@ def _build_refined_grid(joint_angle_range: JointAngleRange, law: JointAngleLaw) 
 def compute_joint_angle_range(r: StaticReadings, j: int) -> JointAngleRange:
     """Compute the angle range of a joint and the number of shapes that it can show.
 
-    Each order requires several distinct angles (``poses_per_order``). A gravity compensator causes the first two
-    orders of its joint, so these are not offered as a transmission error there.
+    Each order requires several distinct angles (``COUNTS.min_equations_per_unknown``). A gravity compensator causes the
+    first two orders of its joint, so these are not offered as a transmission error there.
 
     Args:
         r: Static readings.
@@ -94,11 +94,11 @@ def compute_joint_angle_range(r: StaticReadings, j: int) -> JointAngleRange:
     """
     q = r.state.q[:, j]
     low, high = float(q.min()), float(q.max())
-    distinct = len(np.unique(np.round(q, thresholds.RESTING.angle_decimals)))
-    is_observable = high - low >= thresholds.RESTING.least_wave and distinct >= thresholds.RESTING.fewest_angles
+    distinct = len(np.unique(np.round(q / thresholds.LIMITS.joint_motion)))
+    is_observable = high - low >= thresholds.LIMITS.joint_range and distinct >= thresholds.COUNTS.min_groups
     balanced = any(format_joint_location(j + 1) in e.places for e in registry.select_parallel_torque_effects())
-    most = int(distinct / thresholds.RESTING.poses_per_order) if is_observable else 0
-    return JointAngleRange(low, high, most, thresholds.RESTING.above_balancer if balanced else 1.0)
+    most = int(distinct / thresholds.COUNTS.min_equations_per_unknown) if is_observable else 0
+    return JointAngleRange(low, high, most, thresholds.LIMITS.gear_order if balanced else 1.0)
 
 
 def _build_pose_hypothesis(

@@ -16,7 +16,7 @@ from machopt.effects import parameter_conversion, registry
 from machopt.effects.joint.angle_dependent_stiffness import AngleDependentCompliance
 from machopt.effects.law_interfaces.parameter_reader import ParameterReader
 from machopt.effects.protocol import ARCMIN, MEMORIES, Effect, JointLaw, JointLoading, JointLoadRange, is_time_dependent
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, LawCurve, Quantity, Shape
 from machopt.measurement.diagnosis.data_types.gear_load_history import build_load_history
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
@@ -69,7 +69,7 @@ def compute_joint_load_range(r: StaticReadings, j: int, law: JointLaw) -> JointL
     Returns:
         The range.
     """
-    rare = thresholds.RESTING.rare
+    rare = thresholds.SHARES.negligible
     low, high = np.quantile(r.state.q[:, j], (rare, 1.0 - rare))
     torque = r.torque[:, j] if law.includes_weight or not r.is_difference else r.load_torque[:, j]
     # an angle-dependent law may take all of the spring: its share refers to the spring fitted alone
@@ -160,7 +160,7 @@ def _is_compliance_plausible(law: AngleDependentCompliance, x: Array, shape: Arr
     """
     share = law.shares(shape, np.linspace(scale.min_angle, scale.max_angle, FINE)) @ x
     at = share - share.mean() + (scale.compliance or 0.0)  # relative to the joint's mean compliance
-    return bool(at.max() <= thresholds.RESTING.most_varied * at.min())
+    return bool(at.max() <= thresholds.RATIOS.doubtful * at.min())
 
 
 def build_joint_pair_hypothesis(
@@ -358,4 +358,4 @@ def _build_hysteresis_curve(
 
 
 def _compute_largest_torque(tau: Array) -> float:
-    return max(float(np.quantile(np.abs(tau), 1.0 - thresholds.RESTING.rare)), float(np.finfo(float).tiny))
+    return max(float(np.quantile(np.abs(tau), 1.0 - thresholds.SHARES.negligible)), float(np.finfo(float).tiny))

@@ -14,7 +14,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.dynamics.rigid_body import RigidBodyDynamics
 from machopt.kinematics.encoder_corrections import EncoderCorrection
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
     Channel,
@@ -149,7 +149,7 @@ class MotionModel:
         Returns:
             True if its range exceeds the threshold.
         """
-        return bool(np.ptp(self.motion.q[:, joint]) > thresholds.MOTION.moves)
+        return bool(np.ptp(self.motion.q[:, joint]) > thresholds.LIMITS.joint_motion)
 
 
 class ExplainedPower:

@@ -13,7 +13,7 @@ import numpy as np
 
 from machopt.effects import registry
 from machopt.effects.protocol import Effect, PayloadLaw, ToolSideLoad
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     EffectHypothesis,
     Quantity,
@@ -109,7 +109,7 @@ def _build_payload_hypothesis(
         family=family,
         correction=correction,
         note=note,
-        penalty=thresholds.MOTION.part_of_load if recorded and _is_part_of_load(effect, law) else 0.0,
+        penalty=thresholds.LEVELS.gain_three_sigma if recorded and _is_part_of_load(effect, law) else 0.0,
         project_to_plausible=partial(_project_to_physical_load, carried=tool_side_load.mass)
         if recorded and columns.shape[2] == PAYLOAD_COEFFICIENTS
         else None,

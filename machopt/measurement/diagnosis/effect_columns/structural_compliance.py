@@ -16,7 +16,7 @@ from machopt.data_types.effect_locations import format_link_location
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.protocol import BodyLaw, Effect
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantity, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.numerics.array_types import Array
@@ -171,7 +171,7 @@ def _build_structure_hypothesis(
         lower=lower if np.isfinite(lower).any() else (),
         correction=lambda x, shape: made(x, shape).to_file(),
         family="body",
-        penalty=thresholds.DETECTION.simpler * len(law.shape),
+        penalty=thresholds.LEVELS.gain_two_sigma * len(law.shape),
         project_to_plausible=None if np.isfinite(least).all() else law.project_to_admissible,
         note=law.note or (NOTE if r.is_difference else f"under weight, {NOTE}"),
     )

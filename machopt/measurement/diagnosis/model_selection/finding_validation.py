@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EffectLocation, EstimatedValue, Finding
 from machopt.measurement.diagnosis.model_selection.evaluation import fold_fits, repeatable_mismatch
@@ -132,10 +132,10 @@ def _is_mismatch_relevant(state: SearchState, there: repeatable_mismatch.Repeata
     """Return whether the repeatable mismatch is significant and large compared with the noise."""
     sure = (
         np.isnan(there.p_value)
-        or there.p_value <= thresholds.PROOF.certain
+        or there.p_value <= thresholds.LEVELS.mismatch_significance_level
         or state.base.residual_variance > 1.0 + extended_search.compute_mismatch_threshold(state.base)
     )
-    return bool(sure and np.sqrt(power) > thresholds.PROOF.matters * state.noise.total(0))
+    return bool(sure and np.sqrt(power) > thresholds.SHARES.minority * state.noise.total(0))
 
 
 def _whiten_competing_forms(state: SearchState) -> list[WhitenedHypothesis]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Verdict
 from machopt.measurement.diagnosis.model_selection.attribution import attribution_guard
 from machopt.measurement.diagnosis.model_selection.evaluation import repeatable_mismatch
@@ -80,9 +80,12 @@ def select_verdict(state: SearchState, validated: ValidatedFindings, rng: np.ran
 def _is_fully_explained(state: SearchState, rest: repeatable_mismatch.RepeatableMismatch, after: Array) -> bool:
     """Return whether the findings leave no repeatable mismatch, or no more than noise may cause."""
     noise_floor = holdout_residuals.compute_noise_floor(state.problem, state.noise, state.used_rows)
-    if holdout_residuals.compute_rmse(state.problem, after, state.used_rows) <= thresholds.PROOF.as_noise * noise_floor:
+    if (
+        holdout_residuals.compute_rmse(state.problem, after, state.used_rows)
+        <= thresholds.RATIOS.equal_fit * noise_floor
+    ):
         return True
-    return rest.p_value > thresholds.PROOF.certain  # NaN without replicates: unknown
+    return rest.p_value > thresholds.LEVELS.mismatch_significance_level  # NaN without replicates: unknown
 
 
 def _doubt_repeating_instrument(
@@ -98,7 +101,7 @@ def _doubt_repeating_instrument(
 def _doubt_stated_uncertainty(
     state: SearchState, validated: ValidatedFindings, rng: np.random.Generator
 ) -> VerdictDoubt | None:
-    few = len(np.unique(state.problem.group)) < thresholds.PROOF.fewest_groups  # too few groups for cross-validation
+    few = len(np.unique(state.problem.group)) < thresholds.COUNTS.min_groups  # too few groups for cross-validation
     residual = validated.final.residual if few else validated.residual_after
     left = instrument_uncertainty_check.check_stated_uncertainty(state.problem, residual, state.noise, state.used_rows)
     return None if left is None else VerdictDoubt(note=left)
@@ -121,7 +124,7 @@ VERDICT_STAGES: tuple[VerdictStage, ...] = (
     VerdictStage(
         name="repeating instrument",
         statistic="repeatable power of the other instruments of the recording that is left",
-        levels=("proof.certain",),
+        levels=("levels.mismatch_significance_level",),
         reference="components of variance of replicates",
         rejects="consistent or explained where an inclinometer or an encoder disagrees",
         find_doubt=_doubt_repeating_instrument,
@@ -129,7 +132,7 @@ VERDICT_STAGES: tuple[VerdictStage, ...] = (
     VerdictStage(
         name="stated uncertainty",
         statistic="noise and misfit per stated uncertainty of the instrument",
-        levels=("proof.beyond_stated", "proof.gain_doubt", "proof.fewest_groups"),
+        levels=("ratios.implausible", "shares.negligible", "counts.min_groups"),
         reference="data sheet of the instrument",
         rejects="consistent or explained where ten times the stated uncertainty is left",
         find_doubt=_doubt_stated_uncertainty,
@@ -137,7 +140,7 @@ VERDICT_STAGES: tuple[VerdictStage, ...] = (
     VerdictStage(
         name="session that contradicts",
         statistic="gain of the best effect that one session supports and another contradicts",
-        levels=("detection.another_day",),
+        levels=("shares.min_transfer",),
         reference="cross-validation by sessions",
         rejects="consistent or explained where the sessions differ",
         find_doubt=_doubt_contradicting_session,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.motion_data.lowpass_filter import apply_zero_phase_filter
 from machopt.measurement.diagnosis.motion_data.sample_order import OrderedSamples
 from machopt.numerics.array_types import Array
@@ -37,7 +37,7 @@ def compute_derivatives(
 def is_evenly_sampled(time: Array) -> bool:
     """Return whether samples are even enough for digital filters."""
     steps = np.diff(time)
-    return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < thresholds.MOTION.uneven * steps.mean())
+    return len(time) > 1 and bool(np.abs(steps - steps.mean()).max() < thresholds.SHARES.small * steps.mean())
 
 
 def _resample_evenly(time: Array, x: Array, dt: float) -> tuple[Array, Array]:
@@ -61,6 +61,6 @@ def _find_cutoff_frequency(x: Array, rate: float, window: str) -> float:
 
     f, power = welch(x, rate, window=window, nperseg=min(len(x), 1024), axis=0)
     floor = np.median(power[2 * len(f) // 3 :], axis=0)
-    above = np.flatnonzero((power > thresholds.MOTION.above_noise * floor).any(axis=1) & (f > 0))
-    highest = float(f[above[-1]]) if len(above) else thresholds.MOTION.top_hz
-    return float(np.clip(1.5 * highest, 3.0, min(thresholds.MOTION.top_hz, 0.4 * rate)))
+    above = np.flatnonzero((power > thresholds.RATIOS.implausible * floor).any(axis=1) & (f > 0))
+    highest = float(f[above[-1]]) if len(above) else thresholds.LIMITS.cut_off_frequency
+    return float(np.clip(1.5 * highest, 3.0, min(thresholds.LIMITS.cut_off_frequency, 0.4 * rate)))

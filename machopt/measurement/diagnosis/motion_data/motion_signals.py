@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import Recording
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Ints
 from machopt.measurement.diagnosis.motion_data.motion_derivatives import compute_derivatives, is_evenly_sampled
 from machopt.measurement.diagnosis.motion_data.sample_order import sort_samples
@@ -184,7 +184,7 @@ def build_motion_signals(
     period, length = np.full(len(q), -1, np.int64), 0.0
     if repeats:
         period, length = _find_periods(recording, index, time, session, q, spans, rate)
-    step = max(1, -(-len(q) // readings), int(rate / thresholds.MOTION.rate_hz))
+    step = max(1, -(-len(q) // readings), int(rate / thresholds.LIMITS.reading_rate))
     starts = _split_into_blocks(segment, period, step)
     ends = np.r_[starts[1:], len(q)]
     edge = 0.5 / cutoff
@@ -270,8 +270,8 @@ def _find_periods(
         label = np.unique(np.stack([session, recording.cycle[index]]), axis=1, return_inverse=True)[1].reshape(-1)
         counts = np.bincount(label)
         usual = int(np.median(counts))
-        alike = np.abs(counts - usual) <= max(2, thresholds.MOTION.cycle_differs * usual)
-        if usual > thresholds.MOTION.shortest_readings and alike.all() and len(counts) > 1:
+        alike = np.abs(counts - usual) <= max(2, thresholds.SHARES.negligible * usual)
+        if usual > thresholds.COUNTS.min_rows_per_column and alike.all() and len(counts) > 1:
             starts = np.flatnonzero(np.diff(label, prepend=label[0] - 1))
             if len(starts) == len(counts) and _is_periodic(q, session[starts], starts, usual - 2, spread):
                 return label.astype(np.int64), usual / rate
@@ -281,7 +281,7 @@ def _find_periods(
         x = q[s][::thin] / spread
         best = 0
         for lag in range(max(round(2.0 * rate / thin), 8), len(x) // 2 + 1):
-            if np.mean(np.abs(x[lag:] - x[:-lag])) < 2.0 * thresholds.MOTION.same_phase:
+            if np.mean(np.abs(x[lag:] - x[:-lag])) < 2.0 * thresholds.SHARES.negligible:
                 best = lag
                 break
         if not best:
@@ -291,7 +291,7 @@ def _find_periods(
         part = q[s] / spread
         off = [float(np.mean(np.abs(part[k:] - part[:-k]))) for k in fine]
         lag = int(fine[int(np.argmin(off))])
-        if min(off) > thresholds.MOTION.same_phase:
+        if min(off) > thresholds.SHARES.negligible:
             return none, 0.0
         out = none.copy()
         offset = 0
@@ -310,7 +310,7 @@ def _is_periodic(q: Array, session: Ints, starts: Ints, n: int, spread: Array) -
         for a, b, s, t in zip(starts[:-1], starts[1:], session[:-1], session[1:], strict=True)
         if s == t and b + n <= len(q)
     ]
-    return bool(off) and max(off) < thresholds.MOTION.same_phase
+    return bool(off) and max(off) < thresholds.SHARES.negligible
 
 
 def _split_into_blocks(segment: Ints, period: Ints, step: int) -> Ints:
@@ -340,13 +340,13 @@ def _build_block_labels(
         zero[period[change]] = time[change]
         phase = time[at] - zero[period[at]]
         per_session = max(-(-STRETCHES // sessions), 2)
-        wanted = min(per_session, int(length / thresholds.MOTION.stretch_s))
+        wanted = min(per_session, int(length / thresholds.LIMITS.holdout_time))
         bins = max(wanted, min(-(-12 // sessions), int(length / 0.25)), 1)
         place = np.minimum((phase / length * bins).astype(np.int64), bins - 1)
         group = session[at] * bins + place
         visit = period[at] * bins + place
         slot = np.rint(phase / block).astype(np.int64)
-        near = np.abs(phase / block - slot) < thresholds.MOTION.same_slot
+        near = np.abs(phase / block - slot) < thresholds.SHARES.small
         replicate = np.where(near, session[at] * (int(slot.max()) + 1) + slot, -1)
         notes.append(
             f"the motion repeats every {length:.4g} s; held out together: the same {length / bins:.2g} s of "
@@ -354,7 +354,7 @@ def _build_block_labels(
         )
     else:
         total = float(sum(time[s][-1] - time[s][0] for s in _list_segment_slices(segment)))
-        width = float(np.clip(total / STRETCHES, thresholds.MOTION.stretch_s, 4.0))
+        width = float(np.clip(total / STRETCHES, thresholds.LIMITS.holdout_time, 4.0))
         begin = {int(segment[s.start]): float(time[s.start]) for s in _list_segment_slices(segment)}
         local = time[at] - np.array([begin[int(k)] for k in segment[at]])
         place = (local / width).astype(np.int64)
@@ -365,6 +365,6 @@ def _build_block_labels(
         notes.append(
             f"no repeats are used; held out together: {width:.2g} s at a time ({len(np.unique(group))} groups)"
         )
-    part = (phase / max(thresholds.MOTION.cycle_s, 4.0 * block)).astype(np.int64)
+    part = (phase / max(thresholds.LIMITS.correlation_time, 4.0 * block)).astype(np.int64)
     cycle = np.unique(np.stack([visit, part]), axis=1, return_inverse=True)[1].reshape(-1).astype(np.int64)
     return group.astype(np.int64), visit.astype(np.int64), cycle, replicate.astype(np.int64)

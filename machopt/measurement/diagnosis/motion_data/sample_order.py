@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.numerics.array_types import Array, Ints
 
 
@@ -53,22 +53,22 @@ def sort_samples(recording: Recording) -> OrderedSamples:
             "every sample needs its own time_s"
         )
     dt = float(np.median(steps[same]))
-    breaks = ~same | (steps > max(thresholds.MOTION.gap * dt, thresholds.MOTION.pause_s))
+    breaks = ~same | (steps > max(thresholds.RATIOS.stiffness_error * dt, thresholds.LIMITS.pause))
     segment = np.r_[0, np.cumsum(breaks)].astype(np.int64)
     inside = steps[same & ~breaks]
     scatter = float(np.mean(np.abs(inside - dt))) / dt
-    dropped = int(np.sum(inside > (1.0 + thresholds.MOTION.dropped) * dt))
+    dropped = int(np.sum(inside > (1.0 + thresholds.SHARES.majority) * dt))
     notes = []
     gaps = int(np.sum(breaks & same))
     if gaps:
         notes.append(f"{gaps} gap{'s' if gaps > 1 else ''} in time; velocities are not taken across")
-    if scatter > thresholds.MOTION.uneven:
+    if scatter > thresholds.SHARES.small:
         notes.append(f"sampling intervals scatter by {100 * scatter:.0f} %; filters run on an even grid between them")
     elif dropped:
         notes.append(
             f"{dropped} time{'s' if dropped > 1 else ''} a sample or two are missing; filters run on an even grid"
         )
-    least = max(round(thresholds.MOTION.shortest_s / dt), thresholds.MOTION.shortest_readings)
+    least = max(round(thresholds.LIMITS.segment_time / dt), thresholds.COUNTS.min_rows_per_column)
     long = np.bincount(segment)[segment] >= least
     if not long.any():
         raise RecordingError(
@@ -82,6 +82,6 @@ def sort_samples(recording: Recording) -> OrderedSamples:
         session=session[long],
         segment=segment[long],
         dt=dt,
-        uneven=scatter > thresholds.MOTION.uneven or dropped > 0,
+        uneven=scatter > thresholds.SHARES.small or dropped > 0,
         notes=tuple(notes),
     )

@@ -31,7 +31,7 @@ from machopt.data_types.plan_options import PlanOptions
 from machopt.data_types.stiffness import ArmStiffness
 from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Finding
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import wrap_angle
@@ -196,7 +196,7 @@ def _compute_deflection(choice: Plan, model: Plan) -> Array:
 def _build_effect_entry(cell: Cell, name: str, c: _ComparedPlans, old: Plan, new: Plan) -> JobEffectSection:
     path, rows = old.path, np.flatnonzero(old.path.is_point)
     angle = np.degrees(np.abs(c.rotation_change[c.both]))
-    share = float((angle > np.degrees(thresholds.RESTING.same_rotation)).mean())
+    share = float((angle > np.degrees(thresholds.LIMITS.small_rotation)).mean())
     cases = {"before": c.deflection_before, "unchanged": c.unchanged, "after": c.deflection_after}
     mean = {case: 1e3 * c.mean(value) for case, value in cases.items()}
     place = {case: c.worst(value) for case, value in cases.items()}
@@ -262,7 +262,7 @@ def _format_effect_sentence(
             f"; chosen anew, the rotation differs at {100.0 * share:.0f} % of the points (by {turned:.0f}° in the mean "
             f"over all) and leaves {mean['after']:.3f} mm in the mean and {worst['after']:.3f} mm at worst"
         )
-        unchanged_points = 1.0 - thresholds.RESTING.worth_turning
+        unchanged_points = 1.0 - thresholds.SHARES.negligible
         if (
             mean["after"] > unchanged_points * mean["unchanged"]
             and worst["after"] > unchanged_points * worst["unchanged"]

@@ -13,7 +13,7 @@ from machopt.data_types.stiffness import SOFTEST, STIFFEST, ArmStiffness, Stiffn
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.errors import InputError
 from machopt.kinematics.urdf_loading import load_robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import RecordCorrection
 from machopt.measurement.diagnosis.data_types.diagnosis_result import (
     BaseCoefficient,
@@ -70,7 +70,7 @@ def build_extended_stiffness(cell: Cell, d: DiagnosisResult, *, weight_alone: bo
     found = tuple(t for t in found if id(t) not in rejected_terms)
     new = {_get_term_name(t) for t in found}
     terms = (*(t for t in known if _get_term_name(t) not in new), *found)
-    spring_limit = thresholds.RECORD.far_spring if weight_alone else np.inf
+    spring_limit = thresholds.RATIOS.stiffness_error if weight_alone else np.inf
     before = _build_stiffness(cell, springs, known, lambda c: c.before, spring_limit)
     # with a joint's finding its jointly fitted spring is withheld too; for a body those of all joints
     joints_without_findings = set(range(1, len(cell.arm_joints) + 1)) if withheld else set()

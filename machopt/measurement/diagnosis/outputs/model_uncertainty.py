@@ -12,7 +12,7 @@ from machopt.effects import registry
 from machopt.effects.protocol import is_time_dependent
 from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.kinematics.urdf_loading import load_robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Flags
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, compute_rms
 from machopt.measurement.diagnosis.diagnosis_pipeline import DiagnosedRecording, read_stated_masses
@@ -77,7 +77,7 @@ def estimate_position_error(diagnosed_recording: DiagnosedRecording) -> Position
     d, recording = diagnosed_recording.diagnosis, diagnosed_recording.recording
     before, after = (compute_rms(e[d.used][:, :3]) for e in (d.errors.residual, d.errors.final))
     poses = len(np.unique(recording.pose[d.used]))
-    if poses < thresholds.PROOF.fewest_groups or not np.isfinite([before, after]).all():
+    if poses < thresholds.COUNTS.min_groups or not np.isfinite([before, after]).all():
         return None
     q = recording.q[d.used]
     return PositionError(after, before, d.noise_floor / 1e3, poses, np.stack([q.min(axis=0), q.max(axis=0)], axis=1))
@@ -163,4 +163,4 @@ def _compute_whitened_squares(residual: Array, V: Array, channel: int, used: Fla
 
 
 def _compute_typical_residual(residual: Array) -> float:
-    return max(float(1.4826 * np.median(np.abs(residual))), thresholds.NOISE.least)
+    return max(float(1.4826 * np.median(np.abs(residual))), thresholds.LIMITS.displacement)

@@ -14,7 +14,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from machopt.data_types.effect_locations import format_joint_location
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 from machopt.measurement.diagnosis.effect_columns.structural_compliance import compute_weight_wrench
@@ -108,7 +108,7 @@ def _build_elastic_tilt(r: StaticReadings, j: int, bearing: _BearingLoad) -> Eff
 def _build_backlash_tilt(r: StaticReadings, j: int, bearing: _BearingLoad, ways: Shape) -> EffectHypothesis:
     """Build a tilt clearance with a stop at a share of the largest moment, about one axis or about any."""
     moment = np.linalg.norm(_project_across_axis(bearing, bearing.load), axis=1)
-    largest = float(np.quantile(moment, 1.0 - thresholds.RESTING.rare))
+    largest = float(np.quantile(moment, 1.0 - thresholds.SHARES.negligible))
 
     def columns(shape: Shape) -> Array:
         seat, way = shape

@@ -19,7 +19,7 @@ from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import ArmState
 from machopt.kinematics.urdf_loading import find_frame, load_urdf_model
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, Flags
 from machopt.measurement.diagnosis.data_types.diagnosis_result import compute_rms
 from machopt.measurement.diagnosis.data_types.static_readings import InclinometerSetup
@@ -155,7 +155,7 @@ def _check_tilt_columns(recording: Recording, inclined: InclinometerSetup, sag: 
         mean = np.stack([np.bincount(session, v) for v in values.T], axis=1) / np.bincount(session)[:, None]
         return np.asarray(values - mean[session])
 
-    if rows.sum() < thresholds.RECORD.tilt_readings:
+    if rows.sum() < thresholds.COUNTS.min_groups:
         return
     R = state.R_bodies[rows, inclined.link]
     seen, there = apart(recording.tilt[rows]), apart(sag[rows, :2])
@@ -170,7 +170,7 @@ def _check_tilt_columns(recording: Recording, inclined: InclinometerSetup, sag: 
         for words, values in ways.items()
     }
     right, best = next(iter(left)), min(left, key=lambda words: left[words])
-    if left[right] > thresholds.RECORD.tilt_wrong and left[best] < thresholds.RECORD.tilt_like:
+    if left[right] > thresholds.SHARES.half_power_amplitude and left[best] < thresholds.SHARES.minority:
         raise RecordingError(
             f"tilt_x_mrad, tilt_y_mrad are what weight does to link {recording.tilt_link} {best} (it leaves "
             f"{100 * left[best]:.0f} %); expected rotations about x and y of base_link, in mrad, beyond the encoders",

@@ -12,7 +12,7 @@ from machopt.data_types.effect_locations import format_link_location
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.effects import prior_scales
 from machopt.kinematics.robot import RobotMasses
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown, UncertainInputs
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
 
@@ -33,7 +33,7 @@ def build_link_mass_inputs(r: StaticReadings) -> UncertainInputs | None:
             continue
         turned = r.compliance * compute_weight_torque(r.robot, own, r.state)
         column = np.sum([r.lift_joint_twist(j, turned[:, j : j + 1])[:, :, 0] for j in range(r.joint_count)], axis=0)
-        if np.sqrt(np.mean(column[:, :3] ** 2)) <= thresholds.RESTING.least_bend:
+        if np.sqrt(np.mean(column[:, :3] ** 2)) <= thresholds.LIMITS.displacement:
             continue
         parts.append(column)
         unknowns.append(

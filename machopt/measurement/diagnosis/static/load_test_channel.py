@@ -19,7 +19,7 @@ from machopt.data_types.parameter_keys import build_joint_spring_key
 from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness, StiffnessTerm
 from machopt.effects import prior_scales, registry
 from machopt.kinematics.robot import Robot, RobotMasses
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types import load_resolution
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
@@ -260,7 +260,7 @@ def build_load_test_catalogue(r: StaticReadings, curved: Array | None) -> Hypoth
     missing: list[UntestableEffect] = []
     drives = np.quantile(np.abs(r.load_torque), 0.9, axis=0)
     for j in range(r.joint_count):
-        if drives[j] < thresholds.RESTING.turned_by_load * drives.max():
+        if drives[j] < thresholds.SHARES.rank * drives.max():
             missing.append(
                 UntestableEffect("joint_nonlinear_stiffness", format_joint_location(j + 1), "no load turns this joint")
             )
@@ -323,7 +323,7 @@ def select_replicate_visits(recording: Recording, replicate: Ints, visit: Ints) 
     """
     if "cycle" not in recording.stated_labels:
         return None
-    if count_replicated_readings(replicate, visit) >= thresholds.NOISE.least_twins:
+    if count_replicated_readings(replicate, visit) >= thresholds.COUNTS.min_degrees_of_freedom:
         return None
     return nest_labels(visit, recording.cycle)
 
@@ -352,7 +352,7 @@ def label_replicates(tests: LoadTestExperiment, recording: Recording) -> Ints:
         w = tests.wrench[rows].copy()
         force, moment = np.linalg.norm(w[:, :3], axis=1).max(), np.linalg.norm(w[:, 3:], axis=1).max()
         w /= load_resolution.compute_load_tolerance(
-            np.array([force, moment]), thresholds.RESTING.same_load, recording.uncertainty
+            np.array([force, moment]), thresholds.SHARES.load_tolerance, recording.uncertainty
         )
         is_unlabelled = np.ones(len(rows), bool)
         for k in range(len(rows)):

@@ -11,7 +11,7 @@ from machopt.data_types.stiffness import LEAST_STIFFNESS
 from machopt.dynamics.gravity_torque import compute_weight_torque
 from machopt.errors import InputError
 from machopt.kinematics.robot import Robot, RobotMasses
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
 from machopt.measurement.identification.fitting.loaded_equilibrium import LoadedEquilibriumModel
@@ -94,7 +94,7 @@ def _compute_tool_rotations(
     back = np.swapaxes(tests.T_base_tcp[:, :3, :3], 1, 2)
     out = []
     for torque in (weight + tau, weight):
-        bend = np.clip(c * torque, -thresholds.RECORD.most_twist, thresholds.RECORD.most_twist)
+        bend = np.clip(c * torque, -thresholds.LIMITS.large_rotation, thresholds.LIMITS.large_rotation)
         out.append(robot.compute_fk(tests.state.q + bend, T)[:, :3, :3] @ back)
     return out[0], out[1]
 

@@ -29,7 +29,7 @@ from machopt.errors import RecordingError
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.kinematics.robot import Robot, RobotMasses
 from machopt.kinematics.urdf_loading import load_robot
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types import load_resolution, reflectors_and_tracker_frames
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
@@ -209,7 +209,7 @@ def _build_visit_labels(recording: Recording, wrench: Array) -> tuple[Ints, Ints
     # without the column all rows have the same cycle: what is read during one stay is no replicate
     visit = label_unbroken_runs([*labels, recording.cycle] if "cycle" in recording.stated_labels else labels)
     size = np.array([max(float(np.abs(wrench[:, a : a + 3]).max()), 1e-9) for a in (0, 3)])
-    w = wrench / load_resolution.compute_load_tolerance(size, thresholds.RESTING.same_load, recording.uncertainty)
+    w = wrench / load_resolution.compute_load_tolerance(size, thresholds.SHARES.load_tolerance, recording.uncertainty)
     if np.abs(wrench).max() == 0.0:
         w = np.zeros_like(wrench)
     replicate = np.full(len(recording), -1, np.int64)

@@ -17,7 +17,7 @@ from machopt.effects.joint import angle_dependent_stiffness
 from machopt.effects.joint import joint_angle_errors as joint_joint_angle_errors
 from machopt.effects.protocol import is_time_dependent
 from machopt.effects.structure import as_built_joint_frames as structure_link_geometry
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     DiagnosisProblem,
     EffectHypothesis,
@@ -87,7 +87,7 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
     kinds = [e for e in registry.select_joint_torque_effects() if not e.has_memory]
     for j in map(int, np.flatnonzero(turning)):
         where = format_joint_location(j + 1)
-        if drives[j] <= thresholds.RESTING.turned_by_load * max(drives.max(), 1e-12):
+        if drives[j] <= thresholds.SHARES.rank * max(drives.max(), 1e-12):
             missing.append(
                 UntestableEffect(angle_dependent_stiffness.EFFECT.name, where, "neither weight nor load turns it")
             )
@@ -113,7 +113,7 @@ def build_measured_pose_catalogue(r: StaticReadings, problem: DiagnosisProblem) 
         columns = h.columns(h.shapes[len(h.shapes) // 2])
         if h.family == BODY and _has_redundant_coefficients(columns, Q):
             continue
-        if compute_remaining_share(columns, Q) > thresholds.RESTING.taken_up:
+        if compute_remaining_share(columns, Q) > thresholds.SHARES.rank:
             testable.append(h)
         elif (h.effect, h.location) not in {(m.effect, m.location) for m in missing}:
             missing.append(UntestableEffect(h.effect, h.location, _explain_absorbed_effect(h, r)))
@@ -143,7 +143,7 @@ def _is_at_sliding_joint(place: str, slides: list[str]) -> bool:
 
 
 def compute_column_span(columns: Array) -> Array:
-    """Compute an orthonormal basis of the column span; rotations are scaled by ``thresholds.RESTING.lever``.
+    """Compute an orthonormal basis of the column span; rotations are scaled by ``thresholds.LIMITS.lever``.
 
     Args:
         columns: (N, D, P) columns.
@@ -177,14 +177,12 @@ def _has_redundant_coefficients(columns: Array, Q: Array) -> bool:
 
     A base that settles under a constant weight shifts all points like a fitted tracker frame.
     """
-    each = [
-        compute_remaining_share(columns[:, :, [k]], Q) > thresholds.RESTING.taken_up for k in range(columns.shape[2])
-    ]
+    each = [compute_remaining_share(columns[:, :, [k]], Q) > thresholds.SHARES.rank for k in range(columns.shape[2])]
     return any(each) and not all(each)
 
 
 def _flatten_columns(columns: Array) -> Array:
-    weight = np.r_[np.ones(3), np.full(columns.shape[1] - 3, thresholds.RESTING.lever)][:, None]
+    weight = np.r_[np.ones(3), np.full(columns.shape[1] - 3, thresholds.LIMITS.lever)][:, None]
     return np.asarray((columns * weight).reshape(columns.shape[0] * columns.shape[1], columns.shape[2]))
 
 
@@ -201,8 +199,7 @@ def _is_distinct_from_offset(columns: Array, Q: Array, beside: Array) -> bool:
     """Return whether a law of a joint's torque differs from a zero offset of the joint in these poses."""
     alone = compute_remaining_share(columns, Q)
     return (
-        alone > thresholds.RESTING.taken_up
-        and compute_remaining_share(columns, beside) > thresholds.RESTING.distinct * alone
+        alone > thresholds.SHARES.rank and compute_remaining_share(columns, beside) > thresholds.SHARES.minority * alone
     )
 
 

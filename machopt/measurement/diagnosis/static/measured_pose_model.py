@@ -22,7 +22,7 @@ from machopt.effects import prior_scales
 from machopt.effects.protocol import JOINTS
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types import reflectors_and_tracker_frames
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import BaseUnknown
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
@@ -32,6 +32,7 @@ from machopt.measurement.diagnosis.static.measured_pose_hypothesis_catalogue imp
     compute_column_span,
     compute_remaining_share,
 )
+from machopt.measurement.identification.data_quality.unit_checks import GENERIC_STIFFNESS
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import (
     convert_quaternion_to_matrix,
@@ -120,7 +121,7 @@ class NominalPoseModel:
         self.wrench = _convert_wrench_to_base(recording, robot, T, self.angles, state)  # about the TCP
         self.middle = state.T_base_tool[:, :3, 3].mean(axis=0)
         nominal = None if cell.stiffness is None else 1.0 / cell.stiffness.joints
-        self.nominal = np.full(len(robot.joints), thresholds.RESTING.usual_joint) if nominal is None else nominal
+        self.nominal = np.full(len(robot.joints), 1.0 / GENERIC_STIFFNESS) if nominal is None else nominal
         if robot.slides is not None:  # rigid along its axis: a constant weight shifts all points like a frame
             self.nominal = np.where(robot.slides, 0.0, self.nominal)
         # under gravity alone, joint deflections depend on the angles, as frames and harmonics do
@@ -146,7 +147,7 @@ class NominalPoseModel:
             as_built_joint_frames.compute_frame_columns(readings, where) for where in readings.list_places(JOINTS)
         ]
         Q = compute_column_span(np.concatenate([rest, *frames], axis=2))
-        least = thresholds.RESTING.seen_spring * compute_robust_spread(self.residual(frame, p, R)[:, :3])
+        least = thresholds.SHARES.negligible * compute_robust_spread(self.residual(frame, p, R)[:, :3])
         bend = state.J[:, : self.D] * (self.nominal * self.compute_torque(state))[:, None, :]
         shown = [
             compute_remaining_share(bend[:, :, j : j + 1], Q) * float(np.sqrt(np.mean(bend[:, :3, j] ** 2)))
@@ -228,12 +229,12 @@ class NominalPoseModel:
         fitted = [j for j in range(len(self.robot.joints)) if j + 1 not in self.kept_springs]
         bend = state.J * self.compute_torque(state)[:, None, :] if fitted else state.J
         for j in fitted:
-            if np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > thresholds.RESTING.least_bend:
+            if np.sqrt(np.mean(bend[:, :3, j] ** 2)) * self.nominal[j] > thresholds.LIMITS.displacement:
                 parts.append(bend[:, : self.D, j : j + 1])
                 known = prior_scales.COMPLIANCE.scale * self.nominal[j] if self.cell.stiffness is not None else None
                 where, key = format_joint_location(j + 1), build_joint_spring_key(j + 1)
                 built = (
-                    (thresholds.RESTING.stiffest * self.nominal[j], prior_scales.COMPLIANCE.scale * self.nominal[j])
+                    (thresholds.SHARES.minority * self.nominal[j], prior_scales.COMPLIANCE.scale * self.nominal[j])
                     if self.weight_alone
                     else None
                 )
@@ -312,7 +313,7 @@ class NominalPoseModel:
         if not rest.shape[1]:
             return 0
         s = np.linalg.svd(rest / np.maximum(size, 1e-300), compute_uv=False)
-        return int(np.sum(s < thresholds.RESTING.seen_apart * s[0]))
+        return int(np.sum(s < thresholds.SHARES.rank * s[0]))
 
     def build_readings(self, state: ArmState, frame: FirstPoseFit, springs: Array) -> StaticReadings:
         """Build the static readings for laws: bodies and Jacobian at the loaded arm, joint angles of the encoders.
@@ -325,7 +326,7 @@ class NominalPoseModel:
             frame: Current fit of frames, targets and compliances.
             springs: (6,) joint compliances, rad/(N·m).
         """
-        near = thresholds.RESTING.near_cell if self.cell.stiffness is not None else thresholds.RESTING.near_usual
+        near = thresholds.RATIOS.double if self.cell.stiffness is not None else thresholds.RATIOS.implausible
         _, session = np.unique(self.recording.session, return_inverse=True)
         none = np.zeros(len(self.angles), np.int64)
         T = self.cell.tool.T_flange_tcp.copy()
@@ -430,7 +431,7 @@ class NominalPoseModel:
         ]
 
     def _robust(self, y: Array, B: Array, unknowns: Sequence[BaseUnknown], totals: Array, loose: float) -> Array:
-        scale = np.array([1.0] * 3 + [thresholds.RESTING.lever] * 3)[: self.D]
+        scale = np.array([1.0] * 3 + [thresholds.LIMITS.lever] * 3)[: self.D]
         A, b = (B * scale[:, None]).reshape(y.size, B.shape[2]), (y * scale).reshape(-1)
         spring = np.array([u.spring_joint is not None for u in unknowns], bool)
         size = np.array([1.0 if u.spring_joint is None else self.nominal[u.spring_joint - 1] for u in unknowns])
@@ -449,7 +450,9 @@ class NominalPoseModel:
             small = np.asarray(np.linalg.qr(whole, mode="r"))  # equivalent least-squares problem with few rows
             x = size * lsq_linear(small[:, :-1], small[:, -1], (lower / size, np.inf)).x
             error = np.linalg.norm((b - A @ x).reshape(-1, self.D), axis=1)
-            limit = thresholds.RESTING.heavy * compute_robust_spread((b - A @ x).reshape(-1, self.D)) * np.sqrt(self.D)
+            limit = (
+                thresholds.LEVELS.two_sigma * compute_robust_spread((b - A @ x).reshape(-1, self.D)) * np.sqrt(self.D)
+            )
             weight = np.sqrt(np.minimum(1.0, limit / np.maximum(error, 1e-12)))
         return x
 

@@ -17,7 +17,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from machopt.data_types.effect_locations import format_joint_location, format_link_location
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
 from machopt.measurement.diagnosis.data_types.static_readings import BODY_BEHIND_FLANGE, StaticReadings
 from machopt.measurement.diagnosis.effect_columns import as_built_joint_frames
@@ -64,7 +64,7 @@ def build_unmodelled_pose_hypotheses(r: StaticReadings) -> list[EffectHypothesis
         for axes, how in ((up, "up and down"), (every, "any way"))[: 1 if large else 2]
     ]
     for j in range(r.joint_count):
-        if np.ptp(r.state.q[:, j]) < thresholds.RESTING.least_wave:
+        if np.ptp(r.state.q[:, j]) < thresholds.LIMITS.joint_range:
             continue
         note = f"moves the arm behind joint {j + 1} by waves of its angle, beside the axis: one that nods, say"
         out += [

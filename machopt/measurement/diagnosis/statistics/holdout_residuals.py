@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import CoordinateFamily, DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import compute_rms
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
@@ -189,9 +189,9 @@ def _is_family_better(
     d = np.log(np.maximum(power[:, 0], 1e-300) / np.maximum(power[:, 1], 1e-300))
     error = float(d.std(ddof=1)) / np.sqrt(len(d))
     chance = float(stdtr(len(d) - 1, -float(d.mean()) / error)) if error > 0 else float(d.mean() <= 0)
-    return chance <= thresholds.PROOF.surely_better or compute_rms(after[used]) < thresholds.PROOF.half * compute_rms(
-        before[used]
-    )
+    return chance <= thresholds.LEVELS.holdout_significance_level or compute_rms(
+        after[used]
+    ) < thresholds.SHARES.half_power_amplitude * compute_rms(before[used])
 
 
 def compute_rmse_by_group(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import Verdict, compute_rms
 from machopt.measurement.diagnosis.statistics import holdout_residuals
@@ -46,7 +46,7 @@ def compute_measured_noise(problem: DiagnosisProblem, noise: ReplicateNoise, use
         return float("nan")
     gain = 0.0
     if problem.scale is not None:
-        gain = thresholds.PROOF.gain_doubt * compute_rms(problem.scale[used][:, list(family.columns)])
+        gain = thresholds.SHARES.negligible * compute_rms(problem.scale[used][:, list(family.columns)])
     return family.factor * float(np.hypot(family.stated_uncertainty, gain))
 
 
@@ -70,13 +70,13 @@ def check_stated_uncertainty(
     columns = list(family.columns)
     gain = 0.0
     if problem.scale is not None:
-        gain = thresholds.PROOF.gain_doubt * compute_rms(problem.scale[used][:, columns])
-    own = float(np.hypot(family.stated_uncertainty, gain / thresholds.PROOF.beyond_stated))
+        gain = thresholds.SHARES.negligible * compute_rms(problem.scale[used][:, columns])
+    own = float(np.hypot(family.stated_uncertainty, gain / thresholds.RATIOS.implausible))
     floor, rest = (
         holdout_residuals.compute_noise_floor(problem, noise, used),
         holdout_residuals.compute_rmse(problem, residual, used),
     )
-    most = thresholds.PROOF.beyond_stated * family.factor * own
+    most = thresholds.RATIOS.implausible * family.factor * own
     if max(floor, rest) <= most:
         return None
     stated = family.factor * family.stated_uncertainty

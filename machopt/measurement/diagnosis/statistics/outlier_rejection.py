@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.statistics import replicate_noise
 from machopt.numerics.array_types import Array
@@ -34,7 +34,7 @@ def find_inlier_readings(problem: DiagnosisProblem, residual: Array) -> Flags:
             family.stated_uncertainty or 0.0,
             float(np.finfo(float).tiny),
         )
-        off |= (np.abs(e) > thresholds.NOISE.gross * typical).any(axis=1)
+        off |= (np.abs(e) > thresholds.LEVELS.outlier_sigma * typical).any(axis=1)
     if not off.any():
         return np.asarray(~off)
     if problem.channel == "torque":
@@ -60,7 +60,7 @@ def find_mostly_outlying_groups(label: Ints, off: Flags) -> Flags:
     _, part = np.unique(label, return_inverse=True)
     count = np.bincount(part.reshape(-1))
     share = np.bincount(part.reshape(-1), off) / count
-    odd = (share > thresholds.NOISE.mostly) & (count >= thresholds.NOISE.least_part)
+    odd = (share > thresholds.SHARES.majority) & (count >= thresholds.COUNTS.min_repetitions)
     return np.asarray(off & odd[part.reshape(-1)])
 
 
@@ -81,11 +81,11 @@ def find_common_direction_groups(label: Ints, residual: Array, off: Flags) -> Fl
     out = np.zeros(len(off), bool)
     for one in np.unique(label[off]):
         rows = off & (label == one)
-        if rows.sum() < max(thresholds.NOISE.least_part, thresholds.RECORD.ordinary * (label == one).sum()):
+        if rows.sum() < max(thresholds.COUNTS.min_repetitions, thresholds.SHARES.outliers * (label == one).sum()):
             continue
         e = residual[rows, :3]
         way = e / np.maximum(np.linalg.norm(e, axis=1, keepdims=True), np.finfo(float).tiny)
-        if np.linalg.norm(way.mean(axis=0)) > thresholds.RECORD.alike:
+        if np.linalg.norm(way.mean(axis=0)) > thresholds.SHARES.agreement:
             out |= rows
     return out
 
@@ -116,6 +116,6 @@ def find_repeated_deviations(problem: DiagnosisProblem, residual: Array, off: Fl
     for c, column in enumerate(e[rows].T):
         other[:, c] = (np.bincount(kind, column)[kind[at]] - np.bincount(own, column)[own[at]]) / twins[at]
     size, like = np.linalg.norm(one, axis=1), np.linalg.norm(other, axis=1)
-    alike = np.einsum("nd,nd->n", one, other) > thresholds.RECORD.alike * size * like
-    out[rows[at]] = alike & (thresholds.RECORD.like_size * like > size)
+    alike = np.einsum("nd,nd->n", one, other) > thresholds.SHARES.agreement * size * like
+    out[rows[at]] = alike & (thresholds.RATIOS.stiffness_error * like > size)
     return out

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import CoordinateFamily, DiagnosisProblem
 from machopt.numerics.array_types import Array
 
@@ -55,12 +55,12 @@ def estimate_replicate_noise(problem: DiagnosisProblem, residual: Array, used: F
         The noise.
     """
     contrast, twins = compute_replicate_contrast(problem, residual, used)
-    replicated = int(twins.sum()) >= thresholds.NOISE.least_twins
+    replicated = int(twins.sum()) >= thresholds.COUNTS.min_degrees_of_freedom
     own, cycle, visit = (np.zeros(len(problem.families)) for _ in range(3))
     gain = 0.0
     for f, family in enumerate(problem.families):
         there = problem.has_family(family)
-        repeated = replicated and int((twins & there).sum()) >= thresholds.NOISE.least_twins
+        repeated = replicated and int((twins & there).sum()) >= thresholds.COUNTS.min_degrees_of_freedom
         e, rows = (contrast, twins & there) if repeated else (residual, used & there)
         own[f], cycle[f], visit[f], found = _split_variance(problem, family, e, rows)
         if family.is_separate_instrument and family.stated_uncertainty:  # replicates do not show systematic errors
@@ -133,7 +133,7 @@ def _split_variance(
     x = e[:, columns]
     typical = compute_robust_sigma(x[rows])
     tiny = LEAST_SIGMA
-    good = rows & (np.abs(x) <= thresholds.NOISE.gross * max(typical, tiny)).all(axis=1)
+    good = rows & (np.abs(x) <= thresholds.LEVELS.outlier_sigma * max(typical, tiny)).all(axis=1)
     scale = None if problem.scale is None else problem.scale[:, columns]
     at = np.flatnonzero(good)
     order = at[np.argsort(problem.cycle[at], kind="stable")]
@@ -149,7 +149,7 @@ def _split_variance(
             s = scale[block] - scale[block].mean(axis=0)
             power = float(np.sum(s * s))
             # repeated readings of one load: the apparent force change is correlated sensor noise
-            if power > float(np.sum((thresholds.RESTING.same_load * scale[block]) ** 2)):
+            if power > float(np.sum((thresholds.SHARES.load_tolerance * scale[block]) ** 2)):
                 b = float(np.sum(s * rest)) / power
                 rest = rest - b * s
                 # force noise acts along the displacement, as a gain does: compare with the scatter in that direction
@@ -169,7 +169,9 @@ def _split_variance(
     if not shifts:
         return max(typical, tiny), 0.0, 0.0, 0.0
     together = float(np.mean(x[good] ** 2)) if good.any() else typical**2
-    if freedom < thresholds.NOISE.least_freedom:  # one reading per cycle: its error is not separable from the cycle's
+    if (
+        freedom < thresholds.COUNTS.min_degrees_of_freedom
+    ):  # one reading per cycle: its error is not separable from the cycle's
         return max(float(np.sqrt(together)), tiny), 0.0, 0.0, 0.0
     own2 = max(squares / freedom, tiny**2)
     gain2 = 0.0

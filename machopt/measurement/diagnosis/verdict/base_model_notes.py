@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from machopt.effects.effect_wording import format_place
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import BaseCoefficient
 
 
@@ -56,7 +56,7 @@ def describe_deviating_values(coefficients: Sequence[BaseCoefficient]) -> tuple[
     descriptions = [
         f"{c.unknown.name} {c.value:+.2g}, {deviation:.1f} times what it may be off by"
         for c, deviation in deviations
-        if deviation**2 >= thresholds.DETECTION.as_good
+        if deviation**2 >= thresholds.LEVELS.gain_three_sigma
     ]
     if not descriptions:
         return ()
@@ -69,4 +69,4 @@ def describe_deviating_values(coefficients: Sequence[BaseCoefficient]) -> tuple[
 
 
 def _is_significant(value: float, sigma: float) -> bool:
-    return value**2 >= thresholds.DETECTION.gain * sigma**2 and sigma > 0.0
+    return value**2 >= thresholds.LEVELS.min_gain * sigma**2 and sigma > 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.numerics.array_types import Array
 
@@ -20,11 +20,11 @@ def describe_deviating_springs(d: DiagnosisResult, prior: Array | None) -> list[
     out: list[str] = []
     for c in d.coefficients if prior is not None else ():
         joint = c.unknown.spring_joint
-        if joint is None or c.value <= 0.0 or c.sigma > thresholds.RECORD.sure_spring * c.value:
+        if joint is None or c.value <= 0.0 or c.sigma > thresholds.SHARES.minority * c.value:
             continue
         assert prior is not None  # otherwise the loop is empty
         ratio = c.value * float(prior[joint - 1])
-        if max(ratio, 1.0 / ratio) > thresholds.RECORD.far_spring:
+        if max(ratio, 1.0 / ratio) > thresholds.RATIOS.stiffness_error:
             much = f"{max(ratio, 1.0 / ratio):.2g} times {'softer' if ratio > 1.0 else 'stiffer'}"
             out.append(
                 f"joint {joint} comes out {much} ({_format_three_digits(1.0 / c.value)} N·m/rad) than the "

@@ -8,7 +8,7 @@ import numpy as np
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.errors import RecordingError
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.verdict.verdict_text import format_error_size, format_verdict
@@ -43,7 +43,7 @@ def downgrade_if_insufficient(d: DiagnosisResult, problem: DiagnosisProblem) -> 
         return replace(notes, sentence=format_verdict(notes))
     if d.verdict != "consistent":
         return d
-    if poses < thresholds.PROOF.fewest_groups:
+    if poses < thresholds.COUNTS.min_groups:
         why, would = f"{poses} pose{'' if poses == 1 else 's'} cannot show what a model leaves out", POSES_ADVICE
     elif unknown:
         why = "nothing was measured twice and no uncertainty is stated, so whatever the model lacks passes for noise"

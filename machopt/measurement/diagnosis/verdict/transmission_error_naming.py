@@ -23,7 +23,7 @@ from machopt.effects.joint.joint_angle_errors import (
     UnnamedAngleError,
 )
 from machopt.effects.measured_angle_range import RANGE_KEY
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
 
 ORDERS, UNNAMED_ORDERS = TransmissionError.shape[0].key, UnnamedAngleError.shape[0].key
@@ -59,10 +59,10 @@ def split_waves(finding: Finding) -> SplitWaves:
     orders, cos, sin = (np.atleast_1d(np.asarray(c.parameters[key], float)) for key in (ORDERS, COS, SIN))
     low, high = c.parameters[RANGE_KEY]
     periods = orders * (high - low) / 360.0
-    is_sure = (periods >= thresholds.PROOF.sure_periods) & (orders >= thresholds.RESTING.above_balancer)
-    largest = np.where(is_sure, thresholds.PROOF.largest_sure_wave, thresholds.PROOF.largest_wave)
+    is_sure = (periods >= thresholds.LIMITS.certain_periods) & (orders >= thresholds.LIMITS.gear_order)
+    largest = np.where(is_sure, thresholds.RATIOS.implausible, thresholds.LEVELS.three_sigma)
     is_plausible = np.hypot(cos, sin) <= largest * TransmissionError.prior / ARCSEC
-    is_named = (periods >= thresholds.PROOF.named_periods) & is_plausible
+    is_named = (periods >= thresholds.LIMITS.named_periods) & is_plausible
     if is_named.all():
         return SplitWaves(finding, None)
     unnamed = convert_to_unnamed(finding, ~is_named)

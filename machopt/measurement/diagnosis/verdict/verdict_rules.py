@@ -12,7 +12,7 @@ from dataclasses import replace
 from machopt.data_types.documents.diagnosis_document import DiagnosisDocument, EstimateSection, FindingEntry
 from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.effects.effect_wording import format_effect_in_sentence
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EstimatedValue, Finding
 from machopt.measurement.diagnosis.verdict.transmission_error_naming import SplitWaves, convert_to_unnamed, split_waves
 from machopt.measurement.diagnosis.verdict.verdict_text import (
@@ -73,9 +73,9 @@ def find_contradictions(document: DiagnosisDocument) -> tuple[str, ...]:
         noise, after, before = first.measured_noise, last.heldout_rmse, first.heldout_rmse
         if not proof:
             out.append("explained by nothing but faults of the record")
-        if not (last.explained_share or 0.0) > thresholds.PROOF.most_closed:
+        if not (last.explained_share or 0.0) > thresholds.SHARES.majority:
             out.append(f"explained, and {100 * (last.explained_share or 0.0):.0f} % of the mismatch is closed")
-        if noise is None or after is None or not after <= thresholds.PROOF.as_noise * noise:
+        if noise is None or after is None or not after <= thresholds.RATIOS.equal_fit * noise:
             out.append(f"explained, and the held-out error {after} is not near the measured noise {noise}")
         if after is None or before is None or not after < before:
             out.append("explained without a smaller held-out error")
@@ -101,14 +101,14 @@ def _explain_missing_proof(d: DiagnosisResult) -> str | None:
         return (
             "the noise was neither measured by replicates nor stated, so the remaining error cannot be compared with it"
         )
-    if not after <= thresholds.PROOF.as_noise * noise:
+    if not after <= thresholds.RATIOS.equal_fit * noise:
         return (
             f"the written files leave {format_error_size(after, d.unit)} on readings that no fit saw, "
             f"{after / noise:.1f} times the noise of {format_error_size(noise, d.unit)}"
         )
     if not after < d.heldout_before:
         return "the written files do not predict unseen readings better than the refitted nominal model"
-    if not d.explained > thresholds.PROOF.most_closed:
+    if not d.explained > thresholds.SHARES.majority:
         return f"the findings close {100.0 * d.explained:.0f} % of the repeatable mismatch, which is not most of it"
     return None
 
@@ -162,10 +162,10 @@ def _is_unnamed_correction(d: DiagnosisResult, f: Finding) -> bool:
     if not isinstance(f.correction, KinematicCorrection):
         return False
     is_torque = f.effect != f.correction.effect
-    if is_torque and not d.heldout_after <= thresholds.PROOF.as_noise * d.measured_noise:
+    if is_torque and not d.heldout_after <= thresholds.RATIOS.equal_fit * d.measured_noise:
         return True
     whole, own = d.heldout_before - d.heldout_after, f.before - f.after
-    least = thresholds.PROOF.named_gain
+    least = thresholds.SHARES.negligible
     return not _has_certain_size(f) or (own < least * whole and own < least * f.after)
 
 

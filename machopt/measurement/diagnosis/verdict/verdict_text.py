@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.effects.effect_wording import format_effect_in_sentence, format_place
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import UNCATALOGUED, DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, Finding
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
@@ -102,7 +102,7 @@ def _describe_remaining_mismatch(d: DiagnosisResult) -> str:
     """Describe how much mismatch remains, and where."""
     after, noise = d.heldout_after, d.measured_noise if d.measured_noise > 0.0 else d.noise_floor
     if d.verdict == "explained":
-        if not d.repeatable_after > thresholds.PROOF.left_over * noise:
+        if not d.repeatable_after > thresholds.SHARES.majority * noise:
             return ""
         return (
             f" {format_error_size(d.repeatable_after, d.unit)} still comes back in repeats: the law is not quite this "
@@ -141,7 +141,7 @@ def is_mismatch_closed(d: DiagnosisResult) -> bool:
     Returns:
         True if so.
     """
-    return d.explained >= thresholds.PROOF.closes
+    return round(d.explained, 2) > 0.0
 
 
 def _list_named_alternatives(f: Finding) -> list[tuple[str, str]]:

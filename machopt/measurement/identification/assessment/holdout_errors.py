@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.measurement.identification import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.identification.assessment.identifiability import SettledCoefficients
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array, Ints
@@ -36,7 +36,7 @@ def summarise_residuals(fit: StiffnessFit, residual: Array) -> HoldoutErrorSumma
     Returns:
         The summary.
     """
-    counts = fit.weighting.robust > thresholds.IDENTIFIED.out
+    counts = fit.weighting.robust > thresholds.SHARES.majority
     inliers = np.where(counts, residual, np.nan)
     total = np.where(counts, fit.experiment.measured, np.nan)
     turned = residual.shape[1] == 6

@@ -21,8 +21,8 @@ from scipy.optimize import nnls
 
 from machopt.data_types.discrepancy_names import format_joint_name
 from machopt.data_types.stiffness import ModelDiscrepancy
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
-from machopt.measurement.identification import thresholds
 from machopt.numerics.array_types import Array, Ints
 from machopt.stiffness.discrepancy_columns import LOOP_COLUMN
 
@@ -40,23 +40,23 @@ def estimate_loop_half_widths(tests: LoadTestExperiment, robust: Array) -> Array
         (6,) rad; zero for a joint whose loop the readings do not show.
     """
     rising, falling = find_branch_pairs(tests)
-    good: NDArray[np.bool_] = np.min(robust[:, :3], axis=1) > thresholds.IDENTIFIED.out
+    good: NDArray[np.bool_] = np.min(robust[:, :3], axis=1) > thresholds.SHARES.majority
     pairs = good[rising] & good[falling]
     rising, falling = rising[pairs], falling[pairs]
     half = np.zeros(tests.joint_count)
-    if len(rising) < thresholds.IDENTIFIED.branch_pairs:
+    if len(rising) < thresholds.COUNTS.min_degrees_of_freedom:
         return half
     y = 0.5 * (tests.measured[falling, :3] - tests.measured[rising, :3]).reshape(-1)
     J = tests.state.J[rising]
     torque = np.einsum("nci,nc->ni", J, tests.wrench[rising])
-    weak = thresholds.IDENTIFIED.weak_torque * np.abs(torque).max(axis=0)
+    weak = thresholds.SHARES.small * np.abs(torque).max(axis=0)
     A = (J[:, :3] * np.tanh(torque / np.maximum(weak, 1e-9))[:, None, :]).reshape(len(y), tests.joint_count)
     x, _ = nnls(A, y)
     left = (y - A @ x).reshape(-1, 3)
     meat = np.einsum("nci,nc->ni", A.reshape(-1, 3, tests.joint_count), left)
     inverse = np.linalg.pinv(A.T @ A)
     sigma = np.sqrt(np.diag(inverse @ (meat.T @ meat) @ inverse))
-    shown = x > thresholds.IDENTIFIED.loop_shown * sigma
+    shown = x > thresholds.LEVELS.three_sigma * sigma
     half[shown] = x[shown] + sigma[shown]
     return half
 
@@ -75,7 +75,7 @@ def find_branch_pairs(tests: LoadTestExperiment) -> tuple[Ints, Ints]:
         if len(rows) < 2 or not size.any():
             continue
         top = int(np.argmax(size))
-        same = thresholds.IDENTIFIED.same_load * size[top]
+        same = thresholds.SHARES.load_tolerance * size[top]
         for n in range(top + 1, len(rows)):
             apart = np.linalg.norm(tests.wrench[rows[:top]] - tests.wrench[rows[n]], axis=1)
             if top and apart.min() < same:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from machopt.data_types.stiffness import LEAST_STIFFNESS, format_joint_stiffness
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.assessment.coefficient_uncertainty import NULL, CoefficientUncertainty
 from machopt.measurement.identification.fitting.positive_semidefinite_fit import (
     FittedMatrix,
@@ -209,11 +209,11 @@ def _assess_coefficient(
     expected = float(among / scale) if scale > 0 else np.nan
     partner = _find_correlated_coefficient(fit.unknowns, correlation, uncertainty.unobserved_directions, j)
     reason = ""
-    if not np.isfinite(one) or (scale > 0 and one > thresholds.IDENTIFIED.most_error * scale):
+    if not np.isfinite(one) or (scale > 0 and one > thresholds.SHARES.max_relative_error * scale):
         if unknown.joint is None:
             reason = "no reading shows it"
         else:
-            none = torque < thresholds.IDENTIFIED.least_torque
+            none = torque < thresholds.LIMITS.torque
             reason = f"no reading puts {'any torque' if none else f'more than {torque:.3g} N·m'} on {unknown.name}"
             if np.isfinite(one) and scale > 0 and not none:
                 reason += (
@@ -222,7 +222,7 @@ def _assess_coefficient(
                 )
     elif not np.isfinite(uncertainty.sigma[j]) and not partner:
         reason = "there are no more equations than unknowns: nothing is left over to judge its error by"
-    elif not np.isfinite(uncertainty.sigma[j]) or (scale > 0 and expected > thresholds.IDENTIFIED.most_error):
+    elif not np.isfinite(uncertainty.sigma[j]) or (scale > 0 and expected > thresholds.SHARES.max_relative_error):
         reason = partner or f"the readings promise no more than ± {100 * expected:.0f} % (1 sigma)"
     elif _has_interval_at_zero(unknown, uncertainty.interval[j]):
         reason = "its interval reaches zero compliance" if unknown.joint else "its interval holds zero"
@@ -245,11 +245,11 @@ def _find_correlated_coefficient(
         row = unseen[:, int(np.argmax(np.abs(unseen[j])))]
         names = [
             unknowns[i].name
-            for i in np.flatnonzero(np.abs(row) > thresholds.IDENTIFIED.moves_together * np.abs(row).max())
+            for i in np.flatnonzero(np.abs(row) > thresholds.SHARES.small * np.abs(row).max())
             if i != j
         ]
         return f"cannot be told from {' and '.join(names)}: the readings move together" if names else ""
-    if others[k] < thresholds.IDENTIFIED.told_apart:
+    if others[k] < thresholds.SHARES.inseparable_correlation:
         return ""
     return f"cannot be told from {unknowns[k].name}: correlation {correlation[j, k]:.3f}"
 
@@ -261,14 +261,14 @@ def _find_identifiable_combinations(
     out = []
     for i in range(fit.joint_count):
         for j in range(i + 1, fit.joint_count):
-            if known[i] or known[j] or correlation[i, j] > -thresholds.IDENTIFIED.told_apart or H[i, i] <= 0:
+            if known[i] or known[j] or correlation[i, j] > -thresholds.SHARES.inseparable_correlation or H[i, i] <= 0:
                 continue
             weight = H[i, j] / H[i, i]  # weight of joint j's compliance relative to joint i's, scaled
             ratio = weight * fit.column[i] / fit.column[j]
             variance = M[i, i] + weight**2 * M[j, j] + 2 * weight * M[i, j]
             value = float(fit.x[i] + ratio * fit.x[j])
             sigma = float(np.sqrt(max(variance, 0.0)) * fit.column[i])
-            if sigma < thresholds.IDENTIFIED.most_error * abs(value):
+            if sigma < thresholds.SHARES.max_relative_error * abs(value):
                 out.append(
                     IdentifiableCombination(
                         f"joint {i + 1} and joint {j + 1} together: c{i + 1} + {ratio:.3g} c{j + 1} = "

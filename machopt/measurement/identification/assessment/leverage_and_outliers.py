@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.error_clusters import predict_cluster_shifts
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.assessment.identifiability import SettledCoefficients
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.numerics.array_types import Array, Ints
@@ -79,7 +79,7 @@ def list_outliers(fit: StiffnessFit) -> tuple[ReadingOutlier, ...]:
     residual = fit.residual
     for c, (V, share) in enumerate(zip(fit.weighting.covariance, fit.weighting.components, strict=True)):
         together = np.sqrt(share.scale * (V[:, [0, 1, 2], [0, 1, 2]] + share.cycle + share.visit))
-        for n, i in np.argwhere(fit.weighting.robust[:, 3 * c : 3 * c + 3] < thresholds.IDENTIFIED.out):
+        for n, i in np.argwhere(fit.weighting.robust[:, 3 * c : 3 * c + 3] < thresholds.SHARES.majority):
             e = float(residual[n, 3 * c + i])
             found.append(
                 ReadingOutlier(

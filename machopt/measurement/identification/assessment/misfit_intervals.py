@@ -20,7 +20,7 @@ from scipy.special import ndtri
 from machopt.data_types.discrepancy_names import AXES, format_body_name, format_joint_name
 from machopt.data_types.effect_locations import format_link_location
 from machopt.data_types.stiffness import ModelDiscrepancy
-from machopt.measurement.identification import thresholds
+from machopt.measurement import thresholds
 from machopt.numerics.array_types import Array
 
 ROTATIONS, TRANSLATIONS = AXES[3:], AXES[:3]
@@ -89,7 +89,7 @@ def compute_gain_covariance(joints: Array, sessions: int) -> Array:
         (6, 6) (rad/(N·m))².
     """
     c = 1.0 / joints
-    return np.asarray(np.outer(c, c) * thresholds.IDENTIFIED.force_gain**2 / max(sessions, 1))
+    return np.asarray(np.outer(c, c) * thresholds.SHARES.force_gain**2 / max(sessions, 1))
 
 
 def find_inseparable_sums(
@@ -133,7 +133,7 @@ def _compute_compliance_interval(
     weights: Array, k: float, doubt: ModelDiscrepancy, sessions: int, level: float
 ) -> tuple[float, float]:
     """Return the interval (rad/(N·m)) of 1/k and a sum of parts, with the shift by missing effects and force gain."""
-    gain = thresholds.IDENTIFIED.force_gain / np.sqrt(max(sessions, 1))
+    gain = thresholds.SHARES.force_gain / np.sqrt(max(sessions, 1))
     sigma = float(np.hypot(np.linalg.norm(doubt.modes @ weights), gain / k))
     middle = 1.0 / k + float(doubt.shift @ weights)
     z = float(ndtri(0.5 + level / 2.0))

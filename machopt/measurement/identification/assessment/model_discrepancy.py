@@ -17,11 +17,11 @@ cluster per pose, as in :mod:`machopt.measurement.identification.assessment.coef
 cross-validation over regions of poses shows beyond S and noise is added as ``local``, an independent compliance of
 every pose.
 
-If the springs explain the readings (twice the log-likelihood rises by less than ``IDENTIFIED.misfit``), all effects
-are dropped except one: the effect of weight and load on posture and lever arms (``loaded``). It is present in every
-arm, known to first order, and small loads hide it without reducing it. With known masses it is included in full with
-a prior of 1 ± PRIOR_LOADED. A file with ``geometric_stiffness`` already includes the load's part; the rest stays in
-``loaded``.
+If the springs explain the readings (twice the log-likelihood rises by less than ``LEVELS.gain_three_sigma``), all
+effects are dropped except one: the effect of weight and load on posture and lever arms (``loaded``). It is present in
+every arm, known to first order, and small loads hide it without reducing it. With known masses it is included in full
+with a prior of 1 ± PRIOR_LOADED. A file with ``geometric_stiffness`` already includes the load's part; the rest
+stays in ``loaded``.
 
 Backlash is treated separately. Load tests whose total torques never change sign do not show it, but a job whose
 torques do is fully affected. Therefore each model is complemented by variants with typical backlash in one gear, with
@@ -44,6 +44,7 @@ from numpy.typing import NDArray
 from machopt.data_types.discrepancy_names import JOINT, format_joint_name, format_term_name, parse_discrepancy_name
 from machopt.data_types.stiffness import ArmStiffness, ModelDiscrepancy
 from machopt.kinematics.robot import ArmState, Robot, RobotMasses
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.error_clusters import (
     ErrorClusters,
     NormalEquations,
@@ -53,7 +54,6 @@ from machopt.measurement.estimation.error_clusters import (
 )
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.variance_components import estimate_variance_components
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.assessment.discrepancy_prior import ScaledColumns, build_scaled_columns
 from machopt.measurement.identification.assessment.hysteresis_half_width import (
     add_arrival_side,
@@ -126,7 +126,7 @@ def estimate_model_discrepancy(
     mean, covariance = average_models(equations, models + _list_backlash_variants(H, h, models, columns))
     modes = select_significant_modes(covariance, _compute_displacement_metric(H, names))
     keep = np.abs(covariance).sum(axis=0) > 0
-    left = readings.residual[:, :3][readings.robust[:, :3] > thresholds.IDENTIFIED.out]
+    left = readings.residual[:, :3][readings.robust[:, :3] > thresholds.SHARES.majority]
     local = 0.0
     if misfit or has_gear_laws:
         likeliest = max(models, key=lambda model: model[0])[1]
@@ -155,7 +155,7 @@ def _select_models(
     """Return the models whose likelihood is near the best one's, and whether the springs leave a misfit."""
     rated = rate_spreads(H, h, columns.group)
     plain = next(model for model in rated if model[2] == 0.0)  # springs and the effect of the load itself
-    misfit = bool(2.0 * (max(model[0] for model in rated) - plain[0]) >= thresholds.IDENTIFIED.misfit)
+    misfit = bool(2.0 * (max(model[0] for model in rated) - plain[0]) >= thresholds.LEVELS.gain_three_sigma)
     if not misfit and not has_gear_laws:
         rated = [plain]
     if misfit:
@@ -220,7 +220,7 @@ def _estimate_local_discrepancy(
     regions = []
     for region in _split_into_regions(r, q):
         rows = np.flatnonzero(np.isin(r.clusters.pose, region))
-        rows = rows[(r.robust[rows, :3] > thresholds.IDENTIFIED.out).all(axis=1)]
+        rows = rows[(r.robust[rows, :3] > thresholds.SHARES.majority).all(axis=1)]
         S = np.linalg.inv(P - H[region].sum(axis=0))
         X = Z[rows, :3][:, :, use]
         left = r.residual[rows, :3] - X @ (S @ (h.sum(axis=0) - h[region].sum(axis=0)))
@@ -243,7 +243,7 @@ def _build_normal_equations(Z: Array, r: ResidualReadings) -> tuple[NormalEquati
         found = r.components[c]
         part = sum_channel_equations(r.clusters, r.precision[c], Z[:, rows], r.residual[:, rows], count)
         typical = float(1.0 / np.median(r.precision[c][:, [0, 1, 2], [0, 1, 2]]))
-        if count > thresholds.IDENTIFIED.replicates * Z.shape[2]:
+        if count > thresholds.COUNTS.min_equations_per_unknown * Z.shape[2]:
             found = estimate_variance_components(r.clusters, part, typical, stated=r.stated[c])
         if c == 0:
             noise = float(np.sqrt(found.scale * (typical + found.cycle + found.visit)))

@@ -12,8 +12,8 @@ import numpy as np
 
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.data_quality.alternative_conventions import (
     ConventionCandidate,
     build_convention_candidates,
@@ -122,26 +122,28 @@ def _check_conventions(ways: list[ConventionCandidate]) -> list[RecordFault]:
     ratio = best.unexplained / max(stated.unexplained, 1e-300)
     wins, poses = float(np.mean(best.by_pose < stated.by_pose)), len(best.by_pose)
     everywhere = (
-        ratio <= thresholds.CHECKED.a_little_better
-        and wins >= thresholds.CHECKED.wins_everywhere
-        and poses >= thresholds.CHECKED.many_poses
+        ratio <= thresholds.SHARES.agreement
+        and wins >= thresholds.SHARES.inseparable_correlation
+        and poses >= thresholds.COUNTS.min_groups
     )
     beyond_noise = (
-        poses >= thresholds.CHECKED.many_poses
-        and ratio <= thresholds.CHECKED.not_worth
-        and _compute_gain_per_standard_error(stated, best) >= thresholds.CHECKED.beyond_noise
+        poses >= thresholds.COUNTS.min_groups
+        and ratio <= thresholds.SHARES.inseparable_correlation
+        and _compute_gain_per_standard_error(stated, best) >= thresholds.LEVELS.three_sigma
     )
-    if not (everywhere or beyond_noise) and (ratio > thresholds.CHECKED.better or wins < thresholds.CHECKED.wins):
+    if not (everywhere or beyond_noise) and (ratio > thresholds.SHARES.majority or wins < thresholds.SHARES.agreement):
         return []
     share = (
         f"{_format_convention_message(best)} of the displacement is explained then, "
         f"{_format_convention_message(stated)} as stated"
     )
-    much = ratio <= thresholds.CHECKED.much_better and (
-        stated.unexplained > thresholds.CHECKED.much_better
-        or _compute_largest_change(stated, best) > thresholds.CHECKED.factor
+    much = ratio <= thresholds.SHARES.min_transfer and (
+        stated.unexplained > thresholds.SHARES.min_transfer
+        or _compute_largest_change(stated, best) > thresholds.RATIOS.larger
     )
-    else_nothing = beyond_noise and thresholds.CHECKED.half * (1 - best.unexplained) > max(1 - stated.unexplained, 0.0)
+    else_nothing = beyond_noise and thresholds.SHARES.majority * (1 - best.unexplained) > max(
+        1 - stated.unexplained, 0.0
+    )
     return [
         RecordFault(
             code=best.name, severity="error" if much or else_nothing else "warning", message=f"{best.message} ({share})"
@@ -157,7 +159,7 @@ def _compute_gain_per_standard_error(stated: ConventionCandidate, best: Conventi
 
 def _compute_largest_change(stated: ConventionCandidate, best: ConventionCandidate) -> float:
     """Return the factor by which the convention changes a relevant compliance."""
-    matter = np.maximum(stated.effect, best.effect) > thresholds.CHECKED.matters
+    matter = np.maximum(stated.effect, best.effect) > thresholds.SHARES.relevant
     c = np.stack([stated.compliance, best.compliance])[:, matter]
     low, high = c.min(axis=0, initial=np.inf), c.max(axis=0, initial=0.0)
     return float(np.max(high / np.maximum(low, 1e-300), initial=1.0))
@@ -171,13 +173,13 @@ def _check_moment_along_force(e: LoadTestExperiment) -> list[RecordFault]:
     """Report moments along the force if all other readings are forces through a point (f · m = 0)."""
     force, moment = e.wrench[:, :3], e.wrench[:, 3:]
     size = np.linalg.norm(force, axis=1) * np.linalg.norm(moment, axis=1)
-    there = (np.linalg.norm(moment, axis=1) > thresholds.CHECKED.least_moment) & (size > 0)
-    if there.sum() < thresholds.CHECKED.screw_readings:
+    there = (np.linalg.norm(moment, axis=1) > thresholds.LIMITS.moment) & (size > 0)
+    if there.sum() < thresholds.COUNTS.min_groups:
         return []
     share = np.where(there, np.abs(np.einsum("nc,nc->n", force, moment)) / np.where(there, size, 1.0), 0.0)
-    if np.quantile(share[there], 0.9) > thresholds.CHECKED.screw_usual:
+    if np.quantile(share[there], 0.9) > thresholds.SHARES.negligible:
         return []  # couples were applied, or noise dominates
-    rows = np.flatnonzero(share > thresholds.CHECKED.screw)
+    rows = np.flatnonzero(share > thresholds.SHARES.minority)
     if not len(rows):
         return []
     return [
@@ -194,8 +196,8 @@ def _check_moment_along_force(e: LoadTestExperiment) -> list[RecordFault]:
 
 def _check_repeated_rows(e: LoadTestExperiment) -> list[RecordFault]:
     """Report readings that are copies of others."""
-    steps = e.measured[:, :3] / thresholds.CHECKED.coarse_step
-    fine = bool(np.abs(steps - np.round(steps)).max() > thresholds.CHECKED.whole_step)
+    steps = e.measured[:, :3] / thresholds.LIMITS.reading_step
+    fine = bool(np.abs(steps - np.round(steps)).max() > thresholds.SHARES.negligible)
     keys = (
         [e.wrench, e.measured]
         if fine
@@ -221,7 +223,7 @@ def _check_repeated_rows(e: LoadTestExperiment) -> list[RecordFault]:
 
 
 def _check_impossible_displacement(e: LoadTestExperiment, reach: float) -> list[RecordFault]:
-    most = thresholds.CHECKED.most_moved * reach
+    most = thresholds.SHARES.negligible * reach
     rows = np.flatnonzero(np.linalg.norm(e.measured[:, :3], axis=1) > most)
     if not len(rows):
         return []
@@ -242,7 +244,7 @@ def _check_unloaded_displacement(e: LoadTestExperiment) -> list[RecordFault]:
     if loaded.all():
         return []
     size = np.linalg.norm(e.measured[:, :3], axis=1)
-    rows = np.flatnonzero(~loaded & (size > thresholds.CHECKED.moved_unloaded * float(np.median(size[loaded]))))
+    rows = np.flatnonzero(~loaded & (size > thresholds.SHARES.minority * float(np.median(size[loaded]))))
     if not len(rows):
         return []
     return [
@@ -260,7 +262,9 @@ def _check_unloaded_displacement(e: LoadTestExperiment) -> list[RecordFault]:
 def _check_joint_limits(e: LoadTestExperiment, robot: Robot) -> list[RecordFault]:
     """Report joint angles outside of the limits."""
     q = e.state.q
-    outside = (q < robot.lower - thresholds.CHECKED.outside) | (q > robot.upper + thresholds.CHECKED.outside)
+    outside = (q < robot.lower - thresholds.LIMITS.small_rotation) | (
+        q > robot.upper + thresholds.LIMITS.small_rotation
+    )
     if not outside.any():
         return []
     rows = np.flatnonzero(outside.any(axis=1))
@@ -282,7 +286,7 @@ def _check_joint_limits(e: LoadTestExperiment, robot: Robot) -> list[RecordFault
 def _check_data_amount(e: LoadTestExperiment, unknowns: int) -> list[RecordFault]:
     poses, equations = len(np.unique(e.pose)), e.measured.size
     out = []
-    if poses < thresholds.CHECKED.few_poses:
+    if poses < thresholds.COUNTS.min_identification_poses:
         out.append(
             RecordFault(
                 code="few_poses",
@@ -291,7 +295,7 @@ def _check_data_amount(e: LoadTestExperiment, unknowns: int) -> list[RecordFault
                 "shared by a pose cannot be seen; ten poses or more would work (machopt plan-poses chooses them)",
             )
         )
-    if equations < thresholds.CHECKED.few_equations * unknowns:
+    if equations < thresholds.COUNTS.min_equations_per_unknown * unknowns:
         out.append(
             RecordFault(
                 code="few_readings",

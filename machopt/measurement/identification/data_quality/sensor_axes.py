@@ -18,9 +18,9 @@ from scipy.optimize import nnls
 
 from machopt.data_types.measurements.recording import FrameName, Recording
 from machopt.kinematics.robot import Robot
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.convention_score import compute_description_cost, compute_pose_errors
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.data_quality.record_fault_type import RecordFault
 from machopt.numerics.array_types import Array
 from machopt.numerics.rigid_transforms import convert_to_rotation_vector, convert_vector_to_rotation
@@ -85,24 +85,23 @@ def find_rotated_axes(e: LoadTestExperiment, robot: Robot) -> SensorRotation | N
         The rotation; None if the stated axes are as good, or if two different rotations are.
     """
     e = e.select_readings(np.unique(np.linspace(0, len(e) - 1, min(len(e), MOST_READINGS)).astype(np.int64)))
-    limits = thresholds.CHECKED
     poses = len(np.unique(e.pose))
-    if poses < limits.many_poses or not e.wrench.any() or not e.measured.any():
+    if poses < thresholds.COUNTS.min_groups or not e.wrench.any() or not e.measured.any():
         return None
     parts = _list_body_springs(e, robot)
     stated = _fit_all(e, parts, e.wrench, e.measured)
     size = float(np.mean(compute_pose_errors(e.pose, np.linalg.norm(e.measured[:, :3], axis=1))))
-    if float(np.mean(stated)) < limits.off_axes * size:
+    if float(np.mean(stated)) < thresholds.SHARES.small * size:
         return None
     cost = compute_description_cost(stated)
     found = sorted(_list_fits(e, parts), key=lambda r: r.cost)
     best = found[0]
-    decisive = cost - best.cost > limits.decisive and float(np.mean(best.by_pose)) < limits.half * float(
-        np.mean(stated)
-    )
-    if not decisive or best.angle_deg < limits.least_turn_deg:
+    decisive = cost - best.cost > thresholds.LEVELS.min_evidence and float(
+        np.mean(best.by_pose)
+    ) < thresholds.SHARES.majority * float(np.mean(stated))
+    if not decisive or np.radians(best.angle_deg) < thresholds.LIMITS.large_rotation:
         return None
-    rivals = [r for r in found[1:] if r.cost - best.cost < limits.decisive]
+    rivals = [r for r in found[1:] if r.cost - best.cost < thresholds.LEVELS.min_evidence]
     return None if any(r.quantity != best.quantity for r in rivals) else _prefer_stated_frame(e, best, rivals)
 
 

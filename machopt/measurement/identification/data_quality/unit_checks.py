@@ -9,9 +9,9 @@ import numpy as np
 
 from machopt.effects.recording.record_faults import FORCES, LENGTHS
 from machopt.kinematics.robot import Robot
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.robust_weights import fit_least_absolute_deviations
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.data_quality.alternative_conventions import ConventionCandidate
 from machopt.measurement.identification.data_quality.record_fault_type import RecordFault, format_row_locations
 from machopt.numerics.array_types import Array
@@ -80,22 +80,22 @@ def check_displacement_units(
     generic = _compute_typical_stiffness(reach, e.joint_count)
     s = _compute_displacement_ratio(e, generic, slice(0, 3))
     nominal = _compute_displacement_ratio(e, prior, slice(0, 3)) if prior is not None else np.nan
-    if stated.unexplained > thresholds.CHECKED.explains or not s > 0:
+    if stated.unexplained > thresholds.SHARES.agreement or not s > 0:
         return []
     out = []
     if prior is None:
-        wrong = _is_factor_off(s, thresholds.CHECKED.most_generic)
+        wrong = _is_factor_off(s, thresholds.RATIOS.impossible)
         doubtful, against, seen = (
-            _is_factor_off(s, thresholds.CHECKED.doubtful_generic),
+            _is_factor_off(s, thresholds.RATIOS.doubtful),
             "that of robots of this reach",
             s,
         )
     else:
-        wrong = _is_factor_off(nominal, thresholds.CHECKED.most_nominal) and _is_factor_off(
-            s, thresholds.CHECKED.most_generic_too
+        wrong = _is_factor_off(nominal, thresholds.RATIOS.impossible) and _is_factor_off(
+            s, thresholds.RATIOS.implausible
         )
         doubtful, against, seen = (
-            _is_factor_off(nominal, thresholds.CHECKED.doubtful_nominal),
+            _is_factor_off(nominal, thresholds.RATIOS.doubtful),
             "what the cell's stiffness gives",
             nominal,
         )
@@ -112,7 +112,7 @@ def check_displacement_units(
             )
         )
     turned = _compute_displacement_ratio(e, generic, slice(3, 6)) if e.dimensions == 6 else np.nan
-    if turned > 0 and _is_factor_off(turned / s, thresholds.CHECKED.doubtful_rotation) and not wrong:
+    if turned > 0 and _is_factor_off(turned / s, thresholds.RATIOS.doubtful) and not wrong:
         out.append(_build_rotation_fault(turned / s, doubtful))
     return out
 
@@ -129,12 +129,12 @@ def check_moment_units(e: LoadTestExperiment, reach: float, prior: Array | None)
         The faults.
     """
     force, moment = np.linalg.norm(e.wrench[:, :3], axis=1), np.linalg.norm(e.wrench[:, 3:], axis=1)
-    both = (force > 0) & (moment > thresholds.CHECKED.least_moment)
+    both = (force > 0) & (moment > thresholds.LIMITS.moment)
     if not both.any():
         return []
     lever: Array = np.where(both, moment / np.where(both, force, 1.0), 0.0)
     typical = float(np.median(lever[both]))
-    if typical > thresholds.CHECKED.reaches * reach:
+    if typical > thresholds.RATIOS.implausible * reach:
         cause, column, factor = _find_wrong_load_unit(e, reach, prior)
         return [
             RecordFault(
@@ -145,7 +145,9 @@ def check_moment_units(e: LoadTestExperiment, reach: float, prior: Array | None)
                 factor=factor,
             )
         ]
-    rows = np.flatnonzero(lever > max(thresholds.CHECKED.far_reaches * reach, thresholds.CHECKED.far_lever * typical))
+    rows = np.flatnonzero(
+        lever > max(thresholds.RATIOS.stiffness_error * reach, thresholds.RATIOS.implausible * typical)
+    )
     if not len(rows):
         return []
     return [
@@ -199,7 +201,7 @@ def _build_rotation_fault(ratio: float, displacement_doubtful: bool) -> RecordFa
     """Return the fault of rotations that are inconsistent with the translations."""
     start = f"rotations are {_format_ratio(ratio)} what the translations of the same readings imply: "
     guess = min(ROTATION_UNIT_FACTORS, key=lambda unit: abs(np.log(ratio / ROTATION_UNIT_FACTORS[unit])))
-    if _is_factor_off(ratio / ROTATION_UNIT_FACTORS[guess], thresholds.CHECKED.near_unit) or displacement_doubtful:
+    if _is_factor_off(ratio / ROTATION_UNIT_FACTORS[guess], thresholds.RATIOS.stiffness_error) or displacement_doubtful:
         return RecordFault(
             code="rotation_units",
             severity="error",
@@ -242,13 +244,13 @@ def describe_common_stiffness_factor(found: Array, prior: Array) -> str | None:
     Returns:
         A warning, or None.
     """
-    if len(found) < thresholds.CHECKED.least_alike:
+    if len(found) < thresholds.COUNTS.min_repetitions:
         return None
     logs = np.log(prior / found)
     ratio = float(np.exp(np.median(logs)))
-    if float(np.abs(logs - np.median(logs)).max()) > np.log(thresholds.CHECKED.alike):
+    if float(np.abs(logs - np.median(logs)).max()) > np.log(thresholds.RATIOS.equal_fit):
         return None
-    units = [u.words for u in SUSPECTS if abs(float(np.log(ratio / u.ratio))) < np.log(thresholds.CHECKED.alike)]
+    units = [u.words for u in SUSPECTS if abs(float(np.log(ratio / u.ratio))) < np.log(thresholds.RATIOS.equal_fit)]
     if not units:
         return None
     return (
@@ -265,7 +267,7 @@ def _is_factor_off(ratio: float, factor: float) -> bool:
 def _find_near_units(ratio: float) -> list[UnitSuspect]:
     """Return units that would cause the ratio, the closest first."""
     off = {u: abs(float(np.log(ratio / u.ratio))) for u in SUSPECTS}
-    return [u for u in sorted(off, key=lambda u: off[u]) if off[u] < np.log(thresholds.CHECKED.near_suspect)]
+    return [u for u in sorted(off, key=lambda u: off[u]) if off[u] < np.log(thresholds.RATIOS.double)]
 
 
 def _format_suspects(ratio: float) -> str:
@@ -284,7 +286,7 @@ def _find_suspect_column(e: LoadTestExperiment, ratio: float) -> tuple[str, str,
             "dx_mm",
             1e3,
         )
-    if force < thresholds.CHECKED.least_force:
+    if force < thresholds.LIMITS.force:
         words = f"with a median force of {force:.2g} N the columns fx_N … seem to hold kilonewtons; newtons would work"
         return words, "fx_N", 1e3
     return (

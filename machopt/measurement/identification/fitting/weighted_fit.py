@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from machopt.data_types.measurements.recording import StandardUncertainty
 from machopt.errors import RecordingError
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
 from machopt.measurement.estimation.error_clusters import ErrorClusters, NormalEquations, build_error_clusters
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.robust_weights import estimate_robust_scale
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.fitting.reading_weights import ReadingWeights, WeightIteration
 from machopt.numerics.array_types import Array
 from machopt.stiffness.terms import LinearTerm
@@ -100,7 +100,7 @@ class StiffnessFit:
     @property
     def outlier(self) -> NDArray[np.bool_]:
         """Readings (N,) with a rejected coordinate."""
-        return np.asarray((self.weighting.robust < thresholds.IDENTIFIED.out).any(axis=1))
+        return np.asarray((self.weighting.robust < thresholds.SHARES.majority).any(axis=1))
 
 
 def _check_determined(experiment: LoadTestExperiment, unknowns: int) -> None:
@@ -170,7 +170,7 @@ def fit_stiffness(
         lower=np.array([u.lower for u in unknowns]) if bounded else np.full(len(unknowns), -np.inf),
         clusters=build_error_clusters(experiment) if groups is None else groups,
         uncertainty=uncertainty,
-        robust=robust and y.size >= thresholds.IDENTIFIED.enough_to_doubt * len(unknowns),
+        robust=robust and y.size >= thresholds.COUNTS.min_equations_per_unknown * len(unknowns),
     )
     if weighting is None:
         weighting = problem.update_weights() if weighted else problem.equal_weights()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.data_types.stiffness import LEAST_STIFFNESS
-from machopt.measurement.identification import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.identification.frequency_response.response_fit import (
     ResponseFit,
     ResponsePrior,
@@ -44,7 +44,7 @@ def fit_determined(model: ResponseModel, start: Array, prior: ResponsePrior) -> 
         start: (12,) unknowns near the minimum.
         prior: Prior of all unknowns.
     """
-    most = thresholds.IDENTIFIED.most_error
+    most = thresholds.SHARES.max_relative_error
     first = fit_responses(model, start, prior)
     known = np.sqrt(np.diag(first.compute_covariance())) < most
     while True:

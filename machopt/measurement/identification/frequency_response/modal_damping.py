@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from machopt.measurement.identification import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.identification.frequency_response.response_fit import ResponseFit
 from machopt.measurement.identification.frequency_response.response_model import JOINTS, ResponseModel
 from machopt.numerics.array_types import Array, make_arrays_read_only
@@ -55,7 +55,7 @@ def compute_modal_damping(model: ResponseModel, response_fit: ResponseFit, covar
     sigma = np.sqrt(np.einsum("ij,jk,ik->i", slopes, covariance, slopes))
     band = e.omega[[e.omega.argmin(), e.omega.argmax()]] / (2.0 * math.pi)
     outside = (frequency.min(axis=0) < band[0]) | (frequency.max(axis=0) > band[1])
-    unknown = (sigma > thresholds.IDENTIFIED.most_error * mean) | outside
+    unknown = (sigma > thresholds.SHARES.max_relative_error * mean) | outside
     known = int(np.argmax(unknown)) if unknown.any() else JOINTS
     return ModalDamping(frequency=frequency, ratio=ratio, mean=mean, sigma=sigma, known=known)
 

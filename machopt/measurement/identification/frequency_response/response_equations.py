@@ -13,7 +13,7 @@ from machopt.data_types.stiffness import LEAST_STIFFNESS
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.errors import RecordingError
 from machopt.kinematics.robot import Robot
-from machopt.measurement.identification import thresholds
+from machopt.measurement import thresholds
 from machopt.numerics.array_types import Array, ComplexArray, Ints, make_arrays_read_only
 
 COHERENCE_RANGE = (1e-9, 0.9999)  # above, the rest is rounding; below, a response at an antiresonance is divided by 0
@@ -129,7 +129,7 @@ def _refuse_wrong_units(
     Z = np.eye(6) * (prior * (1.0 + 1j * TYPICAL_DAMPING)) - equations.omega[:, None, None] ** 2 * equations.mass
     model = np.einsum("ni,ni->n", equations.response, np.linalg.solve(Z, equations.excitation[..., None])[..., 0])
     ratio = float(np.exp(np.median(np.log(size / np.maximum(np.abs(model), 1e-300)))))
-    most = thresholds.CHECKED.most_nominal
+    most = thresholds.RATIOS.impossible
     if not 1.0 / most < ratio < most:
         raise RecordingError(
             f"the responses are {ratio:.3g} times those of the cell's stiffness (the median of all rows): {hint}",

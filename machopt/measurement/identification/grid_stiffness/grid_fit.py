@@ -20,9 +20,9 @@ import numpy as np
 
 from machopt.data_types.stiffness import StiffnessGrid
 from machopt.errors import RecordingError
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
 from machopt.measurement.estimation.error_clusters import build_normal_equations
-from machopt.measurement.identification import thresholds
 from machopt.measurement.identification.fitting.reading_weights import ReadingWeights
 from machopt.measurement.identification.fitting.weighted_fit import StiffnessFit
 from machopt.measurement.identification.grid_stiffness.grid_cells import (
@@ -222,7 +222,7 @@ def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools
     M = np.linalg.pinv(fit.normal.total()[0], hermitian=True)
     sigma = np.sqrt(np.maximum(np.diag(M)[:n], 0.0)) * fit.column[:n]
     seen = np.abs(fit.A[..., :n]).max(axis=(0, 1)) * c.max() > MIN_COLUMN_EFFECT * np.abs(fit.y).max()
-    vary = ~np.isfinite(is_fixed) & seen & (c > thresholds.IDENTIFIED.varies * sigma)
+    vary = ~np.isfinite(is_fixed) & seen & (c > thresholds.LEVELS.two_sigma * sigma)
     blind = ~np.isfinite(is_fixed) & ~seen
     if blind.any():
         raise RecordingError(
@@ -232,7 +232,7 @@ def _select_varying_joints(fit: StiffnessFit, hold: Array | None) -> tuple[Bools
         )
     if not vary.any():
         raise RecordingError(
-            f"no joint's compliance is known to better than 1/{thresholds.IDENTIFIED.varies:g} of itself; there is "
+            f"no joint's compliance is known to better than 1/{thresholds.LEVELS.two_sigma:g} of itself; there is "
             "nothing to vary by cell. More readings, or larger loads, would work",
             file=fit.experiment.source,
         )
@@ -368,7 +368,7 @@ def _predict_left_out_poses(
         work.residual(without),
         constant,
         fit.experiment.pose[rows],
-        np.asarray((weighting.robust >= thresholds.IDENTIFIED.out).all(axis=1)),
+        np.asarray((weighting.robust >= thresholds.SHARES.majority).all(axis=1)),
     )
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.sparse import bsr_matrix, csr_matrix
 
-from machopt.measurement.estimation import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.estimation.error_clusters import (
     ClusterSums,
     ErrorClusters,
@@ -222,7 +222,7 @@ class GridLikelihood:
         value = m.yy + fit + m.logdet + log_P - 2 * float(np.log(d).sum())
         value += self.joints * log_prior + (self.cells - 1) * 2 * float(np.log(prior.spread).sum())
         for stated, c in zip(self.stated, prior.noise, strict=True):
-            value += thresholds.ESTIMATED.trust_in_stated * (np.log(c.scale) + 1 / c.scale) if stated else 0.0
+            value += thresholds.COUNTS.min_degrees_of_freedom * (np.log(c.scale) + 1 / c.scale) if stated else 0.0
         own = m.T @ (m.h_site - np.einsum("sij,sj->si", m.H_site, response[self.place]))[..., None]
         spread = self._spread_to_places(linear.E, covariance, L, R)
         return GridPosterior(
@@ -265,7 +265,7 @@ class GridLikelihood:
                 ]
                 slope.append((rest(self.marginal(prior, changed)) - rest(now)) / STEP)
                 if name == "scale" and self.stated[n]:
-                    slope[-1] += thresholds.ESTIMATED.trust_in_stated * (1 - 1 / c.scale)
+                    slope[-1] += thresholds.COUNTS.min_degrees_of_freedom * (1 - 1 / c.scale)
         # with dH = −H dT H, dh = −H dT h: the derivative by each joint's variance T_jj of the site's own part
         F = self.joints
         Hr = np.einsum("sij,sj->si", now.H_site, at_site)

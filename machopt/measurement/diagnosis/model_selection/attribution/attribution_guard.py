@@ -14,7 +14,7 @@ import numpy as np
 
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.effects.structure import as_built_joint_frames
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import UNCATALOGUED, EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.attribution import place_certainty, time_stability
 from machopt.measurement.diagnosis.model_selection.evaluation import repeatable_mismatch
@@ -125,7 +125,7 @@ def remove_names_of_small_gain(state: SearchState, rng: np.random.Generator) -> 
         taken = _compute_repeatable_power(state, without) - _compute_repeatable_power(state, whole)
         # a frame law is exact: the remainder has another cause and must be clearly larger
         frame = c.whitened.hypothesis.effect == as_built_joint_frames.EFFECT.name
-        most = thresholds.PROOF.outweighs_exact if frame else thresholds.PROOF.outweighs
+        most = thresholds.RATIOS.larger if frame else thresholds.SHARES.majority
         if left > most * taken and not place_certainty.is_place_certain(state, chosen, k):
             out[k] = remove_name(c, SMALL_GAIN_REASON)
     return replace(state, chosen=tuple(out))
@@ -170,7 +170,7 @@ def remove_names_of_session_dependent_effects(state: SearchState) -> SearchState
     chosen = (
         remove_name(c, SMALL_GAIN_REASON)
         if c.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES
-        and other.gain > thresholds.PROOF.outweighs * c.scored.gain
+        and other.gain > thresholds.SHARES.majority * c.scored.gain
         else c
         for c in state.chosen
     )
@@ -204,7 +204,7 @@ def has_many_effects(state: SearchState) -> bool:
     Returns:
         True if so.
     """
-    return state.problem.channel == "position" and len(state.chosen) > thresholds.RESTING.crowded
+    return state.problem.channel == "position" and len(state.chosen) > thresholds.COUNTS.max_stepwise_effects
 
 
 def _compute_unexplained_power(state: SearchState, residual: Array, fitted: Array, rng: np.random.Generator) -> float:
@@ -216,7 +216,7 @@ def _compute_unexplained_power(state: SearchState, residual: Array, fitted: Arra
     """
     problem = state.problem
     rest = repeatable_mismatch.measure_repeatable_mismatch(problem, residual, state.used_rows, state.noise, rng)
-    if rest.p_value > thresholds.PROOF.certain:  # NaN without replicates
+    if rest.p_value > thresholds.LEVELS.mismatch_significance_level:  # NaN without replicates
         return 0.0
     if rest.is_over_time:  # it varies with time, so that visits differ by it and it enters the noise estimate
         return rest.power
@@ -249,7 +249,7 @@ def _remove_name_if_implausible_law_fits(state: SearchState, k: int) -> Selected
     beside = add_selected_effects(state.base, [o for i, o in enumerate(state.chosen) if i != k])
     own = score_hypotheses(beside, [c.whitened])[0].total
     better = [s for s in score_hypotheses(beside, rivals) if not has_plausible_sizes(s)]
-    least = (1.0 + thresholds.DETECTION.beside) * own
+    least = (1.0 + thresholds.SHARES.law_error) * own
     return remove_name(c, BETTER_LAW_REASON) if any(s.total > least for s in better) else c
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from machopt.data_types.effect_locations import parse_joint_location
 from machopt.effects import registry
 from machopt.effects.joint.joint_angle_errors import WAVES
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     compute_gain_by_shape,
@@ -65,7 +65,7 @@ def _resolve_place(state: SearchState, place: str) -> SearchState:
     whole = add_selected_effects(state.base, state.chosen)
     found, least = min((_fit_spring_geometry(state, others, t) for t in springs), key=lambda f: f[1])
     quiet = max(1.0, whole.rss / max(len(whole.y) - whole.count, 1))
-    if least - whole.rss - sum(_compute_amplitude_excess(c) for c in mine) > thresholds.DETECTION.as_good * quiet:
+    if least - whole.rss - sum(_compute_amplitude_excess(c) for c in mine) > thresholds.LEVELS.gain_three_sigma * quiet:
         return state
     laws = [found.whitened if t.index == found.whitened.index else t for t in state.whitened_hypotheses]
     chosen = [replace(found, p_value=min(c.p_value for c in mine)) if c is mine[0] else c for c in state.chosen]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from machopt.effects.joint import backlash, creep, hysteresis, nonlinear_stiffness
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.evaluation.finding_estimates import find_rival_explanations
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     ScoredHypothesis,
@@ -55,7 +55,7 @@ def _find_best_replacement(
     """Return the best law of an effect in place of the k-th; None if none is supported and equally good."""
     model_without = add_selected_effects(state.base, chosen[:k] + chosen[k + 1 :])
     place = chosen[k].whitened.hypothesis.location
-    least = (1.0 - thresholds.DETECTION.beside) * score_hypotheses(model_without, [chosen[k].whitened])[0].gain
+    least = (1.0 - thresholds.SHARES.law_error) * score_hypotheses(model_without, [chosen[k].whitened])[0].gain
     laws = [t for t in state.catalogue_hypotheses if t.hypothesis.name == (effect, place)]
     found = [s for s in score_hypotheses(model_without, laws) if is_supported(model_without, s) and s.gain >= least]
     return max(found, key=lambda s: s.total) if found else None

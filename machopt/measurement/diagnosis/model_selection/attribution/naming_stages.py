@@ -51,7 +51,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="uncertain inputs",
         statistic="fit with link masses and other uncertain inputs beside the effects, each with its prior",
-        levels=("detection.as_good", "detection.generalises", "detection.gain", "resting.crowded"),
+        levels=("levels.gain_three_sigma", "shares.min_transfer", "levels.min_gain", "counts.max_stepwise_effects"),
         reference="Bayesian least squares; inputs stay within three standard deviations",
         rejects="an effect that the stated uncertainty of an input explains",
         change=lambda state, rng: uncertain_inputs.include_uncertain_inputs(state),
@@ -59,7 +59,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="compensator or waves",
         statistic="whitened sum of squares of a compensator with refined geometry against partial waves",
-        levels=("detection.as_good",),
+        levels=("levels.gain_three_sigma",),
         reference="likelihood ratio; amplitudes of gears as prior",
         rejects="waves of less than one period where a gravity compensator fits as well",
         channel=POSITION,
@@ -68,7 +68,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="limiting case",
         statistic="gain of the limiting law against a law at the end of its grid",
-        levels=("detection.beside",),
+        levels=("shares.law_error",),
         reference="nested laws",
         rejects="a hardening gear with its knee below every load, creep slower than the record",
         change=lambda state, rng: limiting_case_laws.rename_limiting_cases(state),
@@ -84,7 +84,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="better impossible law",
         statistic="cross-validated gain of other laws at the place, impossible sizes included",
-        levels=("detection.beside",),
+        levels=("shares.law_error",),
         reference="posterior predictive check",
         rejects="a name at a place where only an impossible size fits well",
         change=lambda state, rng: attribution_guard.remove_names_if_implausible_law_fits(state),
@@ -101,7 +101,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="forms in load tests",
         statistic="gain less a cost per coefficient, of every form outside the catalogue",
-        levels=("detection.per_coefficient", "detection.shorter"),
+        levels=("levels.gain_two_sigma", "levels.min_evidence"),
         reference="information criterion; −2 log evidence of 10 (Kass & Raftery 1995)",
         rejects="a name that a hose, a loose seat or a soft bearing explains as well",
         channel=DEFLECTION,
@@ -110,7 +110,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="forms in poses",
         statistic="the same, with at most as many coefficients as the effect",
-        levels=("detection.per_coefficient", "detection.shorter", "resting.crowded"),
+        levels=("levels.gain_two_sigma", "levels.min_evidence", "counts.max_stepwise_effects"),
         reference="the same",
         rejects="a frame that a bent line of sight or a nodding axis explains as well",
         channel=POSITION,
@@ -119,7 +119,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="forms in torques",
         statistic="the same, at the joint of the effect",
-        levels=("detection.per_coefficient", "detection.shorter"),
+        levels=("levels.gain_two_sigma", "levels.min_evidence"),
         reference="the same",
         rejects="a compensator or ripple where a hose applies the torque",
         channel=TORQUE,
@@ -128,7 +128,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="constant in time",
         statistic="gain of the effect times slow functions of time",
-        levels=("proof.steady", "detection.gain", "detection.per_coefficient"),
+        levels=("shares.minority", "levels.min_gain", "levels.gain_two_sigma"),
         reference="varying-coefficient model (Hastie & Tibshirani 1993)",
         rejects="a frame or an offset that changes with temperature or after a collision",
         channel=POSITION,
@@ -137,7 +137,7 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
     NamingStage(
         name="contradicting session",
         statistic="gain of the best effect that one session supports and another contradicts",
-        levels=("proof.outweighs", "detection.another_day"),
+        levels=("shares.majority", "shares.min_transfer"),
         reference="cross-validation by sessions",
         rejects="a drift where the sessions differ by another cause",
         channel=DEFLECTION,
@@ -147,11 +147,10 @@ NAMING_STAGES: tuple[NamingStage, ...] = (
         name="remaining mismatch",
         statistic="repeatable power that is left per power that the effect takes, on unseen groups",
         levels=(
-            "proof.certain",
-            "proof.outweighs",
-            "proof.outweighs_exact",
-            "proof.closed_by_all",
-            "proof.excluded_elsewhere",
+            "levels.mismatch_significance_level",
+            "shares.majority",
+            "ratios.larger",
+            "shares.half_power_amplitude",
         ),
         reference="components of variance of replicates; sign flips of groups",
         rejects="an effect that explains less than what stays unexplained, unless its place is certain",

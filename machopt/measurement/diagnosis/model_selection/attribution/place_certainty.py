@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
@@ -44,7 +44,7 @@ def is_place_certain(state: SearchState, chosen: Sequence[SelectedEffect], k: in
     Returns:
         True if all effects close most of the mismatch, and no other place explains half as much as the effect.
     """
-    if not state.noise.replicated or compute_closed_share(state, chosen) < thresholds.PROOF.closed_by_all:
+    if not state.noise.replicated or compute_closed_share(state, chosen) < thresholds.SHARES.half_power_amplitude:
         return False
     c = chosen[k]
     beside = add_selected_effects(state.base, [o for o in chosen if o is not c])
@@ -56,6 +56,4 @@ def is_place_certain(state: SearchState, chosen: Sequence[SelectedEffect], k: in
         if t.hypothesis.location != c.whitened.hypothesis.location and t.hypothesis.name not in names
     ]
     own = score_hypotheses(beside, [c.whitened])[0].total
-    return own > 0.0 and all(
-        s.total < thresholds.PROOF.excluded_elsewhere * own for s in score_hypotheses(beside, elsewhere)
-    )
+    return own > 0.0 and all(s.total < thresholds.SHARES.majority * own for s in score_hypotheses(beside, elsewhere))

@@ -11,7 +11,7 @@ import numpy as np
 from machopt.effects.joint import joint_angle_errors
 from machopt.effects.recording import sensor_errors
 from machopt.effects.structure import as_built_joint_frames
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
@@ -53,9 +53,8 @@ def is_time_varying(state: SearchState, c: SelectedEffect) -> bool:
     whole = add_selected_effects(state.base, state.chosen)
     varying = np.concatenate([c.columns * b[:, None] for b in hours.T], axis=1)
     gain = whole.rss - whole.with_columns(varying).rss - whole.residual_variance * varying.shape[1]
-    d = thresholds.DETECTION
-    least = d.gain + d.per_coefficient * (varying.shape[1] - 1)
-    return bool(gain > max(least * whole.residual_variance, thresholds.PROOF.steady * c.scored.gain))
+    least = thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (varying.shape[1] - 1)
+    return bool(gain > max(least * whole.residual_variance, thresholds.SHARES.minority * c.scored.gain))
 
 
 def _build_slow_time_functions(time: Array, session: Ints) -> Array:

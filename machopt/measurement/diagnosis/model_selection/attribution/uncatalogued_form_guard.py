@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from machopt.effects import registry
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.attribution.attribution_guard import has_many_effects, remove_name
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     ScoredHypothesis,
@@ -106,10 +106,10 @@ def _remove_name_if_form_fits(state: SearchState, k: int, more: Sequence[Whitene
 
     def worth(s: ScoredHypothesis) -> float:
         numbers = s.whitened.X.shape[2] + len(s.whitened.shapes[s.shape])
-        return float(s.gain / model_without.residual_variance - thresholds.DETECTION.per_coefficient * numbers)
+        return float(s.gain / model_without.residual_variance - thresholds.LEVELS.gain_two_sigma * numbers)
 
     # dozens of forms are tried for this purpose only: the best of many is good by chance
-    most = worth(own) + (thresholds.DETECTION.shorter if more else 0.0)
+    most = worth(own) + (thresholds.LEVELS.min_evidence if more else 0.0)
     better = [s for s in score_hypotheses(model_without, rough) if worth(s) > most]
     return (
         c

@@ -11,7 +11,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DetectionLimit, EffectLocation, Testability
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import minimise_bounded_quadratics
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
@@ -54,19 +54,19 @@ def compute_detection_limits(
         p = t.X.shape[2]
         need = np.sqrt(
             max(
-                thresholds.DETECTION.gain + thresholds.DETECTION.per_coefficient * (p - 1) + t.hypothesis.penalty,
-                thresholds.DETECTION.share * len(model.y),
+                thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (p - 1) + t.hypothesis.penalty,
+                thresholds.SHARES.min_gain_per_row * len(model.y),
             )
             * model.residual_variance
         )
-        need += thresholds.DETECTION.nine_of_ten * np.sqrt(model.residual_variance)
+        need += thresholds.LEVELS.power_quantile * np.sqrt(model.residual_variance)
         sizes: list[float] = []
         for s in _select_spread_indices(len(t.shapes)):
             C = t.products_with(model)[s]
             rest = t.columns_at(s) - model.X @ (M @ C.T)
             own = t.XX[:, s].sum(axis=0)
             S, whole = own - C @ M @ C.T, np.diag(own)  # as in the search: unknowns with a prior absorb less
-            if np.all(np.diag(S) < thresholds.DETECTION.absorbed * whole):
+            if np.all(np.diag(S) < thresholds.SHARES.absorbed_power * whole):
                 continue
             for x in _draw_coefficient_directions(t, s, rng):
                 n = float(np.sqrt(max(x @ S @ x, 0.0)))
@@ -124,7 +124,11 @@ def _find_confounded_effects(
         name = t.hypothesis.name
         best[name] = np.maximum(best.get(name, np.zeros(len(names))), taken)
     return {
-        n: [o for o in best if o != n and whole[k] - best[o][k] < thresholds.DETECTION.apart * model.residual_variance]
+        n: [
+            o
+            for o in best
+            if o != n and whole[k] - best[o][k] < thresholds.LEVELS.gain_three_sigma * model.residual_variance
+        ]
         for k, n in enumerate(names)
     }
 

@@ -10,7 +10,7 @@ from scipy.special import stdtr, stdtrit
 
 from machopt.effects import registry
 from machopt.effects.protocol import DEFAULT_FORM_UNCERTAINTY
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Quantity, Shape
 from machopt.measurement.diagnosis.data_types.diagnosis_result import (
     EffectLocation,
@@ -78,10 +78,13 @@ def find_rival_explanations(
         d = selected_score.heldout - s.heldout
         p = _compute_paired_p_value(d)
         close = (
-            float(d.sum()) / spread < thresholds.DETECTION.as_good
-            or (selected_score.gain - s.gain) / spread < thresholds.DETECTION.as_good
+            float(d.sum()) / spread < thresholds.LEVELS.gain_three_sigma
+            or (selected_score.gain - s.gain) / spread < thresholds.LEVELS.gain_three_sigma
         )
-        as_likely = p > thresholds.DETECTION.paired and s.total > thresholds.DETECTION.most_of * selected_score.total
+        as_likely = (
+            p > thresholds.LEVELS.mismatch_significance_level
+            and s.total > thresholds.SHARES.majority * selected_score.total
+        )
         is_open = s.total > 0 and (close or (as_likely and h.is_in_catalogue))
         if is_open:
             names.append(name)
@@ -133,7 +136,7 @@ def estimate_parameters(
         for s in range(len(t.shapes)):
             m = model_without.with_law(t, s, with_prior=True)
             more = max(p - c.whitened.X.shape[2], 0)  # coefficients; they have to pay as in the selection
-            cost = thresholds.DETECTION.per_coefficient * more * m.residual_variance
+            cost = thresholds.LEVELS.gain_two_sigma * more * m.residual_variance
             if m.rss + cost > most and (t is not c.whitened or s != c.scored.shape):
                 continue
             x, covariance, freedom = compute_cluster_robust_fit(m)
@@ -187,8 +190,7 @@ def drop_meaningless_estimates(estimates: dict[str, EstimatedValue]) -> dict[str
             out[name] = replace(e, value=0.0)
             continue
         is_component = name.endswith(COMPONENTS)
-        limits = thresholds.PROOF
-        most = limits.widest_percent if e.unit == "%" else limits.widest * largest[e.unit]
+        most = thresholds.RATIOS.impossible * largest[e.unit]
         if n and not is_component and around_zero and high - low > most > 0.0:
             continue
         out[name] = e
@@ -278,7 +280,7 @@ def _compute_likelihood_margin(model_without: WhitenedModel, c: SelectedEffect, 
     m = model_without.with_law(c.whitened, c.scored.shape, with_prior=True)
     freedom = len(m.y) - m.count
     beyond = best - freedom - 2.0 * np.sqrt(2.0 * freedom)  # excess over noise at two standard deviations
-    form = 0.0 if c.whitened.hypothesis.is_exact else min(beyond, thresholds.DETECTION.beside * c.scored.gain)
+    form = 0.0 if c.whitened.hypothesis.is_exact else min(beyond, thresholds.SHARES.law_error * c.scored.gain)
     return max(compute_likelihood_margin(c.whitened.hypothesis) * m.residual_variance, form)
 
 

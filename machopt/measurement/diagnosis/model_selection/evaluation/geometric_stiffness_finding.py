@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from machopt.data_types.stiffness import StiffnessTerm
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding, MismatchShare
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import add_selected_effects
@@ -69,7 +69,7 @@ def find_geometric_stiffness(state: SearchState) -> GeometricStiffnessFinding | 
     for c in state.chosen:  # by columns: cached products of laws belong to another whitening
         without = without.with_columns(c.columns, c.whitened.precision(c.scored.shape))
     gain = (without.rss - best.rss) / best.residual_variance
-    if gain < max(thresholds.DETECTION.gain, thresholds.DETECTION.named * len(state.base.y)):
+    if gain < max(thresholds.LEVELS.min_gain, thresholds.SHARES.geometric_stiffness_gain_per_row * len(state.base.y)):
         return None
     noncentrality = np.sqrt(gain)
     share = 100.0 * float(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import HoldoutProof
 from machopt.measurement.diagnosis.model_selection.search.search_stages import search_effects
 from machopt.measurement.diagnosis.model_selection.search.search_state import SearchState
@@ -30,9 +30,9 @@ def validate_on_holdout(state: SearchState, most: int, rng: np.random.Generator)
     """
     problem = state.problem
     groups = np.unique(problem.group)
-    if len(groups) < thresholds.PROOF.fewest_groups:
+    if len(groups) < thresholds.COUNTS.min_groups:
         return None
-    locked = np.sort(rng.choice(groups, max(2, round(thresholds.PROOF.locked * len(groups))), replace=False))
+    locked = np.sort(rng.choice(groups, max(2, round(thresholds.SHARES.holdout * len(groups))), replace=False))
     is_locked = np.isin(problem.group, locked)
     used = state.used_rows & ~is_locked
     w = build_whitening(problem, state.noise, used)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import DiagnosisProblem
 from machopt.measurement.diagnosis.data_types.diagnosis_result import AxisInterval, MismatchShare
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import ScoredHypothesis
@@ -68,7 +68,11 @@ def measure_repeatable_mismatch(
     if problem.order is None:
         return again
     lasting = _compute_visit_correlation(problem, e, used, problem.order, rng)
-    return lasting if lasting.power > again.power and lasting.p_value <= thresholds.PROOF.permitted else again
+    return (
+        lasting
+        if lasting.power > again.power and lasting.p_value <= thresholds.LEVELS.mismatch_significance_level
+        else again
+    )
 
 
 def _compute_visit_correlation(
@@ -83,7 +87,7 @@ def _compute_visit_correlation(
     session = np.zeros(len(visits))
     session[label] = problem.session[rows]
     order = np.lexsort((when, session))
-    if len(order) < thresholds.PROOF.least_visits:
+    if len(order) < thresholds.COUNTS.min_degrees_of_freedom:
         return RepeatableMismatch(0.0, 1.0)
     mean, session = mean[order], session[order]
     spans = np.split(np.arange(len(order)), np.flatnonzero(np.diff(session)) + 1)
@@ -151,8 +155,8 @@ def has_repeatable_instrument_error(
         if weight <= 0:
             continue
         found = _compute_sign_flip_chance(*sums, weight, rng)
-        least = thresholds.PROOF.matters * noise.total(n)
-        if found.p_value <= thresholds.PROOF.certain and np.sqrt(max(found.power, 0.0)) > least:
+        least = thresholds.SHARES.minority * noise.total(n)
+        if found.p_value <= thresholds.LEVELS.mismatch_significance_level and np.sqrt(max(found.power, 0.0)) > least:
             return True
     return False
 
@@ -179,11 +183,11 @@ def _compute_allowed_power(problem: DiagnosisProblem, used: Flags, noise: Replic
     """
     family = problem.families[0]
     if family.stated_uncertainty is not None:
-        return (thresholds.PROOF.trusted * family.stated_uncertainty) ** 2
+        return (thresholds.LEVELS.three_sigma * family.stated_uncertainty) ** 2
     groups = len(np.unique(problem.group[used])) * len(family.columns)
     free = max(groups - problem.base.shape[2], 1)
     gain = 0.0 if problem.scale is None else noise.gain**2 * float(np.mean(problem.scale[used][:, family.columns] ** 2))
-    return float(thresholds.PROOF.unsure * (noise.total(0) ** 2 + gain) * (groups / free) ** 2)
+    return float(thresholds.RATIOS.larger * (noise.total(0) ** 2 + gain) * (groups / free) ** 2)
 
 
 def _sum_products_by_visit_pair(
@@ -291,6 +295,6 @@ def locate_in_data(
             for low, high, m in parts
         ]
         share, there = max(found, key=lambda f: f[0] - f[1].readings)
-        if share > thresholds.PROOF.concentrated * there.readings:
+        if share > thresholds.RATIOS.equal_fit * there.readings:
             out.append(MismatchShare(name, float(np.clip(share, 0.0, 1.0)), there.words, "data", there))
     return sorted(out, key=lambda s: -s.share)

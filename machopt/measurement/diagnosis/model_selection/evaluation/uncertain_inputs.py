@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.search.candidate_checks import compute_least_gain
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import (
     drop_unpredictive_effects,
@@ -32,7 +32,7 @@ def include_uncertain_inputs(state: SearchState) -> SearchState:
         The new state; the given one without such inputs, or if they would have to be implausible.
     """
     inputs = state.catalogue.uncertain_inputs
-    if inputs is None or len(state.chosen) > thresholds.RESTING.crowded:
+    if inputs is None or len(state.chosen) > thresholds.COUNTS.max_stepwise_effects:
         return state
     problem = replace(
         state.problem,
@@ -58,7 +58,7 @@ def _drop_explained(base: WhitenedModel, chosen: tuple[SelectedEffect, ...]) -> 
         for c in out:
             beside = add_selected_effects(base, [o for o in out if o is not c])
             least = compute_least_gain(beside, c.scored) * beside.residual_variance
-            half = thresholds.DETECTION.generalises * before[c.whitened.hypothesis.name]
+            half = thresholds.SHARES.min_transfer * before[c.whitened.hypothesis.name]
             if c.scored.gain < min(least, half):
                 weak.append(c)
         if not weak:
@@ -74,4 +74,4 @@ def _are_plausible(state: SearchState, chosen: tuple[SelectedEffect, ...]) -> bo
     P = len(state.base_units)
     values = (add_selected_effects(state.base, chosen).coefficients[:P] * state.base_units)[P - len(unknowns) :]
     scales = np.array([u.prior for u in unknowns], float)
-    return bool(np.all(np.abs(values) ** 2 <= thresholds.DETECTION.as_good * scales**2))
+    return bool(np.all(np.abs(values) ** 2 <= thresholds.LEVELS.gain_three_sigma * scales**2))

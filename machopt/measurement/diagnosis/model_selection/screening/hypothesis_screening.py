@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     MIN_COLUMN_SQUARE,
     WhitenedModel,
@@ -262,7 +262,7 @@ def _regularise_absorbed_directions(S: Array, whole: Array) -> tuple[Array, Arra
     """Return S with regularised absorbed directions, and the visible share (B,) of the best column."""
     d = np.maximum(np.diagonal(whole, axis1=-2, axis2=-1), MIN_COLUMN_SQUARE)
     left = np.maximum(np.diagonal(S, axis1=-2, axis2=-1), 0.0) / d
-    heavy = np.maximum(thresholds.DETECTION.absorbed - left, 0.0) * d
+    heavy = np.maximum(thresholds.SHARES.absorbed_power - left, 0.0) * d
     p = S.shape[-1]
     out = S.copy()
     out[:, np.arange(p), np.arange(p)] += heavy + 1e-6 * d

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     MIN_COLUMN_SQUARE,
     ModelColumns,
@@ -226,5 +226,5 @@ def _compute_gains(S: Array, u: Array, size: Array) -> Array:
     else:
         value, V = np.linalg.eigh(S / (size[:, :, None] * size[:, None, :]))
         w = np.einsum("kij,ki->kj", V, u / size)
-    seen = value > thresholds.RESTING.visible
+    seen = value > thresholds.SHARES.rank
     return np.asarray(np.sum(np.where(seen, w**2 / np.where(seen, value, 1.0), 0.0), axis=1))

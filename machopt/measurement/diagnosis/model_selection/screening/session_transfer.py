@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import ScoredHypothesis
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel, invert_with_ridge
 from machopt.numerics.array_types import Array
@@ -27,7 +27,7 @@ def compute_session_transfer(model: WhitenedModel, s: ScoredHypothesis) -> float
         Ratio of gains; NaN for a single session, or if a session has too few groups.
     """
     session_sums = model.by_session
-    if len(session_sums.rows) < 2 or session_sums.groups < thresholds.PROOF.fewest_groups or s.gain <= 0.0:
+    if len(session_sums.rows) < 2 or session_sums.groups < thresholds.COUNTS.min_groups or s.gain <= 0.0:
         return float("nan")
     XX, Xy = _add_law_columns(model, s.whitened.columns_at(s.shape))
     H, h = XX.sum(axis=0), Xy.sum(axis=0)
@@ -72,4 +72,4 @@ def is_consistent_between_sessions(model: WhitenedModel, s: ScoredHypothesis) ->
     if s.whitened.hypothesis.family in SESSION_DEPENDENT_FAMILIES or s.whitened.hypothesis.varies_between_sessions:
         return True
     share = compute_session_transfer(model, s)
-    return bool(np.isnan(share) or share > thresholds.DETECTION.another_day)
+    return bool(np.isnan(share) or share > thresholds.SHARES.min_transfer)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.effects import registry
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     FittedHypothesis,
     ScoredHypothesis,
@@ -72,8 +72,8 @@ def compute_least_gain(model: WhitenedModel, s: FittedHypothesis) -> float:
     """
     h = s.whitened.hypothesis
     p = s.whitened.X.shape[2]
-    least: float = thresholds.DETECTION.gain + thresholds.DETECTION.per_coefficient * (p - 1) + h.penalty
-    return max(least, thresholds.DETECTION.share * len(model.y))
+    least: float = thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (p - 1) + h.penalty
+    return max(least, thresholds.SHARES.min_gain_per_row * len(model.y))
 
 
 def has_plausible_sizes(s: FittedHypothesis) -> bool:
@@ -111,20 +111,19 @@ def _gains_enough(model: WhitenedModel, s: FittedHypothesis) -> bool:
 
 
 def _predicts_unseen_groups(model: WhitenedModel, s: ScoredHypothesis) -> bool:
-    return s.total > thresholds.DETECTION.generalises * s.gain
+    return s.total > thresholds.SHARES.min_transfer * s.gain
 
 
 def _keeps_gain_at_plausible_coefficients(model: WhitenedModel, s: ScoredHypothesis) -> bool:
     loss = project_to_plausible_coefficients(model, s.whitened, s.shape, s.x)[1]
-    return loss <= (1.0 - thresholds.DETECTION.possible) * s.gain
+    return loss <= (1.0 - thresholds.SHARES.half_power_amplitude) * s.gain
 
 
 def _is_supported_by_several_groups(model: WhitenedModel, s: ScoredHypothesis) -> bool:
     """Return whether a law does not depend on a single group: the others contribute their share or suffice alone."""
     others = s.total - float(s.heldout.max())
-    return (
-        others > thresholds.DETECTION.without_best * s.total
-        or others / model.residual_variance >= compute_least_gain(model, s)
+    return others > thresholds.SHARES.minority * s.total or others / model.residual_variance >= compute_least_gain(
+        model, s
     )
 
 
@@ -136,7 +135,7 @@ CANDIDATE_CHECKS: tuple[CandidateCheck, ...] = (
     CandidateCheck(
         name="gain",
         statistic="reduction of the whitened sum of squares: squared noncentrality",
-        levels=("detection.gain", "detection.per_coefficient", "detection.share"),
+        levels=("levels.min_gain", "levels.gain_two_sigma", "shares.min_gain_per_row"),
         reference="likelihood ratio; 30 is 5.5 standard deviations",
         rejects="an effect too small to matter, or with too many coefficients for its gain",
         is_passed=_gains_enough,
@@ -152,7 +151,7 @@ CANDIDATE_CHECKS: tuple[CandidateCheck, ...] = (
     CandidateCheck(
         name="unseen groups",
         statistic="gain on poses or cycles without which the coefficients were fitted, per gain",
-        levels=("detection.generalises",),
+        levels=("shares.min_transfer",),
         reference="cross-validation by groups (Stone 1974)",
         rejects="an effect that fits, and does not predict",
         is_passed=_predicts_unseen_groups,
@@ -160,7 +159,7 @@ CANDIDATE_CHECKS: tuple[CandidateCheck, ...] = (
     CandidateCheck(
         name="possible coefficients",
         statistic="gain that is left at the nearest coefficients that are physically possible",
-        levels=("detection.possible",),
+        levels=("shares.half_power_amplitude",),
         reference="positive semidefinite compliance, inertia",
         rejects="a body that would have to be of negative stiffness",
         is_passed=_keeps_gain_at_plausible_coefficients,
@@ -168,7 +167,7 @@ CANDIDATE_CHECKS: tuple[CandidateCheck, ...] = (
     CandidateCheck(
         name="several groups",
         statistic="cross-validated gain without the best group",
-        levels=("detection.without_best",),
+        levels=("shares.minority",),
         reference="leave-one-group-out influence",
         rejects="an effect that one pose or one cycle alone shows",
         is_passed=_is_supported_by_several_groups,
@@ -184,7 +183,7 @@ CANDIDATE_CHECKS: tuple[CandidateCheck, ...] = (
     CandidateCheck(
         name=BETWEEN_SESSIONS,
         statistic="gain on each session with the coefficients of the other sessions, per gain",
-        levels=("detection.another_day",),
+        levels=("shares.min_transfer",),
         reference="cross-validation by sessions",
         rejects="an effect of the robot that another session contradicts",
         is_passed=is_consistent_between_sessions,

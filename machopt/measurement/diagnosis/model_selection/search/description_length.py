@@ -19,7 +19,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     ScoredHypothesis,
     compute_chance_probability,
@@ -93,7 +93,7 @@ def find_shortest_description(
             return sorted(found, key=lambda c: -c.scored.total)
         least = min(weak, key=lambda k: found[k].scored.gain)
         best = (*best[:least], *best[least + 1 :])
-        if view.length(best) >= view.length(start) - thresholds.DETECTION.shorter:
+        if view.length(best) >= view.length(start) - thresholds.LEVELS.min_evidence:
             return list(chosen)
 
 
@@ -130,7 +130,7 @@ def exchange_for_weight_laws(
         spread, model_without = add_selected_effects(model, out).residual_variance, add_selected_effects(model, others)
         length = partial(_compute_length, spread=spread, count=len(model.y))
         own = score_hypotheses(model_without, [select_shape(c.whitened, c.scored.shape)])[0]
-        most = length(own) - thresholds.DETECTION.shorter
+        most = length(own) - thresholds.LEVELS.min_evidence
         better = [
             s for s in score_hypotheses(model_without, near) if length(s) < most and is_supported(model_without, s)
         ]
@@ -139,14 +139,14 @@ def exchange_for_weight_laws(
             residual = add_selected_effects(model, [*others, SelectedEffect(best, 1.0)]).residual
             among = fit_hypotheses(model_without, [t for t in laws if t.hypothesis.name not in names])
             chance = float(compute_chance_probability(model_without, [best, *among], residual, rng)[0])
-            out[k] = SelectedEffect(best, chance) if chance <= thresholds.DETECTION.chance else c
+            out[k] = SelectedEffect(best, chance) if chance <= thresholds.LEVELS.significance_level else c
     return sorted(out, key=lambda c: -c.scored.total)
 
 
 def _is_covered_by_compliance(found: Sequence[SelectedEffect], k: int) -> bool:
     """Return whether the k-th effect gains no more than the model error of a compliant body."""
     bodies = [c for n, c in enumerate(found) if n != k and c.whitened.hypothesis.family == BODY]
-    return found[k].scored.gain <= compute_law_error(found[k].scored, bodies, thresholds.DETECTION.beside_body)
+    return found[k].scored.gain <= compute_law_error(found[k].scored, bodies, thresholds.SHARES.body_law_error)
 
 
 def _is_weight_law(t: WhitenedHypothesis) -> bool:
@@ -190,7 +190,7 @@ class _DescriptionSearch:
             now = self.length(group_indices)
             each = [(self.length(s), s) for s in self._exchanges(group_indices)]
             least = min(each, default=(now, group_indices))
-            if now - least[0] <= thresholds.DETECTION.shorter:
+            if now - least[0] <= thresholds.LEVELS.min_evidence:
                 return group_indices
             group_indices = least[1]
 
@@ -271,7 +271,7 @@ class _DescriptionSearch:
         """Drop groups whose removal hardly changes the description length."""
         while len(some) > len(required) + 1:
             each = [(self.length(w), w) for w in (tuple(o for o in some if o != g) for g in some if g not in required)]
-            if min(each)[0] >= self.length(some) + thresholds.DETECTION.shorter:
+            if min(each)[0] >= self.length(some) + thresholds.LEVELS.min_evidence:
                 break
             some = min(each)[1]
         return some

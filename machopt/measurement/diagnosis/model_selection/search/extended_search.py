@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from machopt.effects.joint import joint_angle_errors
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, HypothesisCatalogue
 from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, search_stages
 from machopt.measurement.diagnosis.model_selection.search.predictive_score import compute_set_score, get_required_gain
@@ -82,7 +82,8 @@ def _search_larger_grids(problem: ExtensionProblem, search_outcome: SearchOutcom
 
 def _search_uncatalogued_forms(problem: ExtensionProblem, search_outcome: SearchOutcome) -> SearchOutcome:
     several = (
-        harmonic_orders.count_parts(search_outcome[1]) > 1 and len(search_outcome[1]) <= thresholds.RESTING.crowded
+        harmonic_orders.count_parts(search_outcome[1]) > 1
+        and len(search_outcome[1]) <= thresholds.COUNTS.max_stepwise_effects
     )
     if not several and not _has_remaining_mismatch(problem.base, search_outcome[1], problem.noise_variance):
         return search_outcome
@@ -101,13 +102,13 @@ def compute_mismatch_threshold(base: WhitenedModel) -> float:
         Excess variance over 1.
     """
     error = float(np.sqrt(2.0 / len(base.w.group_of_visit)))
-    return max(thresholds.PROOF.restless, thresholds.PROOF.restless_errors * error)
+    return max(thresholds.SHARES.minority, thresholds.RATIOS.larger * error)
 
 
 def _has_remaining_mismatch(base: WhitenedModel, chosen: Sequence[SelectedEffect], fits: float) -> bool:
     """Return whether the selected effects leave more than noise. Zero offsets do not count as many effects."""
     others = [c for c in chosen if c.whitened.hypothesis.effect != joint_angle_errors.ZERO.file_word]
-    few = len(others) <= thresholds.RESTING.crowded
+    few = len(others) <= thresholds.COUNTS.max_stepwise_effects
     return (
         few
         and np.isfinite(fits)
@@ -140,14 +141,14 @@ def _is_shorter_description(base: WhitenedModel, new: Sequence[SelectedEffect], 
     spread = min(m.residual_variance for m in models)
     numbers = [sum(len(c.scored.x) + len(c.whitened.shapes[c.scored.shape]) for c in some) for some in (new, old)]
     lengths = [m.rss / spread + n * float(np.log(len(m.y))) for m, n in zip(models, numbers, strict=True)]
-    return lengths[0] < lengths[1] - thresholds.DETECTION.shorter
+    return lengths[0] < lengths[1] - thresholds.LEVELS.min_evidence
 
 
 EXTENSION_STAGES: tuple[ExtensionStage, ...] = (
     ExtensionStage(
         name="larger grids",
         statistic="the search again, with finer and wider grids of shapes, while more than noise is left",
-        levels=("proof.restless", "proof.restless_errors", "resting.crowded"),
+        levels=("shares.minority", "ratios.larger", "counts.max_stepwise_effects"),
         reference="χ² of whitened residuals; log predictive score",
         rejects="a law whose shape the regular grid misses",
         change=_search_larger_grids,
@@ -155,7 +156,7 @@ EXTENSION_STAGES: tuple[ExtensionStage, ...] = (
     ExtensionStage(
         name="forms without a name",
         statistic="the search again, with forms outside the catalogue; BIC of both results",
-        levels=("detection.shorter", "proof.restless", "proof.restless_errors"),
+        levels=("levels.min_evidence", "shares.minority", "ratios.larger"),
         reference="BIC difference of 10 (Kass & Raftery 1995)",
         rejects="several effects that together imitate one that the catalogue lacks",
         change=_search_uncatalogued_forms,

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     FittedHypothesis,
     ScoredHypothesis,
@@ -130,7 +130,7 @@ def prune_joint_effects(
         The remaining effects.
     """
     chosen = [SelectedEffect(score_hypotheses(model, [t])[0], 1.0) for t in laws]
-    known = add_selected_effects(model, chosen).rss > thresholds.RESTING.noise_known * len(model.y)
+    known = add_selected_effects(model, chosen).rss > thresholds.SHARES.majority * len(model.y)
     while True:
         model_without = [add_selected_effects(model, [o for o in chosen if o is not c]) for c in chosen]
         chosen = [
@@ -144,7 +144,7 @@ def prune_joint_effects(
             del chosen[int(np.argmin(needed))]
             continue
         chosen = compute_chances(model, chosen, tried, rng)
-        weak = [k for k, c in enumerate(chosen) if c.p_value > thresholds.DETECTION.chance]
+        weak = [k for k, c in enumerate(chosen) if c.p_value > thresholds.LEVELS.significance_level]
         if not weak:
             return sorted(_refit_together(model, chosen), key=lambda c: -c.scored.total)
         del chosen[min(weak, key=lambda k: chosen[k].scored.gain)]
@@ -225,7 +225,7 @@ class _SelectionStep:
 def _has_gain_beyond_chance(
     fitted: Sequence[FittedHypothesis], chance: Array, chosen: Sequence[SelectedEffect], body_error_share: float
 ) -> Flags:
-    return chance <= thresholds.DETECTION.chance
+    return chance <= thresholds.LEVELS.significance_level
 
 
 def _has_gain_beyond_law_errors(
@@ -254,7 +254,7 @@ STEP_CHECKS: tuple[StepCheck, ...] = (
     StepCheck(
         name="chance",
         statistic="share of 499 sign flips of whole groups whose largest gain of any law and shape is as large",
-        levels=("detection.chance",),
+        levels=("levels.significance_level",),
         reference="wild cluster bootstrap, max-T (Westfall & Young 1993)",
         rejects="the best of many laws where nothing is concealed",
         find_passing=_has_gain_beyond_chance,
@@ -262,7 +262,7 @@ STEP_CHECKS: tuple[StepCheck, ...] = (
     StepCheck(
         name="law error",
         statistic="gain per gain that the laws selected so far may leave because their form is not exact",
-        levels=("detection.beside", "detection.beside_here", "detection.beside_body", "detection.beside_exact"),
+        levels=("shares.law_error", "shares.minority", "shares.body_law_error", "shares.exact_law_error"),
         reference="model discrepancy as a share of the effect (Kennedy & O'Hagan 2001)",
         rejects="an effect that is the residual of a larger one",
         find_passing=_has_gain_beyond_law_errors,
@@ -306,9 +306,12 @@ def _select_supported_law(model: WhitenedModel, fitted: Sequence[FittedHypothesi
     quiet = max(1.0, (model.rss - largest.gain) / max(len(model.y) - model.count, 1))
 
     def worth(s: ScoredHypothesis) -> float:
-        more, d = s.whitened.X.shape[2] - 1, thresholds.DETECTION
+        more = s.whitened.X.shape[2] - 1
         own = s.whitened.hypothesis.penalty
-        cost = min((own + d.simpler * more) * model.residual_variance, (own + d.as_good * more) * quiet)
+        cost = min(
+            (own + thresholds.LEVELS.gain_two_sigma * more) * model.residual_variance,
+            (own + thresholds.LEVELS.gain_three_sigma * more) * quiet,
+        )
         return float(s.total - cost)
 
     return next(s for s in sorted(scored, key=lambda s: -worth(s)) if s is largest or is_supported(model, s))
@@ -333,14 +336,14 @@ def _search_pairs(
         for one, two in ((a, b), (b, a)):
             m = model.with_law(one.whitened, one.shape)
             second = score_hypotheses(m, [two.whitened])[0]
-            if one.total + second.total <= best + thresholds.DETECTION.pair_must_win * model.residual_variance:
+            if one.total + second.total <= best + thresholds.LEVELS.gain_three_sigma * model.residual_variance:
                 continue
             first = score_hypotheses(model.with_law(second.whitened, second.shape), [one.whitened])[0]
             both = [SelectedEffect(first, chosen[0].p_value), SelectedEffect(second, chosen[1].p_value)]
             if (
                 is_supported(m, second)
                 and _compute_joint_gain(model, both)
-                > best + thresholds.DETECTION.pair_must_win * model.residual_variance
+                > best + thresholds.LEVELS.gain_three_sigma * model.residual_variance
             ):
                 best, pair = _compute_joint_gain(model, both), both
     return pair
@@ -350,7 +353,7 @@ GROWTH_STAGES: tuple[GrowthStage, ...] = (
     GrowthStage(
         name="pairs",
         statistic="cross-validated gain of each pair of the six best laws",
-        levels=("detection.pair_must_win",),
+        levels=("levels.gain_three_sigma",),
         reference="best subsets of two (Furnival & Wilson 1974)",
         rejects="one effect that imitates two",
         regroup=_search_pairs,
@@ -358,7 +361,7 @@ GROWTH_STAGES: tuple[GrowthStage, ...] = (
     GrowthStage(
         name="exchange",
         statistic="gain of every law in place of each selected one",
-        levels=("detection.chance", "detection.beside"),
+        levels=("levels.significance_level", "shares.law_error"),
         reference="stepwise regression with exchanges (Efroymson 1960)",
         rejects="an early choice that later ones make wrong",
         regroup=_exchange_effects,

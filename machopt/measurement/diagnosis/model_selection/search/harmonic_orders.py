@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape, ShapeRefinement
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     compute_chance_probability,
@@ -124,7 +124,7 @@ def _find_next_order(
         return None
     left = model.with_law(best.whitened, best.shape).residual
     each = [best, *(f for f in fit_hypotheses(model, single) if f.whitened is not best.whitened)]
-    if float(compute_chance_probability(model, each, left, rng)[0]) > thresholds.DETECTION.chance:
+    if float(compute_chance_probability(model, each, left, rng)[0]) > thresholds.LEVELS.significance_level:
         return None
     return float(best.whitened.shapes[best.shape][0])
 
@@ -142,7 +142,7 @@ def _refine_orders(model: WhitenedModel, model_without: WhitenedModel, law: Effe
                 )
             about = tuple(dict.fromkeys(((order,), *law.refinement.shapes_around((order,), share))))
             gain = compute_gain_by_shape(m, whiten_hypotheses(model, [replace(law, shapes=about)])[0])
-            near = np.flatnonzero(gain.max() - gain < thresholds.DETECTION.near_shape * m.residual_variance)
+            near = np.flatnonzero(gain.max() - gain < thresholds.LEVELS.gain_two_sigma * m.residual_variance)
             plain = [i for i in near.tolist() if law.refinement.is_preferred(about[i])]
             out[n] = about[max(plain or near.tolist(), key=lambda i: float(gain[i]))][0]
     return tuple(dict.fromkeys(out))

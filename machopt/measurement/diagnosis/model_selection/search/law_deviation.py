@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     ScoredHypothesis,
@@ -98,14 +98,14 @@ def _search_with_deviations(
     found = select_effects(model, elsewhere, most, rng, start=start)
     left = add_selected_effects(model, found).rss - noise_variance * len(model.y)
     is_larger = len(_list_named(found)) > len(chosen)
-    return found if is_larger and left <= thresholds.PROOF.outweighs * (beyond - left) else []
+    return found if is_larger and left <= thresholds.SHARES.majority * (beyond - left) else []
 
 
 def _may_close_most(
     whitened_model: WhitenedModel, start: Sequence[SelectedEffect], elsewhere: Sequence[WhitenedHypothesis], each: float
 ) -> bool:
     """Return whether a supported effect elsewhere closes enough of ``each``, an equal part of what is left."""
-    share = 1.0 / (1.0 + thresholds.PROOF.outweighs)
+    share = 1.0 / (1.0 + thresholds.SHARES.majority)
     places = {c.whitened.hypothesis.location for c in start}
     other = [t for t in elsewhere if t.hypothesis.location not in places]
     return any(
@@ -125,10 +125,10 @@ def _is_left_beyond_noise(
     if not np.isfinite(noise_variance) or not c.whitened.hypothesis.is_in_catalogue:
         return False
     whole = add_selected_effects(model, chosen)
-    hidden = thresholds.DETECTION.beside * c.scored.gain
+    hidden = thresholds.SHARES.law_error * c.scored.gain
     return (
-        hidden > thresholds.DETECTION.share * whole.rss
-        and whole.residual_variance > noise_variance + thresholds.PROOF.restless
+        hidden > thresholds.SHARES.min_gain_per_row * whole.rss
+        and whole.residual_variance > noise_variance + thresholds.SHARES.minority
     )
 
 
@@ -143,17 +143,17 @@ def _add_law_deviation(
     parts: list[ScoredHypothesis] = []
     while len(parts) < MOST_LAWS:
         best = max(score_hypotheses(whole, here), key=lambda s: s.total, default=None)
-        if best is None or best.total < thresholds.DETECTION.gain * whole.residual_variance:
+        if best is None or best.total < thresholds.LEVELS.min_gain * whole.residual_variance:
             break
         parts.append(best)
         whole = whole.with_law(best.whitened, best.shape)
-    least = thresholds.DETECTION.gain * whole.residual_variance
+    least = thresholds.LEVELS.min_gain * whole.residual_variance
     law = whiten_hypotheses(model, [_build_deviation(model, chosen, c, parts)]) if parts else []
     if not law:
         return [replace(o, law_error=least) if o is c else o for o in chosen]
     deviation = score_hypotheses(add_selected_effects(model, chosen), law)[0]
     # the error of an expansion is about its last term; of one term it is a share, as of any law
-    error = max(least, min(parts[-1].gain, thresholds.DETECTION.beside * deviation.gain))
+    error = max(least, min(parts[-1].gain, thresholds.SHARES.law_error * deviation.gain))
     return [*chosen, SelectedEffect(deviation, 0.0, error)]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from machopt.data_types.effect_locations import BASE, LINK, TOOL, parse_location
 from machopt.effects.structure import as_built_joint_frames
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import FittedHypothesis
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import (
@@ -42,13 +42,13 @@ def compute_law_error(s: FittedHypothesis, chosen: Sequence[SelectedEffect], of_
     def share(c: SelectedEffect) -> float:
         h = c.whitened.hypothesis
         if h.is_exact:
-            return thresholds.DETECTION.beside_exact
+            return thresholds.SHARES.exact_law_error
         if h.is_approximate or _is_neighbour(h, s.whitened.hypothesis):
-            return thresholds.DETECTION.beside_here
+            return thresholds.SHARES.minority
         if h.family == SENSOR:
-            return min(thresholds.DETECTION.beside, _compute_second_order_share(c))
+            return min(thresholds.SHARES.law_error, _compute_second_order_share(c))
         bends = h.family == BODY and not _is_behind_body(s.whitened.hypothesis, h)
-        return max(thresholds.DETECTION.beside, of_body if bends else 0.0)
+        return max(thresholds.SHARES.law_error, of_body if bends else 0.0)
 
     def error(c: SelectedEffect) -> float:
         if not _is_neighbour(c.whitened.hypothesis, s.whitened.hypothesis):
@@ -98,7 +98,7 @@ def compute_body_error_share(tried: Sequence[WhitenedHypothesis]) -> float:
         Share of the gain.
     """
     poses = any(t.hypothesis.effect == as_built_joint_frames.EFFECT.name for t in tried)
-    return thresholds.DETECTION.beside_body if poses else 0.0
+    return thresholds.SHARES.body_law_error if poses else 0.0
 
 
 def _is_behind_body(a: EffectHypothesis, body: EffectHypothesis) -> bool:

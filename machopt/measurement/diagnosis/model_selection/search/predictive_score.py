@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from machopt.effects.joint import joint_angle_errors
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.search.candidate_checks import has_plausible_sizes
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import SelectedEffect, add_selected_effects
@@ -29,7 +29,7 @@ from machopt.numerics.array_types import Array, Ints
 
 def get_required_gain() -> float:
     """Return by how much a score (log density) has to be larger: half of the limit for −2 log evidence."""
-    return 0.5 * thresholds.DETECTION.shorter
+    return 0.5 * thresholds.LEVELS.min_evidence
 
 
 @dataclass(frozen=True, kw_only=True)

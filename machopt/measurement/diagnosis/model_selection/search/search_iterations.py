@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.data_types.stiffness import StiffnessTerm
 from machopt.effects.joint import joint_angle_errors
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Correction, DiagnosisProblem, HypothesisCatalogue
 from machopt.measurement.diagnosis.model_selection.search import extended_search
 from machopt.measurement.diagnosis.model_selection.search.progress_messages import ProgressRate
@@ -131,7 +131,7 @@ def _build_linearisation_point(chosen: Sequence[SelectedEffect]) -> Linearisatio
     predicted worse: 0.107 mm instead of 0.087 mm.
     """
     offsets = [c for c in chosen if c.whitened.hypothesis.effect == joint_angle_errors.ZERO.file_word]
-    if len(chosen) - len(offsets) > thresholds.RESTING.crowded:
+    if len(chosen) - len(offsets) > thresholds.COUNTS.max_stepwise_effects:
         return LinearisationPoint()
     named = [
         (c.whitened.hypothesis.family, _build_correction(c)) for c in chosen if c.whitened.hypothesis.is_in_catalogue

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import score_hypotheses
 from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sums import CachedSums
 from machopt.measurement.diagnosis.model_selection.search import harmonic_orders, law_deviation
@@ -129,7 +129,7 @@ def _select_many(search: EffectSearch, selection: EffectSelection | None) -> Eff
     if not found:
         return selection
     needed = prune_joint_effects(model, found, laws, search.rng)
-    is_crowded = len(needed) > thresholds.RESTING.crowded
+    is_crowded = len(needed) > thresholds.COUNTS.max_stepwise_effects
     chosen = needed if is_crowded else _drop_law_errors(model, needed, laws)
     return EffectSelection(_list_rivals(laws, found), tuple(chosen), is_joint=True)
 
@@ -172,13 +172,13 @@ def _search_beside_deviations(search: EffectSearch, selection: EffectSelection |
 
 def _prefer_zero_offsets(search: EffectSearch, selection: EffectSelection | None) -> EffectSelection | None:
     """Select zero offsets at first and add what predicts; accepted where it predicts clearly better."""
-    if selection is None or not search.zero_offsets or len(selection.chosen) > thresholds.RESTING.crowded:
+    if selection is None or not search.zero_offsets or len(selection.chosen) > thresholds.COUNTS.max_stepwise_effects:
         return selection  # many effects are already selected jointly, by their cross-validated error
     model, laws = search.model, search.laws
     picked = add_predictive_groups(search.sums.sum_all, search.zero_offsets, search.most)
     joint = [SelectedEffect(s, 1.0) for s in score_hypotheses(model, whiten_picked_groups(model, picked))]
     chosen = compute_chances(model, drop_unpredictive_effects(model, joint), laws, search.rng)
-    chosen = [c for c in chosen if c.p_value <= thresholds.DETECTION.chance and has_plausible_sizes(c.scored)]
+    chosen = [c for c in chosen if c.p_value <= thresholds.LEVELS.significance_level and has_plausible_sizes(c.scored)]
     chosen = _drop_law_errors(model, score_together(model, chosen), laws)
     if compute_set_score(model, chosen) <= compute_set_score(model, selection.chosen) + get_required_gain():
         return selection
@@ -225,14 +225,14 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
         name="many effects",
         statistic="gain on unseen groups of groups of columns, each refitted with all before it",
         levels=(
-            "detection.gain",
-            "detection.generalises",
-            "detection.simpler",
-            "detection.beside",
-            "detection.beside_exact",
-            "resting.per_column",
-            "resting.crowded",
-            "resting.clearer",
+            "levels.min_gain",
+            "shares.min_transfer",
+            "levels.gain_two_sigma",
+            "shares.law_error",
+            "shares.exact_law_error",
+            "counts.min_rows_per_column",
+            "counts.max_stepwise_effects",
+            "ratios.larger",
         ),
         reference="group orthogonal matching pursuit (Lozano, Swirszcz & Abe 2009)",
         rejects="few large laws in place of many small ones (measured poses)",
@@ -241,7 +241,7 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
     SearchStage(
         name="few effects",
         statistic="gain on unseen groups, one effect after the other",
-        levels=("detection.chance", "detection.beside", "detection.simpler", "detection.as_good"),
+        levels=("levels.significance_level", "shares.law_error", "levels.gain_two_sigma", "levels.gain_three_sigma"),
         reference="forward selection with the checks of each candidate",
         rejects="everything that no check supports",
         change=_select_few,
@@ -249,7 +249,7 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
     SearchStage(
         name="shortest description",
         statistic="−2 log evidence of sets of offsets, waves and frames",
-        levels=("detection.shorter",),
+        levels=("levels.min_evidence",),
         reference="MacKay 1992; Kass & Raftery 1995",
         rejects="a frame with six numbers where zero offsets do it (measured poses)",
         change=_shorten_description,
@@ -257,7 +257,7 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
     SearchStage(
         name="weight laws",
         statistic="−2 log evidence of laws that depend on weight in place of an offset, wave or frame",
-        levels=("detection.shorter", "detection.chance"),
+        levels=("levels.min_evidence", "levels.significance_level"),
         reference="the same",
         rejects="an offset or wave that is a compensator or a spring (measured poses)",
         change=_exchange_for_weight,
@@ -265,7 +265,7 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
     SearchStage(
         name="law deviation",
         statistic="gain of effects elsewhere with the deviation of the largest effects from their laws in the model",
-        levels=("detection.gain", "detection.beside", "detection.share", "proof.restless", "proof.outweighs"),
+        levels=("levels.min_gain", "shares.law_error", "shares.min_gain_per_row", "shares.minority", "shares.majority"),
         reference="model discrepancy (Kennedy & O'Hagan 2001)",
         rejects="that the residual of a large effect hides another one (load tests, motions)",
         change=_search_beside_deviations,
@@ -273,7 +273,7 @@ SEARCH_STAGES: tuple[SearchStage, ...] = (
     SearchStage(
         name="zero offsets",
         statistic="log predictive score of unseen poses, all subsets of zero offsets first",
-        levels=("detection.shorter", "detection.chance"),
+        levels=("levels.min_evidence", "levels.significance_level"),
         reference="Gneiting & Raftery 2007",
         rejects="frames that imitate several zero offsets (measured poses)",
         change=_prefer_zero_offsets,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis, Shape, ShapeRefinement
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import (
     compute_gain_by_shape,
@@ -179,7 +179,7 @@ def compute_likelihood_margin(h: EffectHypothesis) -> float:
     Returns:
         Margin.
     """
-    chi2 = thresholds.DETECTION.near_shape
+    chi2 = thresholds.LEVELS.gain_two_sigma
     if not h.has_jumps:
         return chi2
     return float(-2.0 * np.log(1.0 - np.sqrt(1.0 - chdtrc(1.0, chi2))))

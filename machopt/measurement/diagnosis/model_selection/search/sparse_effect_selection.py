@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machopt.effects.structure import as_built_joint_frames
-from machopt.measurement.diagnosis import thresholds
+from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import EffectHypothesis
 from machopt.measurement.diagnosis.model_selection.screening.normal_equation_sums import (
     CachedSums,
@@ -94,7 +94,7 @@ def _mark_unloaded(sums: NormalEquationSums) -> NDArray[np.bool_]:
 def _clear_stand_ins(gained: Array, unloaded: NDArray[np.bool_]) -> None:
     """Set the gain of weight laws to zero that do not clearly exceed the best frame or wave."""
     kinematics = float(gained[unloaded].max(initial=0.0))
-    gained[~unloaded & (gained < thresholds.RESTING.clearer * kinematics)] = 0.0
+    gained[~unloaded & (gained < thresholds.RATIOS.larger * kinematics)] = 0.0
 
 
 def _score_groups(sums: NormalEquationSums, taken: Sequence[LawColumnGroup]) -> float:
@@ -143,11 +143,13 @@ def select_many_effects(
     """
     if not has_frame_laws(laws):
         return []
-    if len(model.y) < thresholds.RESTING.per_column * (model.count + thresholds.RESTING.crowded * 2):
+    if len(model.y) < thresholds.COUNTS.min_rows_per_column * (
+        model.count + thresholds.COUNTS.max_stepwise_effects * 2
+    ):
         return []
     picked = _select_groups_greedily((sums or CachedSums(model, laws)).sum_all, fits, offsets)
     places = {g.law.hypothesis.name for g in picked}
-    if len(places) <= thresholds.RESTING.crowded:
+    if len(places) <= thresholds.COUNTS.max_stepwise_effects:
         return []
     return whiten_picked_groups(model, picked)
 
@@ -163,7 +165,7 @@ def _select_groups_greedily(
     loss = _compute_holdout_squares(sums, columns)
     refused = {n for n, g in enumerate(sums.groups) if any(g is t for t in taken)}
     unloaded = _mark_unloaded(sums)
-    while len(taken) < MOST and sums.rows > thresholds.RESTING.per_column * len(columns):
+    while len(taken) < MOST and sums.rows > thresholds.COUNTS.min_rows_per_column * len(columns):
         rss = float(left[-1, -1])
         spread = max(rss / sums.rows, fits) if np.isfinite(fits) else rss / sums.rows
         gained = compute_group_gains(left, sums)
@@ -176,10 +178,10 @@ def _select_groups_greedily(
                 refused.add(n)
                 continue
             after = _compute_holdout_squares(sums, [*columns, *range(g.columns.start, g.columns.stop)])
-            if loss - after < thresholds.DETECTION.generalises * gained[n]:
+            if loss - after < thresholds.SHARES.min_transfer * gained[n]:
                 refused.add(n)
                 continue
-            cost = thresholds.DETECTION.simpler * (g.columns.stop - g.columns.start) + g.law.hypothesis.penalty
+            cost = thresholds.LEVELS.gain_two_sigma * (g.columns.stop - g.columns.start) + g.law.hypothesis.penalty
             worth = (loss - after) / spread - cost
             if best is None or worth > best[0]:
                 best = (worth, n, after)
@@ -193,15 +195,19 @@ def _select_groups_greedily(
         columns += own
         left = eliminate_columns(left, np.array(own))
         exact = g.law.hypothesis.is_exact or bool(g.law.hypothesis.sum_name)  # a sum of waves is any wave
-        share = thresholds.DETECTION.beside_exact if exact else thresholds.DETECTION.beside
+        share = thresholds.SHARES.exact_law_error if exact else thresholds.SHARES.law_error
         largest = max(largest, share * gained[n])
     return taken
 
 
 def _compute_least_gain(g: LawColumnGroup, rows: int) -> float:
     p = g.columns.stop - g.columns.start
-    d = thresholds.DETECTION
-    return float(max(d.gain + d.per_coefficient * (p - 1) + g.law.hypothesis.penalty, d.share * rows))
+    return float(
+        max(
+            thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (p - 1) + g.law.hypothesis.penalty,
+            thresholds.SHARES.min_gain_per_row * rows,
+        )
+    )
 
 
 def _compute_holdout_squares(sums: NormalEquationSums, columns: Sequence[int]) -> float:
