@@ -50,6 +50,15 @@ def test_a_filled_cell_without_its_owner_fails(name: str) -> None:
     assert f"point 1: {name} without {OWNERS[name]}" in found.where
 
 
+def test_unknown_stability_needs_no_modes_of_the_arm() -> None:
+    points = build_points()
+    numbers = {name: column.copy() for name, column in points.numbers.items()}
+    numbers["ap_mm"][1], numbers["a_lim_mm"][1] = 2.0, 1.0  # tool and spindle limit the depth at an unreached point
+    words = {**points.words, "chatter": ("stable", "spindle")}
+    assert np.isnan(numbers.setdefault("f1_Hz", np.full(2, np.nan))).any()
+    assert check_empty_cells(replace(points, numbers=numbers, words=words)).passed
+
+
 @pytest.mark.parametrize("change", [np.nan, 2.0])
 def test_an_error_without_an_interval_fails(change: float) -> None:
     points = build_points()

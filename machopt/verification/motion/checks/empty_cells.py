@@ -1,4 +1,8 @@
-"""Cells of points.csv that must be empty: a value stands only where the value that it belongs to stands."""
+"""Cells of points.csv that must be empty: those of values that need another value which is empty.
+
+A stability limit needs a judgement of stability (``unknown`` counts: modes of tool and spindle limit the depth where
+those of the arm are unknown), and a judgement needs a depth of cut.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,8 @@ INTERVALS = tuple(
 OWNERS = {  # column: the column whose value it belongs to
     **{end: nominal for low, high, nominal in INTERVALS for end in (low, high)},
     **dict.fromkeys(("tolerance_mm", "p_in", "p_in_deflection_only", "cause", "feed_max_mm_min"), "outcome"),
-    **dict.fromkeys(("a_lim_mm", "chatter"), "f1_Hz"),
+    "a_lim_mm": "chatter",
+    "chatter": "ap_mm",
     **dict.fromkeys(("branch", "k_axial_N_mm", "clearance_mm", "limit_margin_deg", "singularity"), "gamma_deg"),
     **dict.fromkeys(("k_normal_N_mm", "k_jiao_x_N_mm", "k_axial_std_N_mm", "deflection_mm"), "k_axial_N_mm"),
     "deflection_std_mm": "deflection_mm",
@@ -24,7 +29,7 @@ OWNERS = {  # column: the column whose value it belongs to
 
 
 def check_empty_cells(points: ExportedPoints) -> VerificationCheck:
-    """Return the check that no cell is filled whose owner is empty, and that an interval stands with its error.
+    """Return the check that no cell is filled whose owner is empty, and that each error has its interval.
 
     Args:
         points: Rows of points.csv.
