@@ -49,8 +49,7 @@ coverage: $(VENV)/.compiled
 	$(BIN)/python tests/branch_coverage.py
 
 nightly: $(VENV)/.compiled
-	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m 'not proof'
-	HYPOTHESIS_PROFILE=nightly $(PYTEST) -m proof tests/test_random_small_jobs.py tests/test_tool_axis_corners.py
+	HYPOTHESIS_PROFILE=nightly $(PYTEST)
 
 slow: $(VENV)/.compiled
 	$(PYTEST) --record-slow

@@ -55,6 +55,7 @@ hypothesis.settings.load_profile(PROFILE)
 _skips: Counter[str] = Counter()
 _seconds: defaultdict[str, float] = defaultdict(float)
 _longest: defaultdict[str, float] = defaultdict(float)
+_longest_calls: defaultdict[str, float] = defaultdict(float)
 _begun = [0.0]
 PROCESSOR = "processor_s"
 SLOW = Path(__file__).with_name("slow_tests.txt")
@@ -62,8 +63,8 @@ SLOW = Path(__file__).with_name("slow_tests.txt")
 (``--record-slow``), and modules that took LONG_MODULE seconds in all, their fixtures included."""
 LONG, LONG_MODULE = 0.15, 10.0
 PROOFS = Path(__file__).with_name("long_tests.txt")
-"""Proofs by their length: tests of which one case took LONG_TEST seconds or more when they were recorded. Others carry
-the mark themselves."""
+"""Proofs by their length: tests of which one case took LONG_TEST seconds or more without fixtures when they were recorded.
+Others carry the mark themselves."""
 LONG_TEST = 5.0
 SECONDS = Path(__file__).with_name("module_durations.txt")
 """What each module took of the processor when it was recorded, the longest first, from NOTED seconds on: the order of a
@@ -239,6 +240,8 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     assert isinstance(took, float)
     _seconds[report.nodeid.partition("::")[0]] += took
     _longest[_function(report.nodeid)] = max(_longest[_function(report.nodeid)], took)
+    if report.when == "call":  # a shared fixture is paid by the first test that needs it, whichever that is
+        _longest_calls[_function(report.nodeid)] = max(_longest_calls[_function(report.nodeid)], took)
 
 
 def _note_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
@@ -296,7 +299,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
             SECONDS.write_text("\n".join(seconds_list(known, _seconds)) + "\n", encoding="utf-8")
         lines = slow_list(SLOW.read_text(encoding="utf-8").split(), _seconds, _longest)
         SLOW.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        lines = list_long_tests(PROOFS.read_text(encoding="utf-8").split(), _longest)
+        lines = list_long_tests(PROOFS.read_text(encoding="utf-8").split(), _longest_calls)
         PROOFS.write_text("\n".join(lines) + "\n", encoding="utf-8")
     strict = session.config.getoption("--strict-skips") and not hasattr(session.config, "workerinput")
     if strict and unexpected_skips(_skips) and session.exitstatus == pytest.ExitCode.OK:

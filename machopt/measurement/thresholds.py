@@ -109,6 +109,9 @@ class RelativeLimits:
     force_gain: float = _set(
         0.005, "standard deviation of the gain of a load cell in one session: data sheets of 0.5 to 1 %", JUDGEMENT
     )
+    drive_gain: float = _set(
+        0.005, "gain error of a drive that has a name: torque constants of data sheets are less exact", JUDGEMENT
+    )
     rank: float = _set(0.001, "relative singular value or norm that is zero", JUDGEMENT)
     absorbed_power: float = _set(
         0.0001, "share of the square of a column that the base model leaves, below which it is absorbed", JUDGEMENT
@@ -171,6 +174,9 @@ class QuantityLimits:
     certain_periods: float = _set(2.0, "periods that identify a wave with an amplitude beyond that of gears", DEV)
     ripple_periods: float = _set(1.5, "periods within a motion that identify a torque ripple", JUDGEMENT)
     partial_periods: float = _set(0.5, "periods of a wave or a beat that differ from an offset and a slope", JUDGEMENT)
+    weight_order: float = _set(
+        2.0, "per turn: lowest order that weight and the mount of a reflector do not cause", JUDGEMENT
+    )
     gear_order: float = _set(3.0, "per turn: lowest order that weight and gravity compensators do not cause", JUDGEMENT)
 
 

@@ -98,7 +98,7 @@ def count_lost_points(plan: Plan) -> float:
     """Return the number of points without a configuration plus the number of breaks.
 
     Args:
-        plan: plan.
+        plan: Plan to count in.
     """
     return float(count_unreached_points(plan) + len(plan.breaks))
 
@@ -107,6 +107,6 @@ def count_unreached_points(plan: Plan) -> int:
     """Return the number of points without a configuration where contacts count.
 
     Args:
-        plan: plan.
+        plan: Plan to count in.
     """
     return int(plan.path.may_touch[plan.missing].sum())

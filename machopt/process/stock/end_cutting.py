@@ -23,13 +23,10 @@ END_SHARE = 0.01  # of the removed material; less by the end changes the force b
 THROUGH = 1e-12  # m³ (0.001 mm³); moves that remove less touch the stock by rounding
 SHORT = 1e-9  # m, a move without travel across the axis
 ROUNDING = 1e-9  # m, of heights: a move that descends less is level
-_RINGS, _ANGLES, _DEPTHS = (
-    8,
-    32,
-    4,
-)  # of places of equal area beneath the end, and of their depths. The part of a disc on
-# one side of a line is found with an error of 0.5 % of the disc (1 sigma; at most 2.7 %: test_stock_removal.py), and a
-# surface across the axis to an eighth of the descent
+# Places of equal area beneath the end, and their depths. The part of a disc on one side of a line is found with an
+# error of at most 1 % of the disc (1 sigma) and 4 % (worst: test_stock_removal.py), a surface across the axis to an
+# eighth of the descent.
+_RINGS, _ANGLES, _DEPTHS = 8, 32, 4
 
 
 def measure_descents(position: Array, axis: Array, cutting: NDArray[np.bool_]) -> tuple[Array, Array, Array]:

@@ -21,10 +21,9 @@ from machopt.process.stock.field_types import Cutter, FieldArrays, Frame
 SLICES = 24  # of the cylindrical part, at most, where no arcs change: an even wall needs one
 THICKNESS = 2.0  # cells, of a slice where no arcs change: the sampling distance of a field without aliasing
 SAME_ANGLE = 0.004  # rad; neighbouring slices whose arcs differ by less become one
-STEP_ANGLE = (
-    0.1  # rad of all arcs of a slice; where neighbours differ by more, arcs are measured between them. A height
-)
-# between two nodes then has arcs within half of it of those stated: 1 sigma of an angle is at most 0.1/√12 rad = 1.7°
+# rad of all arcs of a slice; where neighbours differ by more, arcs are measured between them. A height between two
+# nodes then has arcs within half of it of those stated: 1 sigma of an angle is at most 0.1/√12 rad = 1.7°.
+STEP_ANGLE = 0.1
 SHORTEST = 0.5  # cells between such heights, at least: the field is known at every cell
 EDGE_HEIGHT = 1.0  # cells over which an edge across the axis is rounded
 NARROWER = (

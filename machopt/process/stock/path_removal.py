@@ -20,9 +20,7 @@ ARCS = 6  # arcs of one slice
 _ROWS = ARCS * (MOST_LEVELS + CORNER_SLICES)
 SAMPLES, DEPTH = 6, 0.75  # of an arc; cells inside of the cutter, so that most cells there are covered whole
 IDLE = 3e-3  # of the volume that an arc removes in a steady cut; a slice that removes less is idle
-CEILING_MOVES = (
-    64  # between two searches of the highest material around: 16,000 cells, as many as 7 moves of a ball pass
-)
+CEILING_MOVES = 64  # moves between two searches of the highest material around: 16,000 cells, as in 7 moves of a ball
 NOTHING = 1e-13  # m³ (0.0001 mm³); a move that removes less cuts air: rounding of single precision
 
 

@@ -21,9 +21,7 @@ from machopt.numerics.array_types import Array
 from machopt.numerics.compiled_functions import jit_compile, jit_compile_reordering
 from machopt.process.stock.kernel_types import BOTTOM, HIGH, LOW, SHARE, Grid, Heights, Pair, Tip
 
-SLIVER = (
-    sqrt(0.5) - 0.5
-) ** 2  # of a cell: the largest error of its covered share, 0.043, of a line at 45° to the cells
+SLIVER = (sqrt(0.5) - 0.5) ** 2  # 0.043 of a cell: largest error of the share that a line at 45° covers
 LEVEL = 1e-6  # m, heights that are equal: the last digit of a CAM file; single precision is finer up to 8 m
 LEVEL_MOVE = 1e-9  # m; a smaller rise is rounding: single precision states a height of 0.1 m to 4e-9 m
 SHORT_ROW = 16  # cells; shorter rows are computed cell by cell, which only takes another time

@@ -150,7 +150,7 @@ def _label_load_sizes(force: Array) -> Ints | None:
     order = np.argsort(force)
     if force[order[-1]] <= 0.0:
         return None
-    step = np.diff(force[order]) > thresholds.SHARES.load_tolerance * force[order[-1]]
+    step = np.diff(force[order]) > thresholds.SHARES.small * force[order[-1]]
     label = np.empty(len(force), np.int64)
     label[order] = np.concatenate([[0], np.cumsum(step)])
     wide = [np.ptp(force[label == k]) for k in range(int(label.max()) + 1)]

@@ -242,7 +242,7 @@ def _build_drive_hypothesis(
         equation=law.equation,
         columns=columns,
         quantities=sizes,
-        least_size=100.0 * thresholds.SHARES.negligible if isinstance(law, DriveGainError) else 0.0,
+        least_size=100.0 * thresholds.SHARES.drive_gain if isinstance(law, DriveGainError) else 0.0,
         shapes=grid,
         lower=lower if np.isfinite(lower).any() else (),
         family="drive",

@@ -139,7 +139,7 @@ def fit_breakaway(scene: MotionModel, joint: int, y: Array, other_columns: Array
     best, found = np.inf, REVERSAL_SHAPES[0]
     for turn in REVERSAL_SHAPES:
         left = power(turn)
-        if len(y) * np.log(best / max(left, 1e-300)) > thresholds.LEVELS.gain_two_sigma:
+        if len(y) * np.log(max(best, 1e-300) / max(left, 1e-300)) > thresholds.LEVELS.gain_two_sigma:
             best, found = left, turn
     return min((found, *_refine_breakaway(found, power)), key=power)
 

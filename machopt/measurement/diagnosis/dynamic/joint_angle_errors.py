@@ -40,7 +40,7 @@ def compute_lowest_order(scene: MotionModel, joint: int, turns: float) -> float:
     Returns:
         Order per turn.
     """
-    return max(thresholds.LIMITS.gear_order, float(np.ceil(turns * _compute_order_resolution(scene, joint))))
+    return max(thresholds.LIMITS.weight_order, float(np.ceil(turns * _compute_order_resolution(scene, joint))))
 
 
 def _compute_order_resolution(scene: MotionModel, joint: int) -> float:

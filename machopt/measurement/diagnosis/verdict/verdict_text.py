@@ -33,9 +33,9 @@ def format_verdict(d: DiagnosisResult) -> str:
     if d.verdict == "consistent":
         after = f"{format_error_size(d.heldout_after, d.unit)} on {d.predicted or 'readings'} that no fit saw"
         there = describe_unstated_values(d.coefficients)
-        put_right = "; ".join(f"{_format_finding(f)}" for f in d.findings)
+        corrections = "; ".join(f"{_format_finding(f)}" for f in d.findings)
         return (
-            f"Consistent{f' once the record is corrected ({put_right})' if put_right else ''}: the refitted model "
+            f"Consistent{f' once the record is corrected ({corrections})' if corrections else ''}: the refitted model "
             f"leaves {after}, {_format_noise(d)}; nothing that comes back "
             f"in repeats is left "
             "to explain." + (f" Refitted for that, and stated nowhere: {there}." if there else "")

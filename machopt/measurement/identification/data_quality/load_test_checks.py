@@ -122,7 +122,7 @@ def _check_conventions(ways: list[ConventionCandidate]) -> list[RecordFault]:
     ratio = best.unexplained / max(stated.unexplained, 1e-300)
     wins, poses = float(np.mean(best.by_pose < stated.by_pose)), len(best.by_pose)
     everywhere = (
-        ratio <= thresholds.SHARES.agreement
+        ratio * thresholds.RATIOS.equal_fit <= 1.0
         and wins >= thresholds.SHARES.inseparable_correlation
         and poses >= thresholds.COUNTS.min_groups
     )

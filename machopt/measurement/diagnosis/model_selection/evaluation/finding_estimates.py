@@ -190,7 +190,9 @@ def drop_meaningless_estimates(estimates: dict[str, EstimatedValue]) -> dict[str
             out[name] = replace(e, value=0.0)
             continue
         is_component = name.endswith(COMPONENTS)
-        most = thresholds.RATIOS.impossible * largest[e.unit]
+        most = (
+            thresholds.RATIOS.implausible * 100.0 if e.unit == "%" else thresholds.RATIOS.impossible * largest[e.unit]
+        )
         if n and not is_component and around_zero and high - low > most > 0.0:
             continue
         out[name] = e
