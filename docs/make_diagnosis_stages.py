@@ -18,13 +18,13 @@ PAGE = Path(__file__).with_name("diagnosis-stages.md")
 FIGURES = Path(__file__).resolve().parent.parent / "benchmarks" / "diagnosis_stage_ablation.json"
 INTRODUCTION = """# Stages of a diagnosis
 
-The model selection of `machopt diagnose` executes these tables, in this order; they stand in
+The model selection of `machopt diagnose` executes these tables, in this order; they are in
 `measurement/diagnosis/model_selection/`. Thresholds: `python benchmarks/diagnosis_thresholds.py`. What a stage is good
 for is measured by leaving it out: answers that change, of {cases} recordings of the energy simulator; names that are
 wrong then, or no longer wrong (+, −); right names that are lost or won (−, +).
 Command: `python benchmarks/diagnosis_stage_ablation.py {folder}`; patterns and seeds of the recordings, for
 `run_energy_benchmark.py --only`, are in `benchmarks/diagnosis_stage_ablation.json`. {cases} recordings are too few to
-say that a stage without an effect is unnecessary.
+say that a stage without an effect is unnecessary. The figures are older than the merging of thresholds (30 Nov 2026).
 """
 
 

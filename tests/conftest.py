@@ -63,8 +63,8 @@ SLOW = Path(__file__).with_name("slow_tests.txt")
 (``--record-slow``), and modules that took LONG_MODULE seconds in all, their fixtures included."""
 LONG, LONG_MODULE = 0.15, 10.0
 PROOFS = Path(__file__).with_name("long_tests.txt")
-"""Proofs by their length: tests of which one case took LONG_TEST seconds or more without fixtures when they were recorded.
-Others carry the mark themselves."""
+"""Proofs by their length: tests of which one case took LONG_TEST seconds or more, without fixtures, when they were
+recorded. Others carry the mark themselves."""
 LONG_TEST = 5.0
 SECONDS = Path(__file__).with_name("module_durations.txt")
 """What each module took of the processor when it was recorded, the longest first, from NOTED seconds on: the order of a
