@@ -302,7 +302,7 @@ def test_joint_positions_that_the_arm_cannot_take_are_named() -> None:
     q[4, 1] += 2 * np.pi
     finding = found(replace(record, q=q))["outside_limits"]
     assert finding.rows == (4,)
-    assert "line 6: joint 2 stands outside its limits" in finding.message
+    assert "line 6: joint 2 is outside its limits" in finding.message
 
 
 def test_one_factor_on_every_joint_that_a_unit_makes_is_told() -> None:

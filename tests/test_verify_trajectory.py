@@ -352,6 +352,7 @@ def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: 
 
     def unmeasured(t: dict[str, list[object]]) -> None:
         t["clearance_mm"] = [np.nan] * len(POINTS)
+        t["nearest_pair"] = [""] * len(POINTS)
 
     off = verified(
         replace(cell, obstacles=(*cell.obstacles, clamp)),
