@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
 from machopt.measurement import thresholds
 
@@ -33,14 +33,12 @@ def test_every_threshold_says_what_it_is_and_where_its_number_comes_from() -> No
 def test_statistics_are_what_their_words_come_to() -> None:
     """Whatever else is a choice, and says so."""
     follows = {
-        "levels.min_gain": chi2.isf(0.01 / 230_000, 1),
         "levels.gain_two_sigma": 2.0**2,
         "levels.gain_three_sigma": 3.0**2,
         "levels.power_quantile": norm.ppf(0.9),
         "levels.two_sigma": 2.0,
         "levels.three_sigma": 3.0,
         "levels.difference_sigma": 3.0 * 2.0**0.5,
-        "levels.outlier_sigma": norm.isf(0.01 / 2.0 / 5e6),
         "counts.min_comparisons": np.ceil(-np.log2(0.05)),
         "counts.min_groups": np.ceil(-np.log2(0.005)),
         "counts.min_degrees_of_freedom": np.floor(1.0 / (2.0 * 0.2**2)),

@@ -31,7 +31,7 @@ class StatisticalLevels:
         1e-12, "probability of equal readings by chance, below which they are copies", JUDGEMENT
     )
     min_gain: float = _set(
-        30.0, "noncentrality of an effect: 5.5 standard deviations, 1 % in 230,000 tests (Bonferroni)", STATISTICS
+        30.0, "noncentrality of an effect: 5.5 standard deviations; 1 % in 230,000 independent tests", JUDGEMENT
     )
     gain_two_sigma: float = _set(
         4.0, "gain of one coefficient at two standard deviations: the penalty of a coefficient", STATISTICS
@@ -47,7 +47,7 @@ class StatisticalLevels:
         4.24, "three standard deviations of the difference of two readings, in those of one reading", STATISTICS
     )
     outlier_sigma: float = _set(
-        6.0, "robust standard deviations of an outlier: 1 % in 5 million readings (Bonferroni)", STATISTICS
+        6.0, "robust standard deviations of an outlier; noise does so once in 500 million readings", JUDGEMENT
     )
 
 

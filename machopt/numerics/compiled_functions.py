@@ -36,7 +36,7 @@ class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has n
     """Listener for functions that numba really compiles; loading from disk causes no event."""
 
     def __init__(self) -> None:
-        self.told: CompilationCallback | None = None
+        self.callback: CompilationCallback | None = None
         self.stored = True
 
     def on_start(self, event: Any) -> None:
@@ -45,8 +45,8 @@ class _CompilationListener(event.Listener):  # type: ignore[misc]  # numba has n
         Args:
             event: not used.
         """
-        if self.told is not None:
-            message, self.told = self.told, None
+        if self.callback is not None:
+            message, self.callback = self.callback, None
             message(self.stored)
 
     def on_end(self, event: Any) -> None:
@@ -68,11 +68,11 @@ def call_on_compilation(callback: CompilationCallback) -> Iterator[None]:
     Args:
         callback: callback; its argument is whether the compiled code will be stored.
     """
-    _LISTENER.told = callback
+    _LISTENER.callback = callback
     try:
         yield
     finally:
-        _LISTENER.told = None
+        _LISTENER.callback = None
 
 
 def jit_compile(function: F) -> F:

@@ -151,7 +151,7 @@ def _check_programs(
     """The robot programs that the manifest lists, and files that look like one and belong to none.
 
     Args:
-        verification: what the tables came to, which a job that changes tools is cut by; not asked of others.
+        verification: what the tables came to, which a job that changes tools is cut by; None for other jobs.
     """
     cell = segments[0].cell
     listed = () if manifest is None else manifest.programs

@@ -126,36 +126,38 @@ def build_motion_problem(
         InputError: Required signals are missing or implausible.
     """
     n = min(len(cell.arm_joints), recording.q.shape[1])
-    mended, found = motion_record_checks.correct_motion_units(recording, n)
-    mended, warnings = motion_record_checks.check_channel_quality(mended, n)
-    motion = build_motion_signals(mended, n, repeats=repeats)
+    corrected, found = motion_record_checks.correct_motion_units(recording, n)
+    corrected, warnings = motion_record_checks.check_channel_quality(corrected, n)
+    motion = build_motion_signals(corrected, n, repeats=repeats)
     dynamics = _build_dynamics(cell)
     predicted = _predict_joint_torque(dynamics, motion, terms)
-    free_gains, unsized = motor_currents.has_currents_only(mended) and predicted is not None, frozenset[int]()
+    free_gains, unsized = motor_currents.has_currents_only(corrected) and predicted is not None, frozenset[int]()
     if predicted is not None and free_gains:
-        converted = motor_currents.convert_currents_to_torques(mended, motion, predicted)
-        mended, unsized, warnings = converted.recording, converted.joints_without_gain, [*warnings, converted.notes]
+        converted = motor_currents.convert_currents_to_torques(corrected, motion, predicted)
+        corrected, unsized, warnings = converted.recording, converted.joints_without_gain, [*warnings, converted.notes]
     elif predicted is not None and channel == "torque":
-        mended, exchanged = exchanged_torque_columns.correct_exchanged_torques(mended, motion, predicted)
-        mended, of_torque = motion_record_checks.correct_torque_side(mended, motion, predicted)
+        corrected, exchanged = exchanged_torque_columns.correct_exchanged_torques(corrected, motion, predicted)
+        corrected, of_torque = motion_record_checks.correct_torque_side(corrected, motion, predicted)
         found += [*exchanged, *of_torque]
     scene = replace(
-        _build_motion_model(mended, cell, motion, dynamics, predicted),
+        _build_motion_model(corrected, cell, motion, dynamics, predicted),
         known_terms=terms,
         free_gains=free_gains,
         joints_without_gain=unsized,
     )
     scene.notes.extend(warnings)
     if scene.correction is not None and channel != "torque":
-        corrected = ", ".join(dict.fromkeys(part.label for part in scene.correction.parts))
-        scene.notes.append(f"corrections of the cell's kinematics.yaml count as known: {corrected}")
+        labels = ", ".join(dict.fromkeys(part.label for part in scene.correction.parts))
+        scene.notes.append(f"corrections of the cell's kinematics.yaml count as known: {labels}")
     problem, catalogue, more = _build_channel_equations(scene, channel)
     if channel != "tip":
-        found += servo_lag.find_servo_lag(mended, motion)
+        found += servo_lag.find_servo_lag(corrected, motion)
     if found:
         errors = (
             _compute_holdout_errors(problem),
-            _evaluate_uncorrected_record(recording, cell, channel, repeats, terms) if mended is not recording else None,
+            _evaluate_uncorrected_record(recording, cell, channel, repeats, terms)
+            if corrected is not recording
+            else None,
         )
         found = [_add_errors_to_finding(f, *errors) for f in found]
     missing = [*catalogue.untestable]
