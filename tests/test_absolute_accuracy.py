@@ -58,7 +58,9 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_kinematics_is_applied_where_the_controller_does_not(state: str, plain: np.ndarray, tmp_path: Path) -> None:
+def test_kinematics_file_is_applied_only_without_controller_correction(
+    state: str, plain: np.ndarray, tmp_path: Path
+) -> None:
     cell, table, out = planned(tmp_path / "job", state, kinematics=True)
     same = np.abs(joints(out / "points.csv") - plain).max() < 1e-9
     warnings, notes, program = stated(out)
@@ -72,7 +74,7 @@ def test_kinematics_is_applied_where_the_controller_does_not(state: str, plain: 
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_compensation_is_of_the_process_force_alone(state: str, tmp_path: Path) -> None:
+def test_compensation_covers_only_the_process_force(state: str, tmp_path: Path) -> None:
     cell, table, out = planned(tmp_path / "job", state, kinematics=state == "on", compensate=True)
     warnings, notes, program = stated(out)
     assert bool(warnings) == (state in ("unknown", ""))
@@ -81,13 +83,13 @@ def test_compensation_is_of_the_process_force_alone(state: str, tmp_path: Path) 
     assert main(["verify", str(cell), str(table), str(out), "--quiet"]) == 0
 
 
-def test_nothing_is_said_where_nothing_is_corrected(tmp_path: Path) -> None:
+def test_no_message_without_a_correction(tmp_path: Path) -> None:
     _, _, out = planned(tmp_path / "job", "", kinematics=False)
     assert stated(out)[:2] == ([], [])
 
 
 @pytest.mark.parametrize("word", ["yes", "true", "ON", "1", "maybe"])
-def test_other_words_are_refused(word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_values_are_refused(word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cell = changed_cell(tmp_path, ("controller:\n", f"controller:\n  absolute_accuracy: {word}\n"))
     assert main(["validate", str(cell), "--quiet"]) == 2
     assert "absolute_accuracy" in capsys.readouterr().err

@@ -45,7 +45,7 @@ def optimize(job: Path, out: Path, **options: object) -> OptimizeDocument:
 
 
 @pytest.mark.slow
-def test_what_is_slowed_passes_and_the_share_is_that_of_the_points(tmp_path: Path) -> None:
+def test_slowed_points_pass_and_the_share_counts_points(tmp_path: Path) -> None:
     job = write_pass(tmp_path / "pass.csv")
     plain = optimize(job, tmp_path / "plain")
     assert plain.process is not None
@@ -76,7 +76,7 @@ def test_what_is_slowed_passes_and_the_share_is_that_of_the_points(tmp_path: Pat
     assert before["pass"] <= passing[0.4] <= passing[1.0]
 
 
-def test_the_least_slowed_points_come_first() -> None:
+def test_least_slowed_points_come_first() -> None:
     reached = np.full(6, 10.0)
     advised = AdvisedFeeds(np.array([9.0, 5.0, 8.0, 0.0, np.nan, 20.0]), 0)
     some = advised.select_share(reached, np.zeros(6, bool), 0.5)
@@ -87,7 +87,7 @@ def test_the_least_slowed_points_come_first() -> None:
     assert (every.limit_feeds()[[3, 4, 5]] == np.inf).all()
 
 
-def test_points_that_pass_at_the_feeds_of_the_file_are_not_slowed() -> None:
+def test_points_within_tolerance_at_the_programmed_feed_are_not_slowed() -> None:
     advised = AdvisedFeeds(np.array([9.0, 5.0, 8.0, 7.0]), 0, target=np.array([0, 1, 2, 2]))
     reached, passes = np.array([10.0, 4.0, 10.0, 10.0]), np.array([False, False, True, False])
     some = advised.select_share(reached, passes, 1.0)  # the axes hold point 1 below its advice; 3 belongs to hole 2
@@ -95,7 +95,7 @@ def test_points_that_pass_at_the_feeds_of_the_file_are_not_slowed() -> None:
     assert (some.limit_feeds()[1:] == np.inf).all()
 
 
-def test_all_moves_of_a_hole_are_one() -> None:
+def test_all_moves_of_a_hole_count_as_one() -> None:
     target = np.array([2, 2, 2, 5, 5, 5])
     advised = AdvisedFeeds(np.array([4.0, 4.0, 4.0, 9.0, 9.0, 9.0]), 0, target=target)
     some = advised.select_share(np.full(6, 10.0), np.zeros(6, bool), 0.5)
@@ -103,7 +103,7 @@ def test_all_moves_of_a_hole_are_one() -> None:
     assert np.isfinite(some.feed).tolist() == [False, False, False, True, True, True]
 
 
-def test_advice_is_lowered_to_that_of_the_driven_postures() -> None:
+def test_advised_feed_is_lowered_to_that_of_the_driven_configurations() -> None:
     planned = AdvisedFeeds(np.array([4.0, np.nan, 6.0]), 0)
     assert planned.lower_to(AdvisedFeeds(np.array([5.0, 1.0, 6.0]), 0)) is None
     lowered = planned.lower_to(AdvisedFeeds(np.array([3.0, 1.0, 0.0]), 0))
@@ -112,12 +112,12 @@ def test_advice_is_lowered_to_that_of_the_driven_postures() -> None:
 
 
 @pytest.mark.parametrize("options", [{"compensate": True}, {"advised_feed_share": 0.0}, {"advised_feed_share": 1.5}])
-def test_options_that_do_not_fit_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
+def test_inconsistent_options_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
     with pytest.raises(InputError):
         optimize(write_pass(tmp_path / "pass.csv"), tmp_path / "out", **{"advised_feed_share": 1.0, **options})
 
 
-def test_a_job_without_tolerances_is_refused(tmp_path: Path) -> None:
+def test_job_without_tolerances_is_refused(tmp_path: Path) -> None:
     job = write_pass(tmp_path / "pass.csv")
     request = OptimizeRequest(cell=CELL, toolpath=job, out=tmp_path / "out", direct={"advised_feed_share": 1.0})
     with pytest.raises(InputError) as error:

@@ -37,7 +37,7 @@ KR500 = CELLS / "kr500_milling"
 ELSEWHERE = {"InputError", "MachoptError", "VerificationError", "__version__"}
 
 
-def test_the_names_that_stay_are_there_and_say_what_they_are() -> None:
+def test_public_names_exist_and_are_documented() -> None:
     assert machopt.__all__ == sorted(machopt.__all__)
     assert set(machopt.__all__) == set(machopt.api.__all__) | ELSEWHERE
     assert set(machopt.__all__) <= set(dir(machopt))
@@ -72,12 +72,12 @@ def test_the_names_that_stay_are_there_and_say_what_they_are() -> None:
         (lambda: machopt.batch("jobs.yaml", "out", workers="two"), "workers"),
     ],
 )
-def test_a_value_of_another_type_is_refused_by_its_name(call: Callable[[], object], where: str) -> None:
+def test_value_of_a_wrong_type_is_refused_with_the_option_name(call: Callable[[], object], where: str) -> None:
     with pytest.raises(machopt.InputError, match=rf"{where}: found .*(would work|expected)"):
         call()
 
 
-def test_a_table_shows_itself_small_and_escaped() -> None:
+def test_table_representation_is_short_and_escaped() -> None:
     table = machopt.Table({"<x>": np.arange(20.0), "why": np.array(["a & b"] * 20)})
     shown = table._repr_html_()
     assert "<th>&lt;x&gt;</th>" in shown
@@ -85,7 +85,7 @@ def test_a_table_shows_itself_small_and_escaped() -> None:
     assert "20 rows, 2 columns" in shown
 
 
-def test_packages_of_the_same_name_do_not_take_a_functions_place() -> None:
+def test_subpackage_of_the_same_name_does_not_hide_a_function() -> None:
     import machopt.measurement.diagnosis.request
     import machopt.measurement.identification.fitting.weighted_fit
 
@@ -96,7 +96,7 @@ def test_packages_of_the_same_name_do_not_take_a_functions_place() -> None:
     assert inspect.ismodule(module)
 
 
-def test_the_package_loads_nothing_before_a_name_is_asked_for() -> None:
+def test_package_imports_nothing_before_first_use() -> None:
     code = "import machopt, sys; print('numpy' in sys.modules, any(m.startswith('machopt.api') for m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.split() == ["False", "False"]
@@ -119,9 +119,7 @@ RENAMED = {"anchors": "anchors_mm", "tracker": "tracker_mm", "prior": "prior_Nm_
     ],
     ids=["identify", "diagnose", "map", "plan-poses"],
 )
-def test_a_command_and_its_function_have_the_same_options_and_defaults(
-    command: list[str], request_type: type[Any]
-) -> None:
+def test_command_and_function_have_the_same_options_and_defaults(command: list[str], request_type: type[Any]) -> None:
     args = vars(_build_parser().parse_args(command))
     by_field = {RENAMED.get(name, name): value for name, value in args.items()}
     fields = {f.name: f for f in dataclasses.fields(request_type)}
@@ -132,7 +130,7 @@ def test_a_command_and_its_function_have_the_same_options_and_defaults(
         assert fields[name].default == (tuple(value) if isinstance(value, list) else value), name
 
 
-def test_an_option_that_is_none_is_answered_with_the_nearest() -> None:
+def test_unknown_option_is_answered_with_the_nearest() -> None:
     with pytest.raises(UnknownOptionError) as unknown:
         build_request(DiagnoseRequest, {"max_finding": 2}, cell=Path("c"), recordings=(), out=Path())
     assert (unknown.value.option, unknown.value.suggestions) == ("max_finding", ("max_findings",))
@@ -143,7 +141,7 @@ def test_an_option_that_is_none_is_answered_with_the_nearest() -> None:
     assert set(NON_OPTION_ARGUMENTS) >= {"cell", "out"}
 
 
-def test_errors_name_arguments_where_the_command_line_names_options(tmp_path: Path) -> None:
+def test_errors_name_arguments_in_python_and_options_on_the_command_line(tmp_path: Path) -> None:
     """The same fault, seen from Python and from a terminal."""
     with pytest.raises(OptionError) as found:
         machopt.plan_poses(KR500, weights_kg=[20], min_kci=2.0)
@@ -179,7 +177,7 @@ def test_options_in_a_message_become_arguments(text: str, renamed: str) -> None:
     assert replace_option_names(text, RENAMED_OPTIONS) == renamed
 
 
-def test_values_are_taken_in_any_form() -> None:
+def test_values_are_accepted_in_any_equivalent_form() -> None:
     request = build_request(
         PosesRequest,
         {"weights_kg": [20, 50], "discriminate": "folder", "anchors_mm": [[1, 2, 3]], "terms": "a@b"},
@@ -193,7 +191,7 @@ def test_values_are_taken_in_any_form() -> None:
     assert request.terms == ("a@b",)
 
 
-def test_tables_are_columns_that_nobody_writes_into(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_are_read_only_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     table = machopt.Table({"x_mm": np.array([1.0, np.nan]), "status": np.array(["ok", "bounds"])})
     assert list(table) == ["x_mm", "status"]
     assert (len(table), table.rows) == (2, 2)
@@ -210,7 +208,7 @@ def test_tables_are_columns_that_nobody_writes_into(monkeypatch: pytest.MonkeyPa
         table.arrow()
 
 
-def test_pictures_are_svg(tmp_path: Path) -> None:
+def test_figures_are_svg(tmp_path: Path) -> None:
     figure = machopt.Figure("<svg/>")
     assert figure.save(tmp_path / "a.svg").read_text().startswith("<svg/>\n")
     with pytest.raises(machopt.InputError, match=r"a\.svg would work"):
@@ -223,7 +221,7 @@ def verified_copies(folder: Path) -> list[tuple[str, bool | None]]:
 
 
 @pytest.mark.slow
-def test_what_is_saved_is_what_the_command_writes(
+def test_saved_files_equal_those_of_the_command(
     tmp_path: Path, shipped_plan: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """But for times, which stand in result.json and the report, and their hashes in the manifest."""
@@ -269,7 +267,7 @@ def test_what_is_saved_is_what_the_command_writes(
     assert told == expected
 
 
-def test_a_cell_that_changed_is_not_planned_with(tmp_path: Path) -> None:
+def test_changed_cell_is_not_planned_with(tmp_path: Path) -> None:
     import shutil
 
     shutil.copytree(KR500, tmp_path / "cell")
@@ -284,7 +282,7 @@ def test_a_cell_that_changed_is_not_planned_with(tmp_path: Path) -> None:
         cell.unchanged()
 
 
-def test_every_command_is_a_function_or_known_not_to_be() -> None:
+def test_every_command_has_a_function_or_is_listed_as_without() -> None:
     (commands,) = (a for a in _build_parser()._actions if isinstance(a, argparse._SubParsersAction))
     functions = {n.replace("_", "-") for n in machopt.__all__ if inspect.isfunction(getattr(machopt, n))}
     parts_of_a_command = {"fit-cutting-coefficients", "identify-frequency-responses"}  # of process, of identify

@@ -97,13 +97,13 @@ def python(code: str) -> str:
     return done.stdout
 
 
-def test_imports_point_one_way() -> None:
+def test_imports_follow_the_layers() -> None:
     pytest.importorskip("importlinter")
     out = python("from importlinter.cli import lint_imports_command; lint_imports_command(['--no-cache'])")
     assert "0 broken" in out
 
 
-def test_imports_go_round_in_no_circle() -> None:
+def test_imports_have_no_cycles() -> None:
     """Not within a package either; no late import hides one, nor one that only a type checker reads."""
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=False, cache_dir=None)
@@ -112,7 +112,7 @@ def test_imports_go_round_in_no_circle() -> None:
     list(TopologicalSorter(arrows).static_order())  # CycleError names the modules of a circle
 
 
-def test_a_walk_from_the_command_to_a_law_and_back_crosses_eight_files() -> None:
+def test_walk_from_the_command_to_an_effect_law_has_eight_files() -> None:
     """The walk as it is written down: each file is imported by one before it, the law by the registry."""
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
@@ -130,7 +130,7 @@ def test_a_walk_from_the_command_to_a_law_and_back_crosses_eight_files() -> None
     assert any(graph.direct_import_exists(importer=m, imported="machopt.effects.registry") for m in rooms)
 
 
-def test_a_walk_from_the_command_to_a_price_of_a_plan_crosses_eight_files() -> None:
+def test_walk_from_the_command_to_the_cost_of_a_plan_has_eight_files() -> None:
     """As it is written down: each file is imported by one before it, and the last writes the price."""
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
@@ -145,7 +145,7 @@ def test_a_walk_from_the_command_to_a_price_of_a_plan_crosses_eight_files() -> N
     assert "w.clearance" in (PACKAGE / files[-1]).read_text(encoding="utf-8")
 
 
-def test_walks_name_functions_that_exist(sources: dict[Path, SourceFile]) -> None:
+def test_walks_name_existing_functions(sources: dict[Path, SourceFile]) -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"(?m)^\| \d+ ?•? \| `([\w/]+\.py)` \| (`[^|]*`) \|", text)
     assert len(rows) > 35
@@ -158,7 +158,7 @@ def test_walks_name_functions_that_exist(sources: dict[Path, SourceFile]) -> Non
     assert missing == []
 
 
-def test_commands_hold_no_science(sources: dict[Path, SourceFile]) -> None:
+def test_commands_contain_no_computation(sources: dict[Path, SourceFile]) -> None:
     """They load, call and write: what is longer does more than that, or says why."""
     folder = PACKAGE / "commands"
     lines = {p.relative_to(folder).as_posix(): count_code_lines(s) for p, s in sources.items() if folder in p.parents}
@@ -166,30 +166,30 @@ def test_commands_hold_no_science(sources: dict[Path, SourceFile]) -> None:
     assert {name for name, n in lines.items() if n > COMMAND_LINES} == set(LONGER_COMMANDS)
 
 
-def test_top_level_is_the_agreed_one() -> None:
+def test_top_level_entries_are_the_agreed_ones() -> None:
     found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".") and not p.name.endswith(".egg-info")}
     assert found - MADE <= TOP_LEVEL
 
 
-def test_files_are_short_or_say_why_not(sources: dict[Path, SourceFile]) -> None:
+def test_long_files_state_a_reason(sources: dict[Path, SourceFile]) -> None:
     lines = {path.relative_to(PACKAGE).as_posix(): count_code_lines(source) for path, source in sources.items()}
     long = {name for name, n in lines.items() if n > MOST_LINES}
     assert long == set(LONGER)
 
 
-def test_no_room_for_odds_and_ends() -> None:
+def test_no_module_for_miscellaneous_functions() -> None:
     names = {p.relative_to(PACKAGE).as_posix() for p in PACKAGE.rglob("*")}
     assert not {n for n in names if Path(n).stem in ("utils", "helpers", "core", "common", "misc")}
 
 
 @pytest.mark.parametrize("module", ["machopt", "machopt.cli", "machopt.options.plan_option_reader"])
-def test_start_up_loads_nothing_heavy(module: str) -> None:
+def test_startup_imports_nothing_heavy(module: str) -> None:
     """`machopt --help` answers within half a second because these are imported late."""
     code = f"import {module}, sys; print(*({{m.partition('.')[0] for m in sys.modules}} & set({HEAVY})))"
     assert python(code).split() == []
 
 
-def test_nothing_lies_about() -> None:
+def test_no_temporary_files_in_the_repository() -> None:
     """No leaving of an editor, a merge or a patch, in the repository or in what is packed from it."""
     left = (".orig", ".rej", ".bak", ".tmp", ".swp", "~")
     places = [PACKAGE, *(ROOT / name for name in ("tests", "docs", "cells", "toolpaths", "benchmarks"))]
@@ -200,7 +200,7 @@ def test_nothing_lies_about() -> None:
     assert packed["targets"]["wheel"]["packages"] == ["machopt"]  # so the wheel holds what the package's folder holds
 
 
-def test_the_float_array_has_one_name() -> None:
+def test_float_array_type_has_one_definition() -> None:
     """``machopt.numerics.array_types`` names it; a second alias in a file is a second thing to know."""
     again = [
         str(path.relative_to(PACKAGE))
@@ -211,7 +211,7 @@ def test_the_float_array_has_one_name() -> None:
     assert again == []
 
 
-def test_nouns_that_meant_many_things_name_one() -> None:
+def test_ambiguous_class_names_are_unique() -> None:
     """A reader who meets one of them knows which it is; what else was called so has a name of its own."""
     nouns = "Finding|Problem|Unknown|Model|Arm|Fit|Request|Outcome"
     found = [
@@ -222,7 +222,7 @@ def test_nouns_that_meant_many_things_name_one() -> None:
     assert sorted(noun for noun, _ in found) == sorted({noun for noun, _ in found}), found
 
 
-def test_the_model_asks_terms_and_no_types() -> None:
+def test_stiffness_model_does_not_check_term_types() -> None:
     """A family of terms is what it answers; a case that looks for its class would have to be written for each."""
     packages = ("kinematics", "collision", "dynamics", "stiffness")
     model = [f for package in packages for f in (PACKAGE / package).rglob("*.py")]
@@ -231,7 +231,7 @@ def test_the_model_asks_terms_and_no_types() -> None:
     assert asked == []
 
 
-def test_nouns_of_more_than_five_fields_are_keyword_only(sources: dict[Path, SourceFile]) -> None:
+def test_classes_with_more_than_five_fields_are_keyword_only(sources: dict[Path, SourceFile]) -> None:
     """A call with six values in a row is read by nobody."""
     found = []
     for path, source in sources.items():
@@ -248,7 +248,7 @@ def test_nouns_of_more_than_five_fields_are_keyword_only(sources: dict[Path, Sou
     assert found == []
 
 
-def test_nothing_is_kept_that_nothing_uses(sources: dict[Path, SourceFile]) -> None:
+def test_every_function_and_class_is_used(sources: dict[Path, SourceFile]) -> None:
     """A function or class of the package is named elsewhere in it; what tests alone need stands with them."""
     named = Counter(word for source in sources.values() for word in re.findall(r"[A-Za-z_]\w*", source.text))
     found = []

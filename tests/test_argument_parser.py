@@ -29,7 +29,7 @@ CELLS = Path(__file__).resolve().parents[1] / "cells"
         (["inspect", "a", "b"], "not understood: b (machopt inspect"),
     ],
 )
-def test_a_mistyped_word_is_answered_with_the_nearest(
+def test_mistyped_word_is_answered_with_the_nearest(
     words: list[str], told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:
@@ -41,7 +41,7 @@ def test_a_mistyped_word_is_answered_with_the_nearest(
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_a_shell_completes_every_command_and_option(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_shell_completion_covers_every_command_and_option(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["completion", shell]) == 0
     text = capsys.readouterr().out
     assert text == build_completion_script(shell, list_commands(_build_parser()))
@@ -68,14 +68,14 @@ def test_a_shell_completes_every_command_and_option(shell: str, capsys: pytest.C
         ("opt", "optimize"),
     ],
 )
-def test_bash_offers_commands_options_and_what_an_option_takes(words: str, found: str) -> None:
+def test_bash_completes_commands_options_and_values(words: str, found: str) -> None:
     asked = f'COMP_WORDS=(machopt {words}); COMP_CWORD={len(words.split())}; _machopt; echo "${{COMPREPLY[@]}}"'
     text = build_completion_script("bash", list_commands(_build_parser()))
     done = subprocess.run(["bash", "-c", f"{text}\n{asked}"], capture_output=True, text=True, check=True, timeout=20)
     assert done.stdout == f"{found}\n"
 
 
-def test_every_command_takes_what_the_contract_calls_common() -> None:
+def test_every_command_accepts_the_common_options_of_the_contract() -> None:
     commands = {name: parser for name, parser in list_commands(_build_parser()).items() if name != "completion"}
     common = {"--seed", "--jobs", "--quiet", "--json", "--set", "--debug"}
     assert {name: common - set(list_options(parser)) for name, parser in commands.items()} == {
@@ -90,7 +90,7 @@ def _list_shown_options(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize("name", sorted(PAGES))
-def test_help_shows_the_main_options_and_the_advanced_page_the_rest(name: str) -> None:
+def test_help_shows_main_options_and_the_advanced_page_the_others(name: str) -> None:
     parser = list_commands(_build_parser())[name]
     assert isinstance(parser, ArrangedParser)
     first, second = _list_shown_options(parser.format_help()), _list_shown_options(parser.format_advanced_help())
@@ -103,14 +103,14 @@ def test_help_shows_the_main_options_and_the_advanced_page_the_rest(name: str) -
 
 
 @pytest.mark.parametrize("page", ["--help", "--help-advanced"])
-def test_help_is_printed_though_nothing_else_is_given(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_is_printed_without_further_arguments(page: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(["optimize", page])
     assert end.value.code == 0
     assert "machopt optimize" in capsys.readouterr().out
 
 
-def test_options_without_effect_are_not_offered() -> None:
+def test_options_without_effect_are_hidden() -> None:
     """They are accepted, since scripts pass them to every command; no help and no completion shows them."""
     parsers = list_commands(_build_parser())
     offered = {name: p.format_help() + p.format_advanced_help() for name, p in parsers.items() if name in PAGES}
@@ -120,7 +120,7 @@ def test_options_without_effect_are_not_offered() -> None:
     assert "--set" not in offered["init"]
 
 
-def test_planning_options_of_a_command_that_plans_nothing_are_read_and_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unused_planning_options_are_validated_and_reported(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["validate", str(CELLS / "kr500_milling"), "--seed", "3", "--jobs", "2", "--set"]
     assert main([*words, "clearance_mm=3"]) == 0
     assert capsys.readouterr().err == "machopt: --set clearance_mm=3 has no effect: validate plans nothing\n"
@@ -130,7 +130,7 @@ def test_planning_options_of_a_command_that_plans_nothing_are_read_and_said(caps
     assert "did you mean 'clearance_mm'" in capsys.readouterr().err
 
 
-def test_planning_options_of_a_diagnosis_without_a_toolpath_are_said(
+def test_unused_planning_options_of_a_diagnosis_are_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     typed = ["diagnose", str(CELLS / "kr500_milling"), str(tmp_path / "none"), "-o", str(tmp_path / "out")]
@@ -157,7 +157,7 @@ REPEATED = {  # words of map, and whether they contradict each other
 
 
 @pytest.mark.parametrize("name", REPEATED)
-def test_a_repetition_with_another_value_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_repeated_option_with_another_value_is_refused(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     words, contradicts = REPEATED[name]
     command = ["map", "cell", "-o", "out", *words]
     if not contradicts:

@@ -65,7 +65,9 @@ def regular(n: int, seed: int) -> np.ndarray:
 # --- compliance --------------------------------------------------------------------------------------------
 
 
-def test_compliance_is_what_loaded_springs_do(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_compliance_equals_the_nonlinear_equilibrium_of_loaded_springs(
+    arm: tuple[Robot, np.ndarray, np.ndarray],
+) -> None:
     """Joint springs in equilibrium with a force at the tip, solved with the full nonlinear kinematics."""
     robot, tool, k = arm
     q = regular(5, 0)
@@ -83,7 +85,7 @@ def test_compliance_is_what_loaded_springs_do(arm: tuple[Robot, np.ndarray, np.n
             np.testing.assert_allclose(compute_deflection(J[i], k, force), C[i] @ force, rtol=1e-12, atol=1e-20)
 
 
-def test_loaded_state_has_least_energy(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_loaded_state_has_minimum_energy(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
     q, force = regular(1, 1)[0], np.array([300.0, -200.0, 500.0])
     start = robot.compute_fk(q, tool)[:3, 3]
@@ -114,7 +116,7 @@ def test_directional_compliance_is_the_quadratic_form(
     )
 
 
-def test_softer_joint_never_stiffens_the_tip(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_softer_joint_never_stiffens_the_tcp(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
     _, J = robot.compute_fk_jacobian(regular(20, 3), tool)
     e = np.array([0.0, 0.0, 1.0])
@@ -130,7 +132,7 @@ def test_softer_joint_never_stiffens_the_tip(arm: tuple[Robot, np.ndarray, np.nd
 # --- the paper's index -------------------------------------------------------------------------------------
 
 
-def test_held_stiffness_is_the_block_of_the_inverse(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_constrained_stiffness_is_the_block_of_the_inverse(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
     _, J = robot.compute_fk_jacobian(regular(20, 4), tool)
     K = compute_constrained_stiffness(J, np.broadcast_to(k, (20, 6)))
@@ -142,7 +144,7 @@ def test_held_stiffness_is_the_block_of_the_inverse(arm: tuple[Robot, np.ndarray
         np.testing.assert_allclose(K[i][:, 0], loaded[:3], rtol=1e-7)
 
 
-def test_held_stiffness_does_not_know_the_tools_length_and_the_real_one_does(
+def test_constrained_stiffness_ignores_the_tool_length_and_real_stiffness_does_not(
     arm: tuple[Robot, np.ndarray, np.ndarray],
 ) -> None:
     robot, tool, k = arm
@@ -195,7 +197,7 @@ def test_index_along_a_principal_axis_is_the_principal_stiffness(arm: tuple[Robo
         assert compute_jiao_index(J, k, axis) == pytest.approx(value, rel=1e-7)
 
 
-def test_table_2_reads_high_and_ranks_the_other_way_round(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_table_2_of_the_paper_is_too_high_and_reverses_the_ranking(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     """Table 2's own configurations: K_fd along the tool is 3 to 10 times the real stiffness and prefers the softer."""
     robot, tool, k = arm
     T, J = robot.compute_fk_jacobian(TABLE_2, tool)
@@ -250,7 +252,7 @@ def test_inside_faces_edges_and_corners_of_the_grid() -> None:
     assert value(s, 1.6 - 2 * GRID_FACE_TOLERANCE_M, -0.6, 0.5) == cell(0, 0, 0)
 
 
-def test_outside_the_grid_the_constants_hold_and_are_flagged() -> None:
+def test_constants_apply_outside_the_grid_and_are_flagged() -> None:
     s = cube()
     outside = np.array(
         [[0.99, 0, 0.5], [2.21, 0, 0.5], [1.3, -0.91, 0.5], [1.3, 0.91, 0.5], [1.3, 0, 0.19], [1.3, 0, 1.41]]
@@ -269,7 +271,7 @@ def test_outside_the_grid_the_constants_hold_and_are_flagged() -> None:
     st.lists(st.integers(-4, 14), min_size=3, max_size=3),
     st.lists(st.sampled_from([0.0, 1e-5, -1e-5, 0.11]), min_size=3, max_size=3),
 )
-def test_grid_rule_is_the_mean_of_the_closed_cells_that_hold_the_point(half: list[int], off: list[float]) -> None:
+def test_grid_rule_is_the_mean_of_the_cells_containing_the_point(half: list[int], off: list[float]) -> None:
     s = cube()
     assert s.grid is not None
     p = s.grid.origin + 0.3 * np.array(half) + np.array(off)
@@ -283,7 +285,7 @@ def test_grid_rule_is_the_mean_of_the_closed_cells_that_hold_the_point(half: lis
     np.testing.assert_allclose(found.k, np.mean(rows, axis=0) if rows else s.joints)
 
 
-def test_shipped_two_grid_is_equations_39_and_40() -> None:
+def test_shipped_two_cell_grid_equals_equations_39_and_40() -> None:
     s = load_stiffness(CELL / "stiffness_two_grid.yaml")
     assert s.grid is not None
     assert s.grid.cell == pytest.approx(0.6)
@@ -295,7 +297,7 @@ def test_shipped_two_grid_is_equations_39_and_40() -> None:
     assert not compute_joint_stiffness(s, middle + np.array([0, 0.7, 0])).is_in_grid
 
 
-def test_arm_takes_its_stiffness_where_its_tip_is(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_arm_uses_the_stiffness_at_its_tcp(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
     grid = load_stiffness(CELL / "stiffness_two_grid.yaml")
     elasticity = ArmElasticity(robot, tool, grid)

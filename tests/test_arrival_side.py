@@ -30,7 +30,7 @@ def build_tests(loop: bool) -> LoadTestExperiment:
     return build_load_test_experiment(recording, load_robot(cell), cell.tool.T_flange_tcp)
 
 
-def test_pairs_are_of_the_same_load_on_both_branches() -> None:
+def test_pairs_have_the_same_load_on_both_branches() -> None:
     tests = build_tests(True)
     rising, falling = find_branch_pairs(tests)
     assert len(rising) == 3 * len(np.unique(tests.cycle))  # of four loads up the highest has no falling reading
@@ -38,7 +38,7 @@ def test_pairs_are_of_the_same_load_on_both_branches() -> None:
     assert (rising < falling).all()
 
 
-def test_a_loop_is_at_its_gear_and_nowhere_without_one() -> None:
+def test_hysteresis_is_located_at_its_gear_and_nowhere_without_one() -> None:
     half = estimate_loop_half_widths(build_tests(True), np.ones((len(build_tests(True)), 3)))
     assert int(np.argmax(half)) == LOOP
     assert half[LOOP] > 1e-5  # rad
@@ -46,7 +46,7 @@ def test_a_loop_is_at_its_gear_and_nowhere_without_one() -> None:
     assert plain.max() < 0.2 * half[LOOP]
 
 
-def test_a_loop_is_a_mode_of_its_own() -> None:
+def test_hysteresis_is_a_separate_mode() -> None:
     doubt = ModelDiscrepancy(
         parts=("joint 1", "play 3"), torque=np.ones(6), shift=np.ones(2), modes=np.eye(2), left=0.0, noise=0.0
     )

@@ -64,7 +64,7 @@ def test_planner_and_verifier_build_the_same_arm() -> None:
     )  # millimetres, not nothing
 
 
-def test_a_link_of_the_arm_carries_its_bodies_along() -> None:
+def test_link_of_the_arm_carries_its_bodies() -> None:
     cell = built_cell("kr240_drilling")
     drawn = {s.shape.name: s.shape.T_parent_shape for s in load_chain(load_cell(CELLS / "kr240_drilling"))[1]}
     for s in load_chain(cell)[1]:
@@ -73,7 +73,7 @@ def test_a_link_of_the_arm_carries_its_bodies_along() -> None:
 
 
 @pytest.mark.parametrize("name", ["kr240_drilling", "cutting_cobot"])
-def test_branches_of_the_drawing_are_led_to_the_built_arm(name: str) -> None:
+def test_branches_of_the_nominal_arm_lead_to_the_as_built_arm(name: str) -> None:
     robot = load_robot(built_cell(name))
     q = np.random.default_rng(2).uniform(-1.4, 1.4, (60, 6))
     T = robot.compute_fk(q)
@@ -87,14 +87,14 @@ def test_branches_of_the_drawing_are_led_to_the_built_arm(name: str) -> None:
     assert np.mean(np.nanmin(np.where(there, own, 9.0), axis=1) < 1e-6) > 0.9  # the rest lies at a singularity
 
 
-def test_geometry_is_no_angle() -> None:
+def test_geometry_differs_from_joint_offsets() -> None:
     known = KinematicCorrections((entry("joint:3", np.random.default_rng(3)),))
     assert build_encoder_correction(known) is None
     q = np.ones((2, 6))
     np.testing.assert_array_equal(compute_true_angles(known, q), q)
 
 
-def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+def test_written_geometry_is_read_back(tmp_path: Path) -> None:
     known = KinematicCorrections(tuple(entry(place, np.random.default_rng(4)) for place in PLACES))
     write_kinematics(tmp_path / "k.yaml", known)
     assert load_kinematics(tmp_path / "k.yaml") == known
@@ -110,12 +110,12 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
         ('  - {effect: geometry, location: "joint:2", parameters: {}}\n', "xyz_mm or turn_mrad"),
     ],
 )
-def test_a_geometry_that_cannot_be_is_refused(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_geometry_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         load_kinematics(written(tmp_path, text))
 
 
-def test_what_is_found_beside_what_is_known_adds_up() -> None:
+def test_new_geometry_adds_to_known_geometry() -> None:
     known = KinematicCorrections((KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.25, 0.0, 0.0]}),))
     found = KinematicCorrection("geometry", "joint:2", {"xyz_mm": [0.5, 0.0, 1.0], "turn_mrad": [0.0, 0.5, 0.0]})
     (both,) = extend_kinematics(known, [found]).corrections
@@ -124,7 +124,7 @@ def test_what_is_found_beside_what_is_known_adds_up() -> None:
 
 
 @pytest.mark.slow
-def test_a_plan_on_a_built_arm_is_verified(tmp_path: Path) -> None:
+def test_plan_on_an_as_built_arm_is_verified(tmp_path: Path) -> None:
     """Joints are exported for the built arm, Cartesian targets as the controller reckons: both are read back."""
     line = "stiffness: stiffness.yaml"
     cell = changed_cell(tmp_path, (line, f"{line}\nkinematics: kinematics.yaml"))

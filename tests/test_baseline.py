@@ -83,7 +83,7 @@ def paper_roll(setup: PlanningSetup, path: PlanningPath, phi: np.ndarray) -> np.
 # --- CAM default -------------------------------------------------------------------------------------------
 
 
-def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -> None:
+def test_cam_default_has_zero_rotation_and_is_reachable(tmp_path: FilePath) -> None:
     for tp in (milling(0.1), holes(0.2)):
         setup, path = ready(facing_cell(tmp_path), tp)
         a = plan_cam_default(path, setup.arm, setup.cell.home)
@@ -98,7 +98,7 @@ def test_cam_default_has_gamma_zero_everywhere_and_reaches(tmp_path: FilePath) -
         assert (a.q[ok] <= setup.arm.upper).all()
 
 
-def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> None:
+def test_cam_default_starts_nearest_to_home_and_is_continuous(tmp_path: FilePath) -> None:
     setup, path = ready(facing_cell(tmp_path), milling())
     a = plan_cam_default(path, setup.arm, setup.cell.home)
     first = setup.arm.solver.solve(
@@ -124,7 +124,7 @@ def test_cam_default_starts_nearest_to_home_and_follows(tmp_path: FilePath) -> N
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.15])
-def test_roll_is_the_papers_where_the_paper_has_one(tmp_path: FilePath, tilt: float) -> None:
+def test_roll_angle_equals_equation_27_where_defined(tmp_path: FilePath, tilt: float) -> None:
     setup, path = ready(facing_cell(tmp_path), milling(tilt))
     every = np.arange(len(path.index), dtype=np.int32)
     np.testing.assert_allclose(
@@ -138,7 +138,7 @@ def test_roll_is_the_papers_where_the_paper_has_one(tmp_path: FilePath, tilt: fl
         )
 
 
-def test_roll_does_not_swing_where_the_spindle_points_down(tmp_path: FilePath) -> None:
+def test_roll_angle_is_constant_where_the_spindle_points_down(tmp_path: FilePath) -> None:
     """Eq. 27 has no roll at β = ±90°: about it a swaying axis would turn it right round."""
     setup, path = ready(facing_cell(tmp_path, pitch=0.0, height=0.7), milling(0.15))
     every = np.arange(len(path.index), dtype=np.int32)
@@ -150,7 +150,7 @@ def test_roll_does_not_swing_where_the_spindle_points_down(tmp_path: FilePath) -
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.15])
-def test_trajectory_rolls_in_proportion_to_the_index_and_arrives(tmp_path: FilePath, tilt: float) -> None:
+def test_trajectory_rolls_in_proportion_to_the_index_and_reaches_the_end(tmp_path: FilePath, tilt: float) -> None:
     """Eqs. 33–37: ψ_i = ψ_1 + (i − 1)/(n − 1) (ψ_n − ψ_1), also for tilted axes."""
     setup, path = ready(facing_cell(tmp_path), milling(tilt))
     a = paper(setup, path)
@@ -165,7 +165,7 @@ def test_trajectory_rolls_in_proportion_to_the_index_and_arrives(tmp_path: FileP
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.3])
-def test_holes_roll_in_proportion_to_the_coordinate_and_arrive(tmp_path: FilePath, tilt: float) -> None:
+def test_holes_roll_in_proportion_to_the_coordinate_and_reach_the_end(tmp_path: FilePath, tilt: float) -> None:
     """Eq. 34, along the axis with the longest way (here y)."""
     setup, path = ready(facing_cell(tmp_path), holes(tilt))
     a = paper(setup, path)
@@ -179,7 +179,7 @@ def test_holes_roll_in_proportion_to_the_coordinate_and_arrive(tmp_path: FilePat
         assert np.ptp(a.phi[first : last + 1]) < 1e-9
 
 
-def test_key_points_take_the_stiffest_of_the_ten_degree_rotations(tmp_path: FilePath) -> None:
+def test_key_points_use_the_stiffest_ten_degree_rotation(tmp_path: FilePath) -> None:
     """Steps 1–5 of section 3.2, tried one by one in the branch that was taken."""
     setup, path = ready(facing_cell(tmp_path), milling())
     a = paper(setup, path)
@@ -208,7 +208,7 @@ def _regular(setup: PlanningSetup, T: np.ndarray, b: int) -> bool:
     return bool(found.wrist[0, b] >= m.wrist and found.elbow[0, b] >= m.elbow and found.shoulder[0, b] >= m.shoulder)
 
 
-def test_users_bounds_hold_at_the_key_points(tmp_path: FilePath) -> None:
+def test_user_bounds_hold_at_the_key_points(tmp_path: FilePath) -> None:
     low, high = np.radians([35.0, 75.0])
     setup, path = ready(facing_cell(tmp_path), milling())
     a = paper(setup, path, replace(OPTIONS, rotation_range=(low, high)))
@@ -238,7 +238,7 @@ def test_each_milling_run_has_its_own_key_points(tmp_path: FilePath) -> None:
         assert a.phi[p] == pytest.approx(a.phi[p + 1])  # the rapid point takes the rotation it leads to
 
 
-def test_nothing_reachable_is_data_not_an_exception(tmp_path: FilePath) -> None:
+def test_unreachable_path_is_data_not_an_exception(tmp_path: FilePath) -> None:
     cell = facing_cell(tmp_path)
     far = replace(cell, workpiece=Workpiece("world", pose(9.0, 0, 1.4, -np.pi / 2), ()))
     setup, path = ready(far, milling())

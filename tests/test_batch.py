@@ -40,9 +40,7 @@ def rows(out: Path) -> dict[str, dict[str, str]]:
 # ── what goes wrong in one job stays there ──────────────────────────────────────────────────────────────────────────
 
 
-def test_a_job_that_crashes_hangs_or_eats_memory_is_told_and_takes_no_other_with_it(
-    scheduler: str, tmp_path: Path
-) -> None:
+def test_crash_hang_or_memory_overrun_of_a_job_is_reported_and_isolated(scheduler: str, tmp_path: Path) -> None:
     bad = {"boom": "segfault", "gone": "exit", "error": "raise", "deaf": "hang", "fat": "eat 4000"}
     good = {f"good{n}": "sleep 0" for n in range(4)}
     jobs = folder_of(tmp_path, **bad, **good, no="infeasible", open="unverified")
@@ -81,7 +79,7 @@ def _group(pid: int) -> int:
         return -1
 
 
-def test_finished_jobs_stay_and_failed_ones_get_another_try(scheduler: str, tmp_path: Path) -> None:
+def test_finished_jobs_remain_and_failed_ones_are_retried(scheduler: str, tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0", broken="raise", no="infeasible")
     out = tmp_path / "out"
     request = request_for(jobs, out, scheduler=scheduler)
@@ -107,7 +105,7 @@ def test_finished_jobs_stay_and_failed_ones_get_another_try(scheduler: str, tmp_
     assert run_batch(replace(request, overrides=("seed=1",), keep_failed=True)).done == 4
 
 
-def test_a_changed_cell_file_and_a_lost_result_are_noticed(scheduler: str, tmp_path: Path) -> None:
+def test_changed_cell_file_and_missing_result_are_detected(scheduler: str, tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
     cell = tmp_path / "cell"
     shutil.copytree(CELL, cell)
@@ -124,7 +122,7 @@ def test_a_changed_cell_file_and_a_lost_result_are_noticed(scheduler: str, tmp_p
     assert len(list((tmp_path / "out" / "jobs").iterdir())) == 2
 
 
-def test_a_process_for_each_job_where_forking_is_not_safe(tmp_path: Path) -> None:
+def test_one_process_per_job_where_forking_is_unsafe(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, good="sleep 0", boom="segfault", deaf="hang")
     for name, how in (("good", "ended"), ("boom", "crashed"), ("deaf", "time")):
         work = tmp_path / name
@@ -156,7 +154,7 @@ def test_a_process_for_each_job_where_forking_is_not_safe(tmp_path: Path) -> Non
 # ── beside each other ────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-def test_two_batches_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
+def test_two_batches_at_once_are_independent(tmp_path: Path) -> None:
     """The port of Dask's status pages is taken; a warning would be an error here."""
     jobs = folder_of(tmp_path, a="sleep 0")
     with socket.socket() as taken:
@@ -182,7 +180,7 @@ def test_two_batches_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
+def test_batch_jobs_equal_single_commands_and_batches_are_compared(scheduler: str, tmp_path: Path) -> None:
     from machopt.commands.optimize.request import OptimizeRequest as Single
     from machopt.commands.optimize.run import run_optimize
     from machopt.commands.verify import run_verify
@@ -238,7 +236,7 @@ def test_real_jobs_give_what_the_single_command_gives_and_batches_are_compared(s
 
 
 @pytest.mark.proof
-def test_the_warm_up_compiles_all_that_jobs_need(tmp_path: Path) -> None:
+def test_warm_up_compiles_all_kernels_that_jobs_use(tmp_path: Path) -> None:
     code = """
 import sys, numba
 from pathlib import Path
@@ -277,7 +275,7 @@ assert all(len(f.signatures) == 1 for f in kernels), [f.signatures for f in kern
 # ── refused before anything starts ──────────────────────────────────────────────────────────────────────────────────
 
 
-def test_what_can_be_known_before_is_refused_before(tmp_path: Path) -> None:
+def test_invalid_jobs_are_refused_before_the_start(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
     request = request_for(jobs, tmp_path / "out")
     bad_cell = tmp_path / "cell"
@@ -304,7 +302,7 @@ def test_what_can_be_known_before_is_refused_before(tmp_path: Path) -> None:
 
 
 @pytest.mark.proof
-def test_a_job_whose_cell_is_broken_leaves_the_others_alone(scheduler: str, tmp_path: Path) -> None:
+def test_broken_cell_of_one_job_does_not_affect_the_others(scheduler: str, tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
     (jobs / "other" / "cell").mkdir(parents=True)
     (jobs / "other" / "cell" / "cell.yaml").write_text("machopt_cell: 1\n")

@@ -61,9 +61,7 @@ def meanwhile(action: Callable[[], None], pause: Callable[[], float]) -> Iterato
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_servers_and_jobs_killed_at_random_never_hang_a_batch_and_the_rest_is_done_later(
-    seed: int, tmp_path: Path
-) -> None:
+def test_randomly_killed_servers_and_jobs_never_hang_a_batch(seed: int, tmp_path: Path) -> None:
     draw = random.Random(seed)
     jobs = folder_of(tmp_path, **{f"j{n:02d}": "sleep 0.2" for n in range(8)})
     request = request_for(jobs, tmp_path / "out", workers=2)
@@ -105,7 +103,7 @@ def spec_of(tmp_path: Path, words: str, limit: float = 60.0) -> JobSpec:
     )
 
 
-def test_a_server_that_has_gone_says_so_however_often_it_is_asked(tmp_path: Path) -> None:
+def test_dead_server_is_reported_on_every_request(tmp_path: Path) -> None:
     """The system closes a killed process's pipe before it tells that the process has ended."""
     server = ProcessServer("test", "batch_stub_jobs", forks=True)
     (tmp_path / "work").mkdir()
@@ -118,7 +116,7 @@ def test_a_server_that_has_gone_says_so_however_often_it_is_asked(tmp_path: Path
         server.close()
 
 
-def test_a_time_limit_holds_where_the_server_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_limit_holds_without_an_answer_of_the_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(job_supervisor, "GRACE_PERIOD_S", 0.2)
     server = ProcessServer("test", "batch_stub_jobs", forks=True)
     work = tmp_path / "work"
@@ -150,7 +148,7 @@ def until_gone(pid: int) -> None:
                 process.wait(0.05)
 
 
-def test_a_local_batch_opens_no_port(tmp_path: Path) -> None:
+def test_local_batch_opens_no_port(tmp_path: Path) -> None:
     def listening() -> set[object]:
         return {c.laddr for c in psutil.Process().net_connections() if c.status == psutil.CONN_LISTEN}
 
@@ -160,9 +158,7 @@ def test_a_local_batch_opens_no_port(tmp_path: Path) -> None:
         assert listening() == before
 
 
-def test_a_batch_whose_workers_have_all_gone_ends_and_goes_on_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batch_without_workers_ends_and_can_be_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from distributed import LocalCluster
 
     monkeypatch.setattr(dask_executor, "POLL_INTERVAL_S", 0.1)
@@ -192,7 +188,7 @@ def test_a_batch_whose_workers_have_all_gone_ends_and_goes_on_later(
 
 
 @pytest.mark.parametrize("step", ["_list_in_manifest", "sync_tree", "sync_folder"])
-def test_a_batch_killed_while_it_puts_a_job_away_goes_on_to_the_same_bytes(
+def test_batch_killed_while_moving_a_result_resumes_to_the_same_bytes(
     step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Killed(BaseException):
@@ -214,9 +210,7 @@ def test_a_batch_killed_while_it_puts_a_job_away_goes_on_to_the_same_bytes(
     assert not (tmp_path / "out" / ".work").exists()
 
 
-def test_a_full_disk_is_told_and_the_batch_goes_on_when_there_is_space(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_is_reported_and_the_batch_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -229,7 +223,7 @@ def test_a_full_disk_is_told_and_the_batch_goes_on_when_there_is_space(
     assert run_batch(request).exit_code == 0
 
 
-def test_a_job_that_the_disk_did_not_take_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_job_lost_to_a_full_disk_is_retried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_: object) -> None:
         raise InputError("the output folder cannot be written") from OSError(errno.ENOSPC, "full")
 
@@ -238,7 +232,7 @@ def test_a_job_that_the_disk_did_not_take_is_tried_again(tmp_path: Path, monkeyp
     assert (found["exit_code"], found["verdict"]) == (1, job_process.NOT_WRITTEN)  # 1 is tried again, 2 is an answer
 
 
-def test_the_manifest_of_a_batch_holds_its_summary_and_is_gone_while_it_runs(tmp_path: Path) -> None:
+def test_batch_manifest_contains_the_summary_and_is_absent_while_running(tmp_path: Path) -> None:
     from machopt.output.manifest_file import find_differences, read_manifest
 
     jobs = folder_of(tmp_path, a="sleep 0", broken="raise")
@@ -257,7 +251,7 @@ def test_the_manifest_of_a_batch_holds_its_summary_and_is_gone_while_it_runs(tmp
     assert changed == ["summary.csv"]
 
 
-def test_a_result_that_was_edited_is_made_again_with_force_alone(tmp_path: Path) -> None:
+def test_edited_result_is_recomputed_only_with_force(tmp_path: Path) -> None:
     """As far as it has a manifest; the jobs here have none, so one is written for them."""
     from machopt.data_types.manifest import FolderManifest
     from machopt.output import write_manifest
@@ -281,7 +275,7 @@ def test_a_result_that_was_edited_is_made_again_with_force_alone(tmp_path: Path)
 # ── the key ──────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
-def test_every_file_that_is_shipped_counts(tmp_path: Path) -> None:
+def test_every_shipped_file_is_part_of_the_key(tmp_path: Path) -> None:
     """One of each kind of file is changed; what Python and numba store beside them is none of them."""
     package = tmp_path / "machopt"
     shutil.copytree(Path(machopt.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -301,7 +295,7 @@ def test_every_file_that_is_shipped_counts(tmp_path: Path) -> None:
     assert compute_package_hash(package) in seen
 
 
-def test_the_data_file_of_a_robot_program_is_in_the_key(tmp_path: Path) -> None:
+def test_data_file_of_a_robot_program_is_part_of_the_key(tmp_path: Path) -> None:
     place = tmp_path / "jobs"
     place.mkdir()
     for name in ("golden.src", "golden.dat"):

@@ -61,9 +61,7 @@ def finished(out: Path) -> set[str]:
 
 
 @pytest.mark.slow
-def test_sixty_jobs_killed_half_way_and_resumed_give_the_bytes_of_an_undisturbed_run(
-    scheduler: str, tmp_path: Path
-) -> None:
+def test_sixty_jobs_killed_and_resumed_equal_an_undisturbed_run(scheduler: str, tmp_path: Path) -> None:
     """Gates hold what must not be over yet, so that nothing here depends on how fast the machine is.
 
     The driver is killed while two jobs of the second third are at work, a server while it has one of the last.
@@ -111,7 +109,7 @@ def test_sixty_jobs_killed_half_way_and_resumed_give_the_bytes_of_an_undisturbed
 
 
 @pytest.mark.proof
-def test_fifteen_real_jobs_on_two_workers_killed_half_way_and_resumed(scheduler: str, tmp_path: Path) -> None:
+def test_fifteen_real_jobs_on_two_workers_killed_and_resumed(scheduler: str, tmp_path: Path) -> None:
     """Shipped cells with small toolpaths, KRL programs, one crash, one job over its time; undisturbed on a scheduler
     of its own, then killed half-way on a local cluster and resumed: the same bytes but for the times told in them."""
     jobs = small_jobs(tmp_path)
@@ -189,7 +187,7 @@ def wait_until_gone(servers: list[psutil.Process]) -> None:
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_is_finished_and_says_what_is_not(tmp_path: Path) -> None:
+def test_ctrl_c_keeps_finished_jobs_and_lists_the_others(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, **{f"a{n}": "sleep 0" for n in range(4)}, z0="hang", z1="hang", z2="sleep 0")
     out = tmp_path / "out"
     with driver(jobs, out) as process:

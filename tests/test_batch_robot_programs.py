@@ -35,7 +35,7 @@ def key(request: BatchRequest) -> str:
     return found.key
 
 
-def test_a_job_has_its_own_posts_else_those_of_the_list_else_those_of_the_command(tmp_path: Path) -> None:
+def test_posts_of_a_job_override_those_of_the_list_and_the_command(tmp_path: Path) -> None:
     folder_of(tmp_path, a="sleep 0", b="sleep 0")
     mine = tmp_path / "mine.toml"
     mine.write_text(read_post_text("krl"))
@@ -70,7 +70,7 @@ def test_a_job_has_its_own_posts_else_those_of_the_list_else_those_of_the_comman
         ("jobs: [{toolpath: jobs/a.nc, post: krll}]", r"line 2: jobs\[0\]\.post: no such post .*did you mean 'krl'"),
     ],
 )
-def test_a_wrong_post_in_a_list_is_told_with_its_place(text: str, words: str, tmp_path: Path) -> None:
+def test_invalid_post_in_a_list_is_reported_with_its_place(text: str, words: str, tmp_path: Path) -> None:
     folder_of(tmp_path, a="sleep 0")
     listed = tmp_path / "list.yaml"
     more = "" if text.startswith("jobs") else "\ntoolpaths: [jobs/a.nc]"
@@ -80,7 +80,7 @@ def test_a_wrong_post_in_a_list_is_told_with_its_place(text: str, words: str, tm
     assert str(caught.value).startswith(str(listed))
 
 
-def test_the_key_holds_names_and_the_bytes_of_template_files(tmp_path: Path) -> None:
+def test_key_contains_post_names_and_the_bytes_of_templates(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
     mine = tmp_path / "mine.toml"
     mine.write_text(read_post_text("krl"))
@@ -103,7 +103,7 @@ def test_the_key_holds_names_and_the_bytes_of_template_files(tmp_path: Path) -> 
     assert "mine.toml" in faulty.reason
 
 
-def test_the_key_holds_the_bytes_of_files_with_effects(tmp_path: Path) -> None:
+def test_key_contains_the_bytes_of_effect_files(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
     mine = tmp_path / "mine.py"
     mine.write_text("EFFECTS = []")
@@ -117,7 +117,7 @@ def test_the_key_holds_the_bytes_of_files_with_effects(tmp_path: Path) -> None:
     assert key(with_effects) != before.key
 
 
-def test_the_template_of_a_cell_is_in_the_key_too(tmp_path: Path) -> None:
+def test_key_contains_the_template_of_a_cell(tmp_path: Path) -> None:
     import shutil
 
     jobs = folder_of(tmp_path, a="sleep 0")
@@ -132,7 +132,7 @@ def test_the_template_of_a_cell_is_in_the_key_too(tmp_path: Path) -> None:
     assert key(request) != before
 
 
-def test_the_command_passes_posts_on(
+def test_command_passes_posts_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
@@ -156,7 +156,7 @@ def test_the_command_passes_posts_on(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_program_that_does_not_read_back_is_the_reason_in_the_summary() -> None:
+def test_unreadable_program_is_the_reason_in_the_summary() -> None:
     part = {"mean": 1e-8, "worst": 1e-8}
     result = {
         "exit_code": 4,

@@ -36,14 +36,14 @@ def build_entry(p_in: float | None, error: float | None) -> ToleranceEntry:
     )
 
 
-def test_the_worst_operation_is_that_with_the_lowest_probability() -> None:
+def test_worst_operation_has_the_lowest_probability() -> None:
     rows = (build_entry(0.9, 0.5), build_entry(0.4, 0.1), build_entry(0.4, 0.2), build_entry(None, 0.9))
     process = ProcessSection.model_construct(tolerances=rows)
     assert find_worst_tolerance(process) is rows[2]
     assert find_worst_tolerance(ProcessSection.model_construct(tolerances=())) is None
 
 
-def test_a_process_file_that_is_missing_is_refused_before_the_first_job(tmp_path: Path) -> None:
+def test_missing_process_file_is_refused_before_the_first_job(tmp_path: Path) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
     request = BatchRequest(jobs=(str(tmp_path / "holes.csv"),), cell=CELL, out=tmp_path / "o", process=tmp_path / "p")
     with pytest.raises(InputError) as refused:
@@ -52,7 +52,7 @@ def test_a_process_file_that_is_missing_is_refused_before_the_first_job(tmp_path
 
 
 @pytest.mark.slow
-def test_the_summary_has_the_outcomes_of_each_job(tmp_path: Path) -> None:
+def test_summary_contains_the_outcome_of_each_job(tmp_path: Path) -> None:
     """The same numbers as result.json; another process.yaml is another job."""
     (tmp_path / "holes.csv").write_text(HOLES)
     own = (CELL / "process.yaml").read_text().replace("    kind: drilling", "    spindle_rpm: 4000\n    kind: drilling")

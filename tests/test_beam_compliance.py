@@ -35,7 +35,7 @@ def slices(w: np.ndarray, length: float, stiffness: list[tuple[float, float, flo
     return np.concatenate([shift.sum(axis=0), turn.sum(axis=0)])
 
 
-def test_cantilever_is_the_beam_equation_integrated() -> None:
+def test_cantilever_equals_the_integrated_beam_equation() -> None:
     L = 0.45
     C = compute_bending_compliance(L) / EI + compute_torsion_compliance(L) / GJ + compute_axial_compliance(L) / EA
     by_slices = np.column_stack([slices(e, L, [(1.0, EI, GJ, EA)], 4000) for e in np.eye(6)])
@@ -43,7 +43,7 @@ def test_cantilever_is_the_beam_equation_integrated() -> None:
     np.testing.assert_allclose(C, by_slices, rtol=1e-7, atol=1e-20)
 
 
-def test_stepped_cylinders_are_many_slices_with_their_own_section() -> None:
+def test_stepped_cylinder_equals_many_slices() -> None:
     steps = [
         BeamCylinder(0.060, 0.09, 210e9, 0.3, 0.025),
         BeamCylinder(0.032, 0.03, 210e9),
@@ -63,7 +63,7 @@ def test_stepped_cylinders_are_many_slices_with_their_own_section() -> None:
     assert steps[0].EA / steps[0].youngs == pytest.approx(float(np.sum(2 * np.pi * middle * np.diff(r))), rel=1e-8)
 
 
-def test_tian2025_equations_2_and_3_leave_out_the_lever_arms() -> None:
+def test_tian2025_equations_2_and_3_omit_the_lever_arms() -> None:
     """The sum of L³/3EI against the slices: right for one cylinder, a quarter of the truth for two halves.
 
     With two halves of one bar the sum is 2 (L/2)³/3EI, a quarter of L³/3EI; a soft holder far from the tip is worse.
@@ -111,7 +111,7 @@ def planar_beam_as_zhang2025(length: float, EI: float, EA: float) -> np.ndarray:
     )
 
 
-def test_zhang2025_equations_17_and_19_are_no_stiffness_of_one_end() -> None:
+def test_zhang2025_equations_17_and_19_are_not_the_stiffness_of_one_end() -> None:
     """The printed 6 × 6 is singular and its pseudo-inverse is no cantilever: the figures side by side."""
     L = 0.4
     K = planar_beam_as_zhang2025(L, EI, EA)

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.mark.proof
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_a_few_kills_of_a_batch_lose_nothing() -> None:
+def test_killed_batches_lose_nothing() -> None:
     done = subprocess.run(
         [sys.executable, str(ROOT / "benchmarks" / "batch_kills.py"), "--kills", "6"],
         capture_output=True,

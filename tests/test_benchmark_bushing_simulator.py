@@ -58,7 +58,7 @@ def test_small_loads_move_the_tcp_by_J_C_Jt(name):
     np.testing.assert_allclose(_move(arm, q, robot.tcp, force), expected, atol=2e-4 * np.abs(expected).max())
 
 
-def test_joint_torques_carry_the_weights():
+def test_joint_torques_equal_those_of_the_weights():
     robot, arm = _build("irb6640")
     q = _draw_postures(robot)
     torque = _solve(arm, q, []).torque
@@ -129,7 +129,7 @@ def _follow(law, torques, duration):
     return np.array(path)
 
 
-def test_slip_loop_is_closed_wide_and_rate_independent():
+def test_slip_hysteresis_is_closed_and_rate_independent():
     up_down = np.concatenate([np.linspace(0, 900, 10), np.linspace(900, -900, 19), np.linspace(-900, 900, 19)])
     slow, fast = (_follow(gears.SlipStack(1, 0.5, 1e6, 1000.0, 0.0), up_down, d) for d in (100.0, 0.1))
     np.testing.assert_array_equal(slow, fast)
@@ -137,7 +137,7 @@ def test_slip_loop_is_closed_wide_and_rate_independent():
     assert slow[19] - slow[37] > 0.1 * slow[9]  # near zero torque the branches differ
 
 
-def test_creep_is_rate_dependent_and_reaches_its_end():
+def test_creep_is_rate_dependent_and_converges():
     law = gears.CreepPair(1, 0.05, 1e6)
     slow = _follow(law, [0.0, 500.0], 5000.0)[-1]
     fast = _follow(law, [0.0, 500.0], 5.0)[-1]
@@ -145,7 +145,7 @@ def test_creep_is_rate_dependent_and_reaches_its_end():
     assert 0 < fast < 0.5 * slow
 
 
-def test_play_opens_by_its_width_between_opposite_torques():
+def test_backlash_opens_by_its_width_between_opposite_torques():
     law = gears.RoundedPlay(1, 3e-4, 1e6)
     path = _follow(law, [-600.0, 600.0], 1.0)
     assert path[1] - path[0] == pytest.approx(3e-4, rel=0.1)  # less the seal's 2 %
@@ -165,7 +165,7 @@ def test_soft_pedestal_moves_a_pose_like_its_springs():
     np.testing.assert_allclose(_move(arm, q, robot.tcp, force) - hard, expected, atol=0.02 * np.abs(expected).max())
 
 
-def test_same_seed_same_bytes_and_other_draw_other_bytes(tmp_path):
+def test_same_seed_same_bytes_and_another_draw_differs(tmp_path):
     case = next(c for c in list_cases() if c.key.startswith("single/absolute/joint_zero_offset"))
     other = next(c for c in list_cases(draw=1) if c.key == case.key)
     texts = []
@@ -176,7 +176,7 @@ def test_same_seed_same_bytes_and_other_draw_other_bytes(tmp_path):
     assert texts[0] != texts[2]
 
 
-def test_no_file_imports_the_product():
+def test_simulator_does_not_import_machopt():
     for path in FOLDER.joinpath("bushing_simulator").glob("*.py"):
         lines = path.read_text().splitlines()
         assert not [line for line in lines if line.lstrip().startswith(("import machopt", "from machopt"))]

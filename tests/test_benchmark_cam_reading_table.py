@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_table_says_what_was_read_and_what_was_not(
+def test_table_lists_read_and_refused_files_with_reasons(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = {f.name: cam_reading_table.look(f, folder, {}, ask=False) for f in cam_reading_table.files_in(folder)}

@@ -48,7 +48,7 @@ def run_in_this_process(command: list[str], *, cwd: str, **_: object) -> SimpleN
 
 
 @pytest.mark.proof
-def test_what_is_concealed_is_named_and_nothing_else(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_concealed_effects_are_named_and_nothing_else(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process; the next test starts the command as the benchmark does."""
     monkeypatch.setattr(run_chain_benchmark.subprocess, "run", run_in_this_process)
     answers = {}
@@ -63,7 +63,7 @@ def test_what_is_concealed_is_named_and_nothing_else(folder: Path, monkeypatch: 
 
 
 @pytest.mark.proof
-def test_an_effect_outside_the_catalogue_is_noticed_and_nothing_is_claimed_to_explain_it(tmp_path: Path) -> None:
+def test_effect_outside_the_catalogue_is_a_mismatch_without_a_name(tmp_path: Path) -> None:
     """What predicts unseen poses better is told, however little it closes: as a part, beside what is left."""
     assert generate_cases.main(["--set", "dev", "--out", str(tmp_path), "--only", "outside/bearing_play.3"]) == 0
     (truth,) = tmp_path.glob("*.truth.json")

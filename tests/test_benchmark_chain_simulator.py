@@ -59,7 +59,7 @@ def pinocchio_jacobian(nominal: Nominal, q: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_small_load_meets_j_c_jt(name: str) -> None:
+def test_small_load_agrees_with_j_c_jt(name: str) -> None:
     nominal, rng = read_nominal(CELLS / name), np.random.default_rng(1)
     q = nominal.home + rng.uniform(-0.3, 0.3, (5, 6))
     w = rng.normal(size=(5, 6)) * [10, 10, 10, 3, 3, 3]
@@ -74,7 +74,7 @@ def test_a_small_load_meets_j_c_jt(name: str) -> None:
         assert loaded.position[k] - empty.position[k] == pytest.approx(expected[:3], abs=1e-12, rel=1e-4)
 
 
-def test_gear_torques_under_weight_are_those_of_pinocchio(kr240: Nominal) -> None:
+def test_gear_torques_under_weight_equal_pinocchio(kr240: Nominal) -> None:
     model = pin.buildModelFromUrdf(str(kr240.urdf))
     at = pin.SE3(kr240.flange.R, kr240.flange.t)
     tool = pin.Inertia(kr240.tool_mass, kr240.tool_com, np.zeros((3, 3)))
@@ -89,7 +89,7 @@ def test_gear_torques_under_weight_are_those_of_pinocchio(kr240: Nominal) -> Non
         assert torque[k] == pytest.approx(-held, abs=5e-3)  # of up to 8 kN·m; the springs give 1e-7 rad
 
 
-def test_curvature_of_the_loads_is_the_slope_of_their_forces() -> None:
+def test_curvature_of_the_potential_is_the_slope_of_the_forces() -> None:
     rng, chain = np.random.default_rng(3), Chain()
     for d in range(7):
         axis = rng.normal(size=3)
@@ -112,7 +112,7 @@ def test_curvature_of_the_loads_is_the_slope_of_their_forces() -> None:
     assert H[0] == pytest.approx(slope, abs=2e-4)
 
 
-def test_a_clamped_beam_bends_and_twists_as_the_books_say() -> None:
+def test_clamped_beam_agrees_with_closed_forms() -> None:
     chain, stiff, length, EI, GJ = Chain(), {}, 1.2, 3e6, 2e6
     add_beam(chain, stiff, Beam(EI, EI, GJ), np.array([length, 0, 0]), 0.0, np.zeros(3))
     k = np.array([stiff[d] for d in range(len(chain))])
@@ -126,7 +126,7 @@ def test_a_clamped_beam_bends_and_twists_as_the_books_say() -> None:
     assert C[3, 3] == pytest.approx(length / GJ, rel=1e-12)
 
 
-def test_the_tip_of_a_tapered_shank_gives_way_as_its_pieces_do_together() -> None:
+def test_tapered_shank_deflects_like_the_sum_of_its_pieces() -> None:
     length, EI = 0.4, 2e4
     beam = Beam(EI, EI, 0.7 * EI, taper=0.6)
     chain, stiff = Chain(), {}
@@ -137,7 +137,7 @@ def test_the_tip_of_a_tapered_shank_gives_way_as_its_pieces_do_together() -> Non
     assert tip_softness(beam, length) < 0.9 * length**3 / (3 * EI)  # stiff where a load at the tip bends it most
 
 
-def test_a_loop_is_as_wide_as_the_loads_of_the_record_open_it() -> None:
+def test_hysteresis_width_follows_from_the_recorded_loads() -> None:
     """Joint 2 of a motion bears weight: its torque ranges over half of what it reaches, and so far goes the loop."""
     case = next(c for c in case_list.cases() if c.key == "motion/joint_hysteresis.6/large")
     scene = Scene(replace(case, parts=(Part("joint_hysteresis", ("joint:2",), "large"),)), (1, 2, 3), CELLS, True)
@@ -148,7 +148,7 @@ def test_a_loop_is_as_wide_as_the_loads_of_the_record_open_it() -> None:
     assert np.radians(found[0].parameters["width"][0] / 60.0) == pytest.approx(width, rel=1e-9)
 
 
-def test_a_plate_on_four_bolts_tilts_by_its_moment_and_opens_one_sided() -> None:
+def test_plate_on_four_bolts_tilts_by_its_moment_and_opens_on_one_side() -> None:
     half, k = 0.35, 3e8
     even, loose = np.full(4, k), np.array([k, k, 0.1 * k, 0.1 * k])
     x = np.zeros((2, 6))
@@ -161,7 +161,7 @@ def test_a_plate_on_four_bolts_tilts_by_its_moment_and_opens_one_sided() -> None
     assert f[1, 4] == pytest.approx(-4 * k * half**2 * 1e-4, rel=1e-6)
 
 
-def test_clearance_shows_only_where_no_weight_presses_the_teeth(kr240: Nominal) -> None:
+def test_backlash_shows_only_without_preload_by_weight(kr240: Nominal) -> None:
     arm = arm_of(kr240)
     plain = Statics(arm_of(kr240))
     b = 3e-4
@@ -181,7 +181,7 @@ def test_clearance_shows_only_where_no_weight_presses_the_teeth(kr240: Nominal) 
 
 
 @pytest.mark.parametrize("law", [iwan(1e6, 0.7, 4e-4), BoucWen(1e6, 80.0, 1e-4)], ids=["iwan", "bouc-wen"])
-def test_dry_loops_do_not_know_how_fast_they_are_driven(law: Law) -> None:
+def test_dry_friction_hysteresis_is_rate_independent(law: Law) -> None:
     def area(steps: int, seconds: float) -> float:
         path = 5e-4 * np.sin(np.linspace(0, 4 * np.pi, 2 * steps + 1))
         memory, q, hold, tau = law.start(1), np.zeros(1), np.array([seconds]), []
@@ -195,7 +195,7 @@ def test_dry_loops_do_not_know_how_fast_they_are_driven(law: Law) -> None:
     assert area(1600, 1.0) == pytest.approx(slow, rel=0.01)  # of the trapezoidal rule over the corners
 
 
-def test_creep_is_done_after_its_slowest_element_and_knows_time() -> None:
+def test_creep_ends_after_its_slowest_element() -> None:
     law = Creeping(1e6, np.array([0.02, 0.03]), np.array([5.0, 60.0]))
 
     def compliance(seconds: float) -> float:
@@ -207,7 +207,7 @@ def test_creep_is_done_after_its_slowest_element_and_knows_time() -> None:
     assert compliance(60.0) == pytest.approx(1 + 0.02 * (1 - np.exp(-12)) + 0.03 * (1 - np.exp(-1)), abs=1e-12)
 
 
-def test_loop_width_of_one_slipping_element() -> None:
+def test_hysteresis_width_of_one_slipping_element() -> None:
     """τ = k δ + drag that has slid to ±f: at zero torque the branches lie 2 f/k apart."""
     law = BoucWen(1e6, 20.0, 1e-6)  # builds up at once: a Coulomb element
     assert loop_width(law, 500.0) == pytest.approx(2 * 20.0 / 1e6, rel=0.02)
@@ -238,7 +238,7 @@ def test_compensator_torque_is_force_times_lever_at_two_poses() -> None:
         assert slope[0] == pytest.approx((ahead - behind) / (2 * h), rel=1e-6)
 
 
-def test_warming_has_the_two_time_constants_it_is_given() -> None:
+def test_warming_has_the_given_time_constants() -> None:
     fast, slow = 600.0, 3000.0
     heat = Heat((2,), np.ones(6), 10.0, fast, slow, 0.0, work=1e9)
     t = np.array([300.0, 1500.0, 9000.0])
@@ -250,7 +250,7 @@ def test_warming_has_the_two_time_constants_it_is_given() -> None:
 
 
 @pytest.mark.parametrize("dry", [False, True], ids=["elastic", "with slip"])
-def test_a_closed_load_loop_returns_its_energy_or_pays_for_slip(kr240: Nominal, dry: bool) -> None:
+def test_closed_load_cycle_returns_its_energy_or_dissipates_slip(kr240: Nominal, dry: bool) -> None:
     arm = arm_of(kr240)
     arm.beams[2] = Beam(3e6, 3e6, 2e6)
     k = kr240.stiffness[2]
@@ -278,7 +278,7 @@ def test_a_closed_load_loop_returns_its_energy_or_pays_for_slip(kr240: Nominal, 
         assert work == pytest.approx(lost, rel=0.02)  # trapezoidal rule over 48 steps
 
 
-def test_a_link_on_its_spring_swings_at_its_own_frequency() -> None:
+def test_link_on_its_spring_vibrates_at_its_natural_frequency() -> None:
     k, m = 4e5, 250.0
     load = np.zeros(4000)
     load[:1] = 1000.0  # let go after the first instant
@@ -289,19 +289,19 @@ def test_a_link_on_its_spring_swings_at_its_own_frequency() -> None:
     assert np.abs(x[-200:]).max() == pytest.approx(np.abs(x[:200]).max(), rel=0.02)  # nothing damps it
 
 
-def test_a_lagging_servo_trails_a_ramp_by_lag_and_dead_time() -> None:
+def test_lagging_servo_follows_a_ramp_with_lag_and_dead_time() -> None:
     t = np.arange(3000) / motion_simulation.FINE
     late = motion_simulation._lagged(2.0 * t, 0.020, 0.006)
     # a sampled lag trails by up to one sample more
     assert (2.0 * t - late)[-1] / 2.0 == pytest.approx(0.026, abs=0.001)
 
 
-def test_axes_turn_as_roll_pitch_yaw_of_the_urdf() -> None:
+def test_axes_follow_roll_pitch_yaw_of_the_urdf() -> None:
     rpy = np.array([0.3, -0.7, 1.1])
     assert turn_rpy(rpy) == pytest.approx(pin.rpy.rpyToMatrix(rpy), abs=1e-15)
 
 
-def test_the_simulator_borrows_nothing_from_the_package() -> None:
+def test_simulator_does_not_import_the_package() -> None:
     for file in CONCEALED.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
@@ -309,7 +309,7 @@ def test_the_simulator_borrows_nothing_from_the_package() -> None:
             assert not [n for n in names if n.split(".")[0] == "machopt"], file
 
 
-def test_the_list_holds_what_was_promised() -> None:
+def test_case_list_is_complete() -> None:
     listed = case_list.cases()
     keys = [c.key for c in listed]
     assert len(set(keys)) == len(keys)
@@ -378,7 +378,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_the_reader_takes_every_kind_of_recording(folder: Path) -> None:
+def test_reader_accepts_every_kind_of_recording(folder: Path) -> None:
     for path in folder.glob("*.truth.json"):
         truth = json.loads(path.read_text(encoding="utf-8"))
         case = folder / truth["case"]
@@ -396,7 +396,7 @@ def test_the_reader_takes_every_kind_of_recording(folder: Path) -> None:
             assert effect["effect"] not in written
 
 
-def test_truth_states_a_size_that_the_case_asked_for(folder: Path) -> None:
+def test_truth_contains_the_requested_size(folder: Path) -> None:
     seen = 0
     for path in folder.glob("*.truth.json"):
         truth = json.loads(path.read_text(encoding="utf-8"))
@@ -416,7 +416,7 @@ def test_truth_states_a_size_that_the_case_asked_for(folder: Path) -> None:
     assert seen >= 4
 
 
-def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+def test_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     for key in ("deflection/joint_hysteresis.2/large", "null/absolute.0"):
         ((name, case, seed),) = generate_cases.chosen("dev", [key], False, 1)
         generate_cases.generate((name, case, seed, "dev", tmp_path, True))
@@ -448,7 +448,7 @@ def figures(folder: Path) -> tuple[dict[str, tuple[float, int]], list[str]]:
     return {line.what.strip(): (line.hits, line.of) for line in lines}, misses
 
 
-def test_the_score_holds_intervals_of_95_percent_for_what_they_are() -> None:
+def test_score_judges_intervals_by_their_own_level() -> None:
     """Where both were told those of 90 % were judged as if they were meant to hold in 95 of 100."""
     size = {"value": 1.0, "unit": "arcmin"}
     truth = {"effects": [{"effect": "joint_backlash", "location": "joint:2", "parameters": {"width": size}}]}
@@ -459,7 +459,7 @@ def test_the_score_holds_intervals_of_95_percent_for_what_they_are() -> None:
     assert score_diagnoses.intervals([one], 90) == (0, 1)
 
 
-def test_the_score_tells_truth_from_silence_and_from_guessing(folder: Path) -> None:
+def test_score_separates_correct_names_silence_and_guesses(folder: Path) -> None:
     truths = [json.loads(p.read_text(encoding="utf-8")) for p in folder.glob("*.truth.json")]
     names = {
         t["case"]: [{"effect": e["effect"], "location": e["location"], "one_of": []} for e in t["effects"]]

@@ -29,7 +29,7 @@ from loading_rig import joint_columns
 HERE = Path(elastic_arm.__file__).parent
 
 
-def test_no_file_imports_machopt() -> None:
+def test_simulator_does_not_import_machopt() -> None:
     for path in HERE.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
@@ -37,7 +37,7 @@ def test_no_file_imports_machopt() -> None:
             assert not any(n.split(".")[0] == "machopt" for n in names), path.name
 
 
-def test_its_files_import_each_other_in_no_circle() -> None:
+def test_simulator_imports_have_no_cycles() -> None:
     """No late import hides one, nor one that only a type checker reads."""
     own = {path.stem for path in HERE.glob("*.py")}
     arrows: dict[str, set[str]] = {}
@@ -58,7 +58,7 @@ def test_motions_compose_like_matrices() -> None:
     assert np.allclose(dq.place(both), dq.place(a) + np.einsum("nij,nj->ni", dq.matrix(a), dq.place(b)), atol=1e-14)
 
 
-def test_slender_beam_bends_by_the_textbook() -> None:
+def test_slender_beam_agrees_with_the_closed_form() -> None:
     EI, L = 2e6, 1.3
     C = body_compliance.beam(np.array([L, 0.0, 0.0]), EI, taper=1.0)
     shear = L / (0.5 * 2 * EI / (0.12 * L) ** 2 / 2.6)
@@ -68,7 +68,7 @@ def test_slender_beam_bends_by_the_textbook() -> None:
     assert np.linalg.eigvalsh(C).min() > 0
 
 
-def test_a_loop_is_as_wide_as_the_loads_of_the_record_open_it() -> None:
+def test_hysteresis_width_follows_from_the_recorded_loads() -> None:
     """What it would open to under torques that never came stood in the truth: no recording has that."""
     far, near = (gear_models.opening(gear_models.dahl(2e-4, 60.0, "cycle"), load) for load in (600.0, 12.0))
     assert far == pytest.approx(2e-4, rel=1e-3)
@@ -80,7 +80,7 @@ def test_a_loop_is_as_wide_as_the_loads_of_the_record_open_it() -> None:
     assert gear_models.opening(relays, 60.0) < gear_models.opening(relays, 400.0) < 2e-4
 
 
-def test_two_springs_at_rest_agree_with_small_motions() -> None:
+def test_two_springs_agree_with_the_linear_sum_for_small_loads() -> None:
     """Light loads: the tip moves by the sum of J_i J_i·w / k_i, whatever else the solver does."""
     rng = np.random.default_rng(3)
     robot = robot_models.draw("kr240", rng)
@@ -101,7 +101,7 @@ def test_two_springs_at_rest_agree_with_small_motions() -> None:
     )  # what weights stiffen
 
 
-def test_gear_memory_closes_its_loop() -> None:
+def test_gear_hysteresis_cycle_closes() -> None:
     """A full loop of Dahl's gear is as wide as it says, and comes back to itself."""
     one = np.r_[np.linspace(-1, 1, 200), np.linspace(1, -1, 200)]
     torque = 1000.0 * np.tile(one, 3)
@@ -113,7 +113,7 @@ def test_gear_memory_closes_its_loop() -> None:
 
 
 @pytest.mark.parametrize("gear", [gear_models.dahl(1e-3, 50.0, "kept"), gear_models.preisach(1e-3, 1000.0, "kept")])
-def test_gears_with_memory_take_energy_up(gear: elastic_arm.Gear) -> None:
+def test_gears_with_memory_dissipate_energy(gear: elastic_arm.Gear) -> None:
     """Over a closed loop ∮ τ dφ > 0: an angle that ran ahead of its torque would drive a motor."""
     torque = 1000.0 * np.tile(np.r_[np.linspace(-1, 1, 200), np.linspace(1, -1, 200)], 2)
     n = len(torque)
@@ -123,7 +123,7 @@ def test_gears_with_memory_take_energy_up(gear: elastic_arm.Gear) -> None:
 
 
 @pytest.mark.parametrize("lab", ["plain", "through_tcp_6", "weights"])
-def test_springs_explain_a_null(lab: str) -> None:
+def test_springs_explain_a_null_case(lab: str) -> None:
     rng = np.random.default_rng(11)
     nominal = robot_models.draw("kr210l150*", rng)
     scene = channel_dispatch.scene("load", lab, nominal, robot_models.as_built(nominal, rng), rng)
@@ -135,7 +135,7 @@ def test_springs_explain_a_null(lab: str) -> None:
     assert np.sqrt(np.mean(quiet.left() ** 2)) < 0.35
 
 
-def test_an_effect_is_as_loud_as_wanted() -> None:
+def test_effect_has_the_requested_strength() -> None:
     rng = np.random.default_rng(12)
     nominal = robot_models.draw("irb6700", rng)
     scene = channel_dispatch.scene("load", "twelve", nominal, robot_models.as_built(nominal, rng), rng)
@@ -144,7 +144,7 @@ def test_an_effect_is_as_loud_as_wanted() -> None:
     assert scale_effect(scene, effect, quiet) == pytest.approx(0.8, rel=0.06)
 
 
-def test_torques_are_the_energy_s_rate() -> None:
+def test_torques_equal_the_rate_of_energy() -> None:
     """What the joints give is what kinetic and potential energy take up: Newton and Euler against Leibniz."""
     rng = np.random.default_rng(5)
     robot = robot_models.draw("rx160*", rng)
@@ -163,7 +163,7 @@ def test_torques_are_the_energy_s_rate() -> None:
     assert gained == pytest.approx(power, abs=2e-3 * np.abs(power).max())
 
 
-def test_every_fault_changes_its_record() -> None:
+def test_every_fault_changes_its_recording() -> None:
     rng = np.random.default_rng(6)
     nominal = robot_models.draw("m20ia*", rng)
     for channel, lab, listed in (
@@ -182,7 +182,7 @@ def test_every_fault_changes_its_record() -> None:
             assert changed, fault.name
 
 
-def test_a_set_has_what_it_promises() -> None:
+def test_case_set_has_the_listed_cases() -> None:
     listed = case_catalogue.cases()
     assert len({c.name for c in listed}) == len(listed)
     count = {g: sum(c.group == g for c in listed) for g in ("null", "single", "pair", "outside", "record")}
@@ -215,7 +215,7 @@ def test_springs_alone_explain_a_null_set_of_poses() -> None:
 
 
 @pytest.mark.parametrize(("lab", "known"), [("fixed", True), ("fit", False), ("reflectors", False)])
-def test_a_turned_tracker_and_a_turned_base_are_one_where_the_frame_counts_as_known(lab: str, known: bool) -> None:
+def test_turned_tracker_equals_a_turned_base_where_the_frame_is_known(lab: str, known: bool) -> None:
     rng = np.random.default_rng(8)
     nominal = robot_models.draw("irb6700", rng)
     scene = pose_recording.PoseSet(nominal, robot_models.as_built(nominal, rng), pose_recording.POSE_LABS[lab], rng)
@@ -226,7 +226,7 @@ def test_a_turned_tracker_and_a_turned_base_are_one_where_the_frame_counts_as_kn
         np.testing.assert_array_equal(columns[tracker], columns["geometry", "base"])
 
 
-def test_every_draw_of_a_set_is_another_one_and_the_first_stays() -> None:
+def test_draws_of_a_set_differ_and_the_first_is_reproducible() -> None:
     for case in case_catalogue.cases()[:3]:
         seeds = [tuple(case.seed(which, draw)) for which in case_catalogue.SETS for draw in range(3)]
         assert len(set(seeds)) == len(seeds)

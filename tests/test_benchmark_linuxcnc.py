@@ -23,7 +23,7 @@ SEEDS = range(400_000, 400_060)
 @pytest.mark.proof
 @needs_rs274
 @pytest.mark.parametrize("seed", SEEDS)
-def test_random_programs_read_the_same(seed: int) -> None:
+def test_random_programs_are_read_equally(seed: int) -> None:
     found = compare(program(seed))
     assert found.kind in ("agree", "agree but for rapids between holes", "both refuse"), found.why
 
@@ -34,7 +34,7 @@ def test_random_programs_read_the_same(seed: int) -> None:
     ("line", "instead"),
     [("G1 X5", "G1 X5.01"), ("G1 X5", "G0 X5"), ("G3 X0 Y5 I-5 J0", "G2 X0 Y5 I-5 J0"), ("G80", "X7\nG80")],
 )
-def test_the_comparison_sees_a_difference(tmp_path: Path, line: str, instead: str) -> None:
+def test_comparison_detects_differences(tmp_path: Path, line: str, instead: str) -> None:
     """A cut of another length, as a rapid, an arc the other way round, a hole more."""
     text = "G21 G90 G98\nG0 X0 Y0 Z10\nF300\nG1 X5\nG3 X0 Y5 I-5 J0\nG81 X1 Y1 Z-1 R2\nG80\nG1 X9\nM2\n"
     assert compare(text).kind == "agree"
@@ -43,7 +43,7 @@ def test_the_comparison_sees_a_difference(tmp_path: Path, line: str, instead: st
     assert difference(read_toolpath(file), interpret(text), 1e-3)
 
 
-def test_random_programs_hold_what_is_compared() -> None:
+def test_random_programs_contain_every_kind_of_block() -> None:
     """Every kind of block is in the programs of the test, so that silence means agreement."""
     text = "\n".join(program(s) for s in SEEDS).upper()
     words = [

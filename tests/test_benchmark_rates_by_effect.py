@@ -59,7 +59,7 @@ def answered(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_each_effect_is_counted_where_it_was_due_named_and_sized(answered: Path) -> None:
+def test_each_effect_is_counted_where_expected_named_and_sized(answered: Path) -> None:
     c = diagnosis_rates_by_effect.count(diagnosis_rates_by_effect.evaluate_answers.read(answered))
     assert c.cases == 6
     assert (c.due["joint_backlash"], c.found["joint_backlash"]) == (3, 2)
@@ -72,7 +72,7 @@ def test_each_effect_is_counted_where_it_was_due_named_and_sized(answered: Path)
     assert (c.due["*physics outside the catalogue*"], c.wrong["*physics outside the catalogue*"]) == (1, 0)
 
 
-def test_the_table_has_a_row_an_effect_and_says_who_was_misled(answered: Path, capsys: pytest.CaptureFixture) -> None:
+def test_table_has_a_row_per_effect_with_wrong_names(answered: Path, capsys: pytest.CaptureFixture) -> None:
     table = answered / "table.md"
     assert diagnosis_rates_by_effect.main([f"ours={answered}", "--file", str(table)]) == 0
     assert table.read_text() == capsys.readouterr().out

@@ -45,13 +45,13 @@ def write(folder: Path, name: str, seed: int = 1) -> Path:
 
 
 @pytest.mark.parametrize("name", [n for n in DIALECTS if n != "hsm"])  # MOVARC is not read by the second reader
-def test_both_readers_say_the_same(tmp_path: Path, name: str) -> None:
+def test_both_readers_agree(tmp_path: Path, name: str) -> None:
     verdict = cam_reader_comparison.judge(write(tmp_path, name), name)
     assert (verdict.refused, verdict.second, verdict.differs) == ("", "", []), verdict
     assert verdict.ends == len(path(arcs=DIALECTS[name].arcs))
 
 
-def test_the_judge_sees_a_point_that_is_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_comparison_detects_a_shifted_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What it compares can fail: the second reader is given a file in which one coordinate is another."""
     file = write(tmp_path, "krl")
     read = cam_reader_comparison.second_cam_reader.read
@@ -65,7 +65,7 @@ def test_the_judge_sees_a_point_that_is_off(tmp_path: Path, monkeypatch: pytest.
     assert {"ends", "path"} <= set(cam_reader_comparison.judge(file, "krl").differs)
 
 
-def test_the_second_reader_imports_nothing_of_the_first() -> None:
+def test_second_reader_imports_nothing_of_the_first() -> None:
     for file in (BENCHMARKS / "second_cam_reader").glob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []

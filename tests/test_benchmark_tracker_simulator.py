@@ -33,7 +33,7 @@ def yard() -> Iterator[dict[str, ModuleType]]:
             sys.modules[name] = module
 
 
-def test_no_file_imports_machopt() -> None:
+def test_simulator_does_not_import_machopt() -> None:
     for path in HERE.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
@@ -42,9 +42,7 @@ def test_no_file_imports_machopt() -> None:
 
 
 @pytest.mark.parametrize("name", ["big", "mid", "cobot"])
-def test_an_arm_of_the_drawing_is_the_one_that_its_urdf_describes(
-    name: str, yard: dict[str, ModuleType], tmp_path: Path
-) -> None:
+def test_arm_by_dh_parameters_equals_its_urdf(name: str, yard: dict[str, ModuleType], tmp_path: Path) -> None:
     arms, tracker = yard["dh_arms"], yard["tracker_recording"]
     arm, habit = arms.Arm(name, arms.Concealed()), tracker.Habit(poses=5, sessions=1, fit=False)
     rng = np.random.default_rng(3)
@@ -57,7 +55,7 @@ def test_an_arm_of_the_drawing_is_the_one_that_its_urdf_describes(
     assert recording.registration == "fixed"
 
 
-def test_weight_does_the_work_that_the_potential_energy_loses(yard: dict[str, ModuleType]) -> None:
+def test_gravity_torques_equal_the_gradient_of_potential_energy(yard: dict[str, ModuleType]) -> None:
     arms = yard["dh_arms"]
     arm = arms.Arm("big", arms.Concealed(payload=30.0))
     q = np.random.default_rng(0).uniform(-1, 1, (4, 6))
@@ -66,7 +64,7 @@ def test_weight_does_the_work_that_the_potential_energy_loses(yard: dict[str, Mo
     np.testing.assert_allclose(np.einsum("nj,nj->n", arm.weight_torque(q), 2 * way), lost, rtol=1e-4, atol=1e-4)
 
 
-def test_every_group_draws_cases_that_differ_by_seed(yard: dict[str, ModuleType]) -> None:
+def test_every_group_draws_different_cases_per_seed(yard: dict[str, ModuleType]) -> None:
     draws = yard["random_cases"]
     for group in draws.GROUPS:
         one, again, other = (draws.cases(s, group, 13) for s in (1, 1, 2))
@@ -76,7 +74,7 @@ def test_every_group_draws_cases_that_differ_by_seed(yard: dict[str, ModuleType]
 
 
 @pytest.mark.slow
-def test_a_case_is_made_diagnosed_and_judged(yard: dict[str, ModuleType], tmp_path: Path) -> None:
+def test_case_is_made_diagnosed_and_scored(yard: dict[str, ModuleType], tmp_path: Path) -> None:
     """Through the command line: the zero offsets of the shortest of eight draws."""
     draws, run = yard["random_cases"], yard["run_tracker_benchmark"]
     case = min(draws.cases(1, "zeros", 8), key=lambda c: c.habit.poses * c.habit.sessions)
@@ -86,7 +84,7 @@ def test_a_case_is_made_diagnosed_and_judged(yard: dict[str, ModuleType], tmp_pa
     assert "| zeros | 1 |" in run.table([judged])
 
 
-def test_a_finding_beside_the_truth_and_one_of_a_set_are_counted_as_such(yard: dict[str, ModuleType]) -> None:
+def test_finding_beside_the_truth_and_one_of_a_set_are_counted(yard: dict[str, ModuleType]) -> None:
     draws, run = yard["random_cases"], yard["run_tracker_benchmark"]
     truth = draws.Truth((("joint_zero_offset", "joint:3"),), ("offset", 0.05))
     case = draws.Case("x", "mid", yard["tracker_recording"].Habit(), truths=(truth,))

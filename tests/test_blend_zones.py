@@ -33,7 +33,7 @@ def braking(room: float, turn: float = 1e-4) -> bool:
 
 
 @pytest.mark.parametrize("beyond", [0.0, 1e-9, 5e-7])
-def test_where_the_least_zone_barely_fits_a_stop_is_none_the_less_right(beyond: float) -> None:
+def test_exact_stop_without_room_for_the_smallest_blend_zone_is_accepted(beyond: float) -> None:
     """Points 0.051 mm apart: the post and who writes it again differ by the digits of the coordinates.
 
     A right plan of 300,000 points failed by three such moves.
@@ -41,6 +41,6 @@ def test_where_the_least_zone_barely_fits_a_stop_is_none_the_less_right(beyond: 
     assert not braking(SHORTEST + HALF * beyond)
 
 
-def test_a_stop_where_there_is_room_brakes() -> None:
+def test_exact_stop_with_room_is_timed_with_braking() -> None:
     assert braking(2 * SHORTEST)
     assert braking(SHORTEST + 1e-5)

@@ -61,7 +61,7 @@ def test_one_thread_and_three_give_the_same_bytes(setup: PlanningSetup, monkeypa
     assert len(np.unique(alone.reason)) > 3
 
 
-def test_each_vertex_is_the_pose_asked_for(setup: PlanningSetup) -> None:
+def test_each_candidate_has_the_requested_pose(setup: PlanningSetup) -> None:
     """The fixed point's rotation off the grid included."""
     path, arm = leaning(30), setup.arm
     c = enumerate_candidates(path, arm, OPTIONS)
@@ -83,7 +83,7 @@ def test_each_vertex_is_the_pose_asked_for(setup: PlanningSetup) -> None:
 
 @pytest.mark.parametrize("upper", [100.0, 179.0, 185.0, 270.0, 350.0, 360.0, 720.0])
 @pytest.mark.parametrize("shift", [0.0, 150.0])
-def test_few_turns_reach_the_whole_range_of_a_joint(upper: float, shift: float) -> None:
+def test_whole_turns_cover_the_joint_range(upper: float, shift: float) -> None:
     limits = np.radians(np.full(6, shift - upper)), np.radians(np.full(6, shift + upper))
     origin, windings = choose_angle_origin(*limits)
     assert len(windings) <= len(list_whole_turns(*limits))
@@ -99,7 +99,7 @@ def test_few_turns_reach_the_whole_range_of_a_joint(upper: float, shift: float) 
             assert np.abs(q + windings - told).max(axis=1).min() < 1e-9
 
 
-def test_threads_are_the_cores_or_fewer_where_the_environment_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_threads_follows_cores_and_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in parallel_map.THREAD_LIMIT_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     free = count_threads()
@@ -112,7 +112,7 @@ def test_threads_are_the_cores_or_fewer_where_the_environment_says_so(monkeypatc
     assert count_threads() == free
 
 
-def test_answers_stand_in_the_order_of_the_parts_and_errors_come_through(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_keep_the_order_of_the_parts_and_errors_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     for n in (1, 3):
         monkeypatch.setattr(parallel_map, "count_threads", lambda n=n: n)
         assert map_in_threads(lambda x: x * x, range(20)) == [x * x for x in range(20)]
@@ -121,7 +121,7 @@ def test_answers_stand_in_the_order_of_the_parts_and_errors_come_through(monkeyp
             map_in_threads(lambda x: 1 // x, range(3))
 
 
-def test_two_tasks_give_both_answers_in_the_same_context(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_tasks_return_both_results_in_the_same_context(monkeypatch: pytest.MonkeyPatch) -> None:
     said: ContextVar[str] = ContextVar("said", default="")
     said.set("here")
     empty: dict[str, int] = {}
@@ -134,7 +134,7 @@ def test_two_tasks_give_both_answers_in_the_same_context(monkeypatch: pytest.Mon
             run_two_in_threads(lambda: 1, lambda: empty["second"])
 
 
-def test_a_nudge_moves_the_whole_grid_of_its_station(setup: PlanningSetup) -> None:
+def test_offset_shifts_the_whole_rotation_grid_of_its_station(setup: PlanningSetup) -> None:
     path = leaning(10)
     free = enumerate_candidates(path, setup.arm, replace(OPTIONS, fixed=()))
     fixed = enumerate_candidates(path, setup.arm, OPTIONS)
@@ -146,7 +146,7 @@ def test_a_nudge_moves_the_whole_grid_of_its_station(setup: PlanningSetup) -> No
     assert not np.array_equal(free.q[moved], fixed.q[moved], equal_nan=True)
 
 
-def test_branches_that_are_usable_nowhere_are_left_out_with_their_reasons(setup: PlanningSetup) -> None:
+def test_unusable_branches_are_left_out_with_their_reasons(setup: PlanningSetup) -> None:
     path, arm = leaning(200), setup.arm
     every = enumerate_candidates(path, arm, OPTIONS, every_branch=True)
     c = enumerate_candidates(path, arm, OPTIONS)
@@ -164,7 +164,7 @@ def test_branches_that_are_usable_nowhere_are_left_out_with_their_reasons(setup:
     np.testing.assert_array_equal(again.reason_of_rotation(), every.reason_of_rotation())
 
 
-def test_a_branch_usable_at_few_stations_has_its_joints_everywhere(
+def test_branch_usable_at_few_stations_has_joints_everywhere(
     setup: PlanningSetup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A block of stations without it is solved again."""
@@ -179,7 +179,7 @@ def test_a_branch_usable_at_few_stations_has_its_joints_everywhere(
     np.testing.assert_array_equal(c.reason, every.reason[:, :, c.branch])
 
 
-def test_a_station_is_solved_again_with_every_branch(setup: PlanningSetup) -> None:
+def test_station_is_solved_again_with_every_branch(setup: PlanningSetup) -> None:
     path, arm = leaning(30), setup.arm
     every = enumerate_candidates(path, arm, PlanOptions(), every_branch=True)
     q, reason = solve_station(path, arm, every, 7)

@@ -110,7 +110,7 @@ def expect(message: str, *parts: str) -> None:
 # what loads ---------------------------------------------------------------------------------------------------
 
 
-def test_everything_arrives_in_si(folder: Path) -> None:
+def test_all_quantities_are_converted_to_si(folder: Path) -> None:
     cell = load_cell(folder)
     assert cell.name == "test cell"
     assert cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
@@ -143,18 +143,18 @@ def test_rpy_is_about_fixed_axes_z_y_x(folder: Path) -> None:
     np.testing.assert_allclose(load_cell(folder).tool.T_flange_tcp[:3, :3], expected, atol=1e-15)
 
 
-def test_the_file_itself_is_accepted_for_the_folder(folder: Path) -> None:
+def test_cell_yaml_is_accepted_instead_of_the_folder(folder: Path) -> None:
     assert load_cell(folder / "cell.yaml").folder == folder
 
 
-def test_position_narrows_the_urdf(folder: Path) -> None:
+def test_position_limits_narrow_those_of_the_urdf(folder: Path) -> None:
     change(folder, ("limits:\n", "limits:\n    position_deg: [[-90, 90]," + "[-171.887, 171.89]," * 5 + "]\n"))
     limits = load_cell(folder).limits
     np.testing.assert_allclose(limits.upper[0], np.pi / 2)
     np.testing.assert_allclose(limits.upper[1], 3.0)  # 171.89° exceeds 3 rad by rounding: the URDF's holds
 
 
-def test_joints_that_nothing_drives_and_turns_beyond_the_search_are_told(folder: Path) -> None:
+def test_undriven_joints_and_unsearched_turns_are_reported(folder: Path) -> None:
     text = urdf('<link name="jaw"/>', joint("grip", "l6", "jaw", "prismatic"))
     (folder / "robot.urdf").write_text(text.replace('name="a6" type="revolute"', 'name="a6" type="continuous"'))
     change(folder, ("limits:\n", "limits:\n    position_deg: [" + "[-90, 90]," * 5 + "[-720, 720]]\n"))
@@ -164,7 +164,7 @@ def test_joints_that_nothing_drives_and_turns_beyond_the_search_are_told(folder:
     expect(" ".join(cell.notes), "joints grip", "of the range of a6 the planner uses -540 to 540 deg")
 
 
-def test_velocities_left_out_are_the_urdfs_and_said(folder: Path) -> None:
+def test_missing_velocities_come_from_the_urdf_with_a_message(folder: Path) -> None:
     change(folder, ("    velocity_deg_s: [100, 100, 100, 200, 200, 300]\n", ""))
     cell = load_cell(folder)
     np.testing.assert_allclose(cell.limits.velocity, 9.0)
@@ -173,7 +173,7 @@ def test_velocities_left_out_are_the_urdfs_and_said(folder: Path) -> None:
     expect(refusal(folder), "robot.limits", "joint 'a1' of the URDF has velocity 0", "expected velocity_deg_s")
 
 
-def test_pairs_that_may_touch_are_pairs_of_names_or_a_file(folder: Path) -> None:
+def test_allowed_contacts_are_pairs_of_names_or_a_file(folder: Path) -> None:
     change(folder, ("stiffness: stiffness.yaml\n", "stiffness: stiffness.yaml\nignore_pairs: [[l6, post]]\n"))
     assert load_cell(folder).may_touch[0].first == ("l6_0",)
     change(folder, ("[[l6, post]]", "[[l6, post, ball]]"))
@@ -193,7 +193,7 @@ def test_continuous_joint_gets_two_turns_and_a_warning(folder: Path) -> None:
     expect(cell.warnings[0], "'a6' is continuous", "±360°")
 
 
-def test_rail_and_positioner_stand_behind_the_arm_as_listed(folder: Path) -> None:
+def test_rail_and_positioner_follow_the_arm_in_listed_order(folder: Path) -> None:
     rail = joint("rail", "floor", "base", "prismatic", '<limit lower="0" upper="4" velocity="1" effort="0"/>')
     turn = joint("turn", "floor", "table")
     (folder / "robot.urdf").write_text(urdf('<link name="floor"/><link name="table"/>', turn, rail))
@@ -228,7 +228,7 @@ def test_rail_and_positioner_stand_behind_the_arm_as_listed(folder: Path) -> Non
     expect(refusal(folder), "joint 'turn' moves neither the flange nor the workpiece link")
 
 
-def test_numbers_that_look_like_metres_or_radians_are_warned_of(folder: Path) -> None:
+def test_values_that_look_like_metres_or_radians_cause_a_warning(folder: Path) -> None:
     change(
         folder,
         ("xyz_mm: [10, 20, 300]", "xyz_mm: [0.01, 0.02, 0.3]"),
@@ -252,7 +252,7 @@ def robot_cell(source: Path, tmp_path: Path) -> Cell:
 
 
 @pytest.mark.parametrize("name", ["kr500_r2800_2", "kr210l150", "m20ia", "rx160"])
-def test_robot_descriptions_of_others_load(name: str, tmp_path: Path) -> None:
+def test_published_robot_descriptions_load(name: str, tmp_path: Path) -> None:
     cell = robot_cell(robot_folder(name, meshes=True), tmp_path)
     assert len(cell.arm_joints) == 6
     assert sum(f.suffix == ".stl" for f in cell.files) == 7  # every collision mesh, no picture
@@ -306,7 +306,7 @@ SCHEMA = [
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), SCHEMA, ids=[p[-1][0] + f"#{n}" for n, p in enumerate(SCHEMA)])
-def test_schema_refusals_name_file_line_key_found_and_expected(
+def test_schema_errors_name_file_line_key_found_and_expected(
     folder: Path, old: str, new: str, parts: list[str]
 ) -> None:
     change(folder, (old, new))
@@ -416,7 +416,7 @@ def linked(*more: str, mimic: str = '<mimic joint="a2" multiplier="-1" offset="0
     )
 
 
-def test_a_joint_that_follows_another_is_read_and_narrows_its_range(folder: Path) -> None:
+def test_mimic_joint_is_read_and_narrows_the_range_of_its_source(folder: Path) -> None:
     (folder / "robot.urdf").write_text(linked())
     cell = load_cell(folder)
     assert [(m.joint, m.source, m.multiplier, m.offset) for m in cell.mimics] == [("m3", "a2", -1.0, 0.1)]
@@ -426,7 +426,7 @@ def test_a_joint_that_follows_another_is_read_and_narrows_its_range(folder: Path
     expect(" ".join(cell.notes), "'m3', which follows 'a2', narrows that one to -171.9 to 120.3 deg")
 
 
-def test_a_joint_that_follows_another_slows_it(folder: Path) -> None:
+def test_mimic_joint_limits_the_speed_of_its_source(folder: Path) -> None:
     """The follower turns as fast as the multiplier says: what its own drive train cannot, the leading joint may not."""
     free = load_cell(folder).limits.velocity[1]
     text = linked(mimic='<mimic joint="a2" multiplier="-2"/>')
@@ -462,12 +462,12 @@ LINKAGES = [
 
 
 @pytest.mark.parametrize(("text", "parts"), LINKAGES, ids=[p[0] for _, p in LINKAGES])
-def test_followers_that_cannot_be_planned_are_refused_by_name(folder: Path, text: str, parts: list[str]) -> None:
+def test_unsupported_mimic_joints_are_refused_by_name(folder: Path, text: str, parts: list[str]) -> None:
     (folder / "robot.urdf").write_text(text)
     expect(refusal(folder), *parts)
 
 
-def test_rods_outside_of_the_chain_narrow_their_source_and_are_left_out(folder: Path) -> None:
+def test_mimic_joints_outside_the_chain_narrow_their_source_and_are_left_out(folder: Path) -> None:
     """By their own range; a rod that slides does, too. Before, such a joint was refused."""
     for kind in ("revolute", "prismatic"):
         limit = '<limit lower="0" upper="2" velocity="9" effort="0"/><mimic joint="a3"/>'
@@ -485,12 +485,12 @@ def test_rods_outside_of_the_chain_narrow_their_source_and_are_left_out(folder: 
     ("file", "key"),
     [("robot.urdf", "robot.urdf"), ("stiffness.yaml", "stiffness"), ("spindle.stl", "geometry[0].mesh")],
 )
-def test_missing_files_are_named_with_their_key(folder: Path, file: str, key: str) -> None:
+def test_missing_files_are_reported_with_their_key(folder: Path, file: str, key: str) -> None:
     (folder / file).unlink()
     expect(refusal(folder), "cell.yaml: line", key, f"no such file: {file}")
 
 
-def test_files_outside_need_permission(folder: Path) -> None:
+def test_files_outside_the_folder_require_permission(folder: Path) -> None:
     (folder / "spindle.stl").rename(folder.parent / "spindle.stl")
     change(folder, ("mesh: spindle.stl", "mesh: ../spindle.stl"))
     expect(refusal(folder), "tool.geometry[0].mesh", "../spindle.stl lies outside", "--allow-external")
@@ -537,7 +537,7 @@ def test_broken_meshes(folder: Path, content: bytes, parts: list[str]) -> None:
     expect(refusal(folder), "cell.yaml: line 17: tool.geometry[0].mesh", *parts)
 
 
-def test_mesh_in_mm_is_told_how_to_scale(folder: Path) -> None:
+def test_mesh_in_mm_is_answered_with_the_scale(folder: Path) -> None:
     trimesh.creation.box((100.0, 100.0, 200.0)).export(folder / "spindle.stl")
     expect(refusal(folder), "tool.geometry[0].mesh", "200 m wide", "scale: 0.001")
     change(folder, ("mesh: spindle.stl", "mesh: spindle.stl, scale: 1e-3"))
@@ -548,7 +548,7 @@ def test_mesh_in_mm_is_told_how_to_scale(folder: Path) -> None:
     assert "would work" not in said  # 0.2 mm would be refused next
 
 
-def test_mesh_of_a_type_nobody_reads_here(folder: Path) -> None:
+def test_mesh_of_an_unsupported_type_is_refused(folder: Path) -> None:
     (folder / "spindle.step").write_text("x")
     change(folder, ("spindle.stl", "spindle.step"))
     expect(refusal(folder), "spindle.step is of type '.step'", ".stl, .obj")
@@ -607,7 +607,7 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
     assert other_yaml.safe_load(file.read_text())["terms"][0]["parameters"]["c"] == 1e-7
 
 
-def test_what_poses_left_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_stiffness_written_by_diagnose_is_read_back(tmp_path: Path) -> None:
     joints = np.radians([[-120.0, 90.5], *[[-10.0, 10.0]] * 5])
     before = ArmStiffness(joints=np.full(6, 1e6), position=PositionError(5.2e-5, 3.11e-4, 2e-5, 632, joints))
     file = tmp_path / "stiffness.yaml"

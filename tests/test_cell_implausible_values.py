@@ -44,7 +44,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), REFUSED, ids=[f"{n} {r[1][:20]}" for n, r in enumerate(REFUSED)])
-def test_what_makes_a_plan_meaningless_is_refused(folder: Path, old: str, new: str, parts: list[str]) -> None:
+def test_values_that_make_a_plan_meaningless_are_refused(folder: Path, old: str, new: str, parts: list[str]) -> None:
     line = replace_in_file(folder, old, new)
     read_refusal_message(folder, f"cell.yaml: line {line}", *parts)
 
@@ -57,7 +57,7 @@ ROBOT = [
 
 
 @pytest.mark.parametrize(("old", "new", "parts"), ROBOT, ids=[r[2][0] for r in ROBOT])
-def test_a_robot_in_other_units_is_refused(folder: Path, old: str, new: str, parts: list[str]) -> None:
+def test_robot_in_other_units_is_refused(folder: Path, old: str, new: str, parts: list[str]) -> None:
     replace_in_file(folder, old, new, "robot.urdf")
     read_refusal_message(folder, "robot.urdf", *parts)
 
@@ -77,7 +77,7 @@ ODD = [
 
 
 @pytest.mark.parametrize(("old", "new", "part"), ODD, ids=[o[1][:24] for o in ODD])
-def test_what_is_merely_odd_is_warned_of(folder: Path, old: str, new: str, part: str) -> None:
+def test_unusual_values_cause_a_warning(folder: Path, old: str, new: str, part: str) -> None:
     replace_in_file(folder, old, new)
     if "3000 kg" in part:
         replace_in_file(folder, "stiffness: stiffness.yaml\n", "")  # which such a tool would bend
@@ -86,7 +86,7 @@ def test_what_is_merely_odd_is_warned_of(folder: Path, old: str, new: str, part:
     assert any(part in w for w in load_cell(folder).warnings), load_cell(folder).warnings
 
 
-def test_speeds_that_are_the_numbers_of_the_urdf_are_warned_of(folder: Path) -> None:
+def test_speeds_equal_to_the_urdf_numbers_cause_a_warning(folder: Path) -> None:
     """A small arm's wrist is quicker than 7 rad/s: what tells rad/s then is that the URDF has them so."""
     robot = folder / "robot.urdf"
     robot.write_text(re.sub(r'velocity="[^"]*"', 'velocity="8.5"', robot.read_text()))
@@ -98,7 +98,7 @@ STIFFNESS = "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 380e3]"
 KNM, NM_DEG = "[1410, 401, 935, 360, 370, 380]", "[24609, 6999, 16319, 6283, 6458, 6632]"
 
 
-def test_stiffness_in_other_units_is_refused_by_what_the_tool_weighs(folder: Path) -> None:
+def test_stiffness_in_other_units_is_refused_by_the_tool_weight(folder: Path) -> None:
     replace_in_file(folder, STIFFNESS, KNM, "stiffness.yaml")
     read_refusal_message(folder, "cell.yaml: line 23: stiffness", "under the tool's 45 kg at 1.8 m", "kN·m/rad")
     replace_in_file(folder, KNM, NM_DEG, "stiffness.yaml")
@@ -112,12 +112,12 @@ def test_stiffness_in_other_units_is_refused_by_what_the_tool_weighs(folder: Pat
 
 
 @pytest.mark.parametrize("value", ["0", "-1e5", "1e-30", "1e30", ".nan", ".inf", "soft"])
-def test_wild_stiffness_is_refused_at_its_line(folder: Path, value: str) -> None:
+def test_implausible_stiffness_is_refused_at_its_line(folder: Path, value: str) -> None:
     replace_in_file(folder, "380e3", value, "stiffness.yaml")
     read_refusal_message(folder, "stiffness.yaml: line 2: joints_Nm_per_rad[5]")
 
 
-def test_stiffness_too_high_and_grids_in_metres_are_warned_of(folder: Path) -> None:
+def test_high_stiffness_and_grids_in_metres_cause_a_warning(folder: Path) -> None:
     replace_in_file(folder, STIFFNESS, "[1e9, 1e9, 1e9, 1e9, 1e9, 1e9]", "stiffness.yaml")
     assert any("N·mm/rad" in w for w in load_cell(folder).warnings)
     row = "[1e6, 1e6, 1e6, 1e6, 1e6, 1e6]"
@@ -126,7 +126,7 @@ def test_stiffness_too_high_and_grids_in_metres_are_warned_of(folder: Path) -> N
     assert any("grid spans 0.6 mm" in w for w in load_cell(folder).warnings)
 
 
-def test_a_covariance_of_stiffness_for_one_of_compliance_is_warned_of(folder: Path) -> None:
+def test_covariance_of_stiffness_instead_of_compliance_causes_a_warning(folder: Path) -> None:
     rows = [[1e10 * (r == c) for c in range(6)] for r in range(6)]
     with (folder / "stiffness.yaml").open("a") as file:
         file.write(f"covariance: {rows}\n")

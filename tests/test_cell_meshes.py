@@ -89,19 +89,19 @@ DAMAGES = [  # suffix, content, what the refusal says
 
 
 @pytest.mark.parametrize(("suffix", "data", "parts"), DAMAGES, ids=[f"{n} {d[0]}" for n, d in enumerate(DAMAGES)])
-def test_a_damaged_mesh_of_the_tool_is_refused(folder: Path, suffix: str, data: bytes, parts: list[str]) -> None:
+def test_damaged_mesh_of_the_tool_is_refused(folder: Path, suffix: str, data: bytes, parts: list[str]) -> None:
     name = f"broken.{suffix}" if suffix else "broken"
     (folder / name).write_bytes(data)
     line = replace_in_file(folder, "mesh: spindle.stl", f"mesh: {name}")
     read_refusal_message(folder, f"cell.yaml: line {line}: tool.geometry[0].mesh: mesh {name}", *parts)
 
 
-def test_a_damaged_mesh_of_a_link_is_refused_at_its_line(folder: Path) -> None:
+def test_damaged_mesh_of_a_link_is_refused_at_its_line(folder: Path) -> None:
     (folder / "link.stl").write_bytes(STL[:-1])
     read_refusal_message(folder, "robot.urdf: line 47: collision mesh of link 'l6': mesh link.stl is cut")
 
 
-def test_sound_files_of_every_type_load_and_planner_and_verifier_see_the_same_body(folder: Path) -> None:
+def test_every_mesh_type_gives_planner_and_verifier_the_same_body(folder: Path) -> None:
     import coal
 
     for name, data in {
@@ -130,14 +130,14 @@ def test_sound_files_of_every_type_load_and_planner_and_verifier_see_the_same_bo
         (1e-3, ["spindle.stl is only 0.3 mm wide", "if it is in m, scale: 1000 would work"]),
     ],
 )
-def test_another_unit_is_told_with_what_would_work(folder: Path, size: float, parts: list[str]) -> None:
+def test_wrong_mesh_unit_is_reported_with_the_right_scale(folder: Path, size: float, parts: list[str]) -> None:
     (folder / "spindle.stl").write_bytes(exported("stl", BOX.copy().apply_scale(size)))
     read_refusal_message(folder, "tool.geometry[0].mesh", *parts)
     replace_in_file(folder, "mesh: spindle.stl", f"mesh: spindle.stl, scale: {1 / size}")
     assert load_cell(folder).warnings == ()
 
 
-def test_a_link_in_another_unit(folder: Path) -> None:
+def test_link_mesh_in_another_unit_is_reported(folder: Path) -> None:
     (folder / "link.stl").write_bytes(exported("stl", BOX.copy().apply_scale(1e3)))
     read_refusal_message(folder, "robot.urdf: line 47", 'scale="0.001 0.001 0.001" in the URDF would work')
     replace_in_file(folder, 'filename="link.stl"', 'filename="link.stl" scale="0.001 0.001 0.001"', "robot.urdf")
@@ -148,7 +148,7 @@ def test_a_link_in_another_unit(folder: Path) -> None:
     )
 
 
-def test_open_and_inward_surfaces_are_said_with_what_that_means(folder: Path) -> None:
+def test_open_and_inverted_surfaces_are_reported_with_their_consequence(folder: Path) -> None:
     (folder / "spindle.stl").write_bytes(exported("stl", trimesh.Trimesh(BOX.vertices, BOX.faces[:-1], process=False)))
     turned = BOX.copy()
     turned.invert()
@@ -160,13 +160,13 @@ def test_open_and_inward_surfaces_are_said_with_what_that_means(folder: Path) ->
     assert "face inwards: link.stl" in warnings[1]
 
 
-def test_a_huge_file_is_refused_unread(folder: Path) -> None:
+def test_huge_file_is_refused_before_reading(folder: Path) -> None:
     with (folder / "spindle.stl").open("wb") as file:
         file.truncate(3 << 30)
     read_refusal_message(folder, "tool.geometry[0].mesh", "spindle.stl holds 3 GiB; expected a mesh of at most 128 MiB")
 
 
-def test_millions_of_triangles_are_refused_before_they_are_laid_out(folder: Path) -> None:
+def test_millions_of_triangles_are_refused_before_allocation(folder: Path) -> None:
     with (folder / "spindle.stl").open("wb") as file:
         file.write(bytes(80) + struct.pack("<I", 2_500_000))
         file.truncate(84 + 50 * 2_500_000)
@@ -175,7 +175,7 @@ def test_millions_of_triangles_are_refused_before_they_are_laid_out(folder: Path
     )
 
 
-def test_a_mesh_may_not_be_a_pipe_or_a_folder(folder: Path) -> None:
+def test_mesh_that_is_a_pipe_or_a_folder_is_refused(folder: Path) -> None:
     import os
 
     (folder / "spindle.stl").unlink()
@@ -245,7 +245,7 @@ def prism(first: int) -> str:
         (obj_of(CORNERS, [*SQUARES, [0, 1, 2, 99]]), "a.obj"),
     ],
 )
-def test_what_an_obj_holds_is_read_whole_or_refused(text: str, words: str, tmp_path: Path) -> None:
+def test_obj_file_is_read_completely_or_refused(text: str, words: str, tmp_path: Path) -> None:
     file = tmp_path / "a.obj"
     file.write_text(text)
     if not words:

@@ -19,7 +19,7 @@ def folder(tmp_path: Path) -> Path:
     return write_minimal_cell(tmp_path / "cell")
 
 
-def test_the_sound_cell_has_every_body_and_mass(folder: Path) -> None:
+def test_intact_cell_has_every_body_and_mass(folder: Path) -> None:
     cell = load_cell(folder)
     assert cell.warnings == ()
     assert len(load_chain(cell)[1]) == 6
@@ -125,7 +125,7 @@ def test_damages_are_refused_with_file_and_line(folder: Path, old: str, new: str
     read_refusal_message(folder, "robot.urdf", f"line {line}", *parts)
 
 
-def test_billion_laughs_are_refused_unexpanded(folder: Path) -> None:
+def test_entity_expansion_is_refused(folder: Path) -> None:
     laughs = "".join(f'<!ENTITY l{n} "{f"&l{n - 1};" * 10}">' for n in range(1, 10))
     text = urdf().replace('<robot name="r">', f'<!DOCTYPE r [<!ENTITY l0 "ha">{laughs}]>\n<robot name="&l9;">')
     (folder / "robot.urdf").write_text(text)
@@ -133,7 +133,7 @@ def test_billion_laughs_are_refused_unexpanded(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", " \n", "<robot", "\ufeff", "<robot>\0</robot>"])
-def test_empty_and_cut_files(folder: Path, text: str) -> None:
+def test_empty_and_truncated_files_are_refused(folder: Path, text: str) -> None:
     (folder / "robot.urdf").write_text(text)
     read_refusal_message(folder, "robot.urdf")
 
@@ -145,12 +145,12 @@ def test_other_encodings_are_refused(folder: Path) -> None:
     read_refusal_message(folder, "robot.urdf", "not UTF-8")
 
 
-def test_deep_nesting_is_stopped(folder: Path) -> None:
+def test_deep_nesting_is_refused(folder: Path) -> None:
     (folder / "robot.urdf").write_text('<robot name="r">' + "<gazebo>" * 100_000)
     read_refusal_message(folder, "robot.urdf", "line 1", "nested deeper than 100 levels")
 
 
-def test_what_others_keep_in_a_urdf_is_counted_and_not_refused(folder: Path) -> None:
+def test_unsupported_urdf_elements_are_counted_and_accepted(folder: Path) -> None:
     more = (
         '<material name="red"><color rgba="1 0 0 1"/></material><gazebo reference="l1"><mu1>0.2</mu1></gazebo>'
         '<transmission name="t"><joint name="a1"><hardwareInterface>x</hardwareInterface></joint></transmission>'
@@ -172,7 +172,7 @@ def test_what_others_keep_in_a_urdf_is_counted_and_not_refused(folder: Path) -> 
     assert any("gazebo (1)" in note for note in cell.notes)
 
 
-def test_strange_elements_beside_the_links_are_warned_of(folder: Path) -> None:
+def test_unknown_elements_beside_the_links_cause_a_warning(folder: Path) -> None:
     line = replace_in_file(folder, '<link name="base"/>', '<link name="base"/><weather wind="3"/>', "robot.urdf")
     assert f"line {line}: <weather> is no element of a URDF; it was not read" in load_cell(folder).warnings[0]
 
@@ -186,21 +186,21 @@ def test_strange_elements_beside_the_links_are_warned_of(folder: Path) -> None:
         ('value="190"', 'value="0"', "link 'l1' has inertia but no mass", 1),
     ],
 )
-def test_what_is_merely_odd_is_a_warning(folder: Path, old: str, new: str, part: str, place: int) -> None:
+def test_unusual_values_cause_a_warning(folder: Path, old: str, new: str, part: str, place: int) -> None:
     line = replace_in_file(folder, old, new, "robot.urdf", 1)
     warnings = load_cell(folder).warnings
     assert any(part in w for w in warnings), warnings
     assert f"line {line + place}" in warnings[0]
 
 
-def test_a_link_that_is_only_drawn_is_named(folder: Path) -> None:
+def test_link_with_visual_geometry_only_is_named(folder: Path) -> None:
     text = urdf()
     start = text.index("<collision>", text.index('<link name="l3">'))
     (folder / "robot.urdf").write_text(text[:start] + text[text.index("<visual>", start) :])
     assert any("no collision geometry for the links l3" in w for w in load_cell(folder).warnings)
 
 
-def test_the_robot_model_counts_its_bodies(folder: Path) -> None:
+def test_robot_model_counts_its_bodies(folder: Path) -> None:
     """Whatever the strict reader lets through: a body that the model's own parser drops is not lost."""
     cell = load_cell(folder)
     replace_in_file(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
@@ -208,7 +208,7 @@ def test_the_robot_model_counts_its_bodies(folder: Path) -> None:
         load_chain(cell)
 
 
-def test_the_verifier_counts_bodies_by_its_own_reading(folder: Path) -> None:
+def test_verifier_counts_bodies_by_its_own_reader(folder: Path) -> None:
     from machopt.verification.motion.collision.bodies import build_bodies
     from machopt.verification.motion.collision.checked_pairs import list_checked_pairs
     from machopt.verification.motion.collision.urdf_inventory import check_inventory

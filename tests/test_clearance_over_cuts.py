@@ -45,7 +45,7 @@ def tools(*places: tuple[float, float, float], tilt: float = 0.0) -> np.ndarray:
     return T
 
 
-def test_a_tip_right_under_a_cut_is_under_it_by_so_much() -> None:
+def test_tip_below_a_cut_is_below_it_by_the_exact_distance() -> None:
     level = CutSurface(toolpath(SLOT), RADIUS)
     assert level.under(tools((0.05, 0, 0.01))) == 0.0
     np.testing.assert_allclose(level.under(tools((0.05, 0, 0.01), (0.05, 0.001, -0.003), (0.03, 0, -0.002))), 0.003)
@@ -54,7 +54,7 @@ def test_a_tip_right_under_a_cut_is_under_it_by_so_much() -> None:
     assert level.under(tools((0.05, 0, -0.003), tilt=np.radians(20.0))) > 0.002
 
 
-def test_what_is_cut_as_deep_near_by_is_free() -> None:
+def test_depth_cut_nearby_is_free() -> None:
     level = CutSurface(toolpath(STEPPED), RADIUS)
     assert level.under(tools((0.05, 0.002, -0.008))) == 0.0
     np.testing.assert_allclose(level.under(tools((0.05, 0.002, -0.012))), 0.002)
@@ -62,7 +62,7 @@ def test_what_is_cut_as_deep_near_by_is_free() -> None:
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_is_what_plain_loops_say(seed: int) -> None:
+def test_result_equals_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rows: Rows = [(tuple(rng.normal(size=3) * 0.02), tuple(rng.normal(size=3) * 0.3 + UP), C) for _ in range(6)]
     path, tcp = toolpath(rows), tools(*[tuple(p) for p in rng.normal(size=(8, 3)) * 0.02], tilt=0.1)
@@ -81,7 +81,7 @@ def test_is_what_plain_loops_say(seed: int) -> None:
     np.testing.assert_allclose(CutSurface(path, RADIUS).under(tcp), deepest, atol=1e-12)
 
 
-def test_geometry_tells_it_better(tmp_path: Path) -> None:
+def test_part_geometry_takes_precedence(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     assert cell.workpiece.geometry
@@ -106,7 +106,7 @@ def rapid(barred: object, *, known_free: bool = False) -> RapidMove | BlockedRap
     )
 
 
-def test_a_move_that_is_barred_goes_around() -> None:
+def test_blocked_move_takes_a_detour() -> None:
     """Also where it is known to touch nothing; the first way that is not barred is taken."""
     for known in (False, True):
         move = rapid(low_in_the_middle, known_free=known)
@@ -120,7 +120,7 @@ def low_in_the_middle(q: np.ndarray) -> bool:
     return bool((q[np.abs(q[:, 0]) < 0.1, 1] > np.deg2rad(-85.0)).any())
 
 
-def test_the_tree_knows_what_is_barred(tmp_path: Path) -> None:
+def test_rapid_tree_respects_blocked_regions(tmp_path: Path) -> None:
     """Where no detour is allowed it finds a way over the cuts, with bodies or without: it was told as blocked."""
     cell = small_cell(tmp_path)
     wall = CollisionShape(name="wall", kind="box", size=(0.4, 0.02, 0.4), mesh=None, T_parent_shape=pose(1.1, 0.0, 0.2))
@@ -145,13 +145,13 @@ def test_the_tree_knows_what_is_barred(tmp_path: Path) -> None:
         )
 
 
-def test_where_every_way_is_barred_that_is_the_reason() -> None:
+def test_all_ways_blocked_is_the_reason() -> None:
     answer = rapid(lambda q: True)
     assert isinstance(answer, BlockedRapid)
     assert (answer.pair, answer.reason) == (UNDER, "way")
 
 
-def test_moves_from_and_to_home_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_moves_from_and_to_home_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     """They went anywhere; only a home that lies under a cut itself lets them."""
     asked: list[bool] = []
 

@@ -123,7 +123,7 @@ def check_plan(cell: Path, table: Path, out: Path) -> None:
         ("cutting_cobot", "bone_tracks.csv"),
     ],
 )
-def test_every_shipped_cell_does_its_job_and_the_independent_check_agrees(
+def test_every_shipped_cell_is_planned_and_independently_checked(
     cell: str, path: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -143,7 +143,7 @@ def test_every_shipped_cell_does_its_job_and_the_independent_check_agrees(
 
 
 @pytest.mark.slow
-def test_a_cam_export_runs_end_to_end(tmp_path: Path) -> None:
+def test_cam_export_runs_end_to_end(tmp_path: Path) -> None:
     """The first fifth of the groove, whose tool axis turns; cylinder_head_face.cls is the job of `make run`."""
     lines = (TOOLPATHS / "contour_5axis.nc").read_text(encoding="utf-8").splitlines()
     place = re.search(r" X\S+ Y\S+ ", lines[490])
@@ -174,7 +174,7 @@ def test_two_runs_write_the_same_tables_and_program(passed: tuple[Path, Path], t
         assert (out / name).read_bytes() == (tmp_path / "out" / name).read_bytes(), name
 
 
-def test_an_earlier_output_is_replaced_and_a_foreign_folder_is_not(
+def test_earlier_output_is_replaced_and_a_foreign_folder_is_not(
     passed: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table, out = passed[0], tmp_path / "out"
@@ -232,7 +232,7 @@ def _run_until(stage: str, number: int, table: Path, out: Path) -> int:
         (signal.SIGKILL, -9, "verifying"),
     ],
 )
-def test_a_killed_run_leaves_no_half_written_output(number: int, code: int, stage: str, tmp_path: Path) -> None:
+def test_killed_run_leaves_no_partial_output(number: int, code: int, stage: str, tmp_path: Path) -> None:
     table, folder = toolpath(tmp_path, PASS), tmp_path / "results"
     folder.mkdir()
     assert _run_until(stage, number, table, folder / "out") == code
@@ -244,7 +244,9 @@ def test_a_killed_run_leaves_no_half_written_output(number: int, code: int, stag
         assert [f.name for f in folder.iterdir()] == ["out"]
 
 
-def test_readable_refusals_of_toolpaths(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unreadable_toolpaths_are_refused_with_a_clear_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     good = toolpath(tmp_path, PASS).read_text()
     cases = {
         "empty.csv": ("", "is empty"),
@@ -283,7 +285,7 @@ def test_readable_refusals_of_toolpaths(tmp_path: Path, capsys: pytest.CaptureFi
         (("machopt_cell: 1", "machopt_cell: 2"), "found 2; expected 1"),
     ],
 )
-def test_readable_refusals_of_cells(
+def test_invalid_cells_are_refused_with_a_clear_message(
     edit: tuple[str, str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cell = changed_cell(tmp_path, edit)
@@ -308,14 +310,14 @@ def test_readable_refusals_of_cells(
         (["--plan", "nope.yaml"], "nope.yaml"),
     ],
 )
-def test_readable_refusals_of_options(
+def test_invalid_options_are_refused_with_a_clear_message(
     options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", *options) == 2
     assert words in capsys.readouterr().err
 
 
-def test_unreachable_workpiece_is_exit_3_with_a_report_that_says_how_far(
+def test_unreachable_workpiece_is_exit_3_with_a_report_of_the_distance(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cell = changed_cell(tmp_path, ("xyz_mm: [2140.7, -23.5, 784.3]", "xyz_mm: [5140.7, -23.5, 784.3]"))
@@ -332,19 +334,19 @@ def test_unreachable_workpiece_is_exit_3_with_a_report_that_says_how_far(
     assert "mm out of reach" in page
 
 
-def test_a_frame_in_metres_is_suspected_aloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_frame_in_metres_is_suspected_in_a_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cell = changed_cell(tmp_path, ("xyz_mm: [2140.7, -23.5, 784.3]", "xyz_mm: [2.1407, -0.0235, 0.7843]"))
     assert optimize(cell, toolpath(tmp_path, PASS), tmp_path / "out") == 3
     assert "looks like metres" in capsys.readouterr().err
 
 
-def test_missing_bodies_are_told(tmp_path: Path) -> None:
+def test_missing_bodies_are_reported(tmp_path: Path) -> None:
     cell = changed_cell(tmp_path, ("  geometry: [{name: workpiece, mesh: meshes/workpiece.stl}]\n", ""))
     assert optimize(cell, toolpath(tmp_path, PASS), tmp_path / "out") == 0
     assert any("workpiece.geometry" in str(w) for w in result(tmp_path / "out")["warnings"])  # type: ignore[attr-defined]
 
 
-def test_allow_gaps_plans_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_allow_gaps_plans_the_reachable_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     far: list[Row] = [(4000, 0, 60, "rapid", ""), (4000, 0, -0.5, "cut", "300"), (4000, 0, 60, "rapid", "")]
     table, out = toolpath(tmp_path, [*PASS, *far, *PASS]), tmp_path / "out"
     assert optimize(KR500, table, out) == 3
@@ -359,7 +361,7 @@ def test_allow_gaps_plans_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     "options", [["--set", "rotation_range_deg=[80,100]"], ["--set", "rotation_range_deg=[150,180]"]]
 )
-def test_the_rotation_range_is_kept(options: list[str], tmp_path: Path) -> None:
+def test_rotation_range_is_respected(options: list[str], tmp_path: Path) -> None:
     code = optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", *options)
     assert code in (0, 3)
     low, high = json.loads(options[1].split("=")[1])
@@ -367,7 +369,7 @@ def test_the_rotation_range_is_kept(options: list[str], tmp_path: Path) -> None:
         assert all(low - 0.1 <= g <= high + 0.1 for g in gammas(tmp_path / "out"))
 
 
-def test_fixed_rotations_are_kept(tmp_path: Path) -> None:
+def test_fixed_rotations_are_respected(tmp_path: Path) -> None:
     assert (
         optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", "--set", "fixed=[{point: 5, gamma_deg: 20}]") == 0
     )
@@ -378,7 +380,7 @@ def test_fixed_rotations_are_kept(tmp_path: Path) -> None:
     "options",
     [["--method", "jiao2022"], ["--index", "jiao2022"], ["--sample-ms", "4"], ["--set", "force_N={axial: 200}"]],
 )
-def test_options_that_must_work(options: list[str], tmp_path: Path) -> None:
+def test_valid_options_are_accepted(options: list[str], tmp_path: Path) -> None:
     table = toolpath(tmp_path, PASS)
     assert optimize(KR500, table, tmp_path / "out", *options) == 0
     check_plan(KR500, table, tmp_path / "out")
@@ -387,7 +389,7 @@ def test_options_that_must_work(options: list[str], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "rows", [PASS[2:-2], [PASS[0], *PASS[2:-2], PASS[-1]]], ids=["cuts only", "rapid to and from the cut"]
 )
-def test_cuts_that_a_rapid_move_enters_and_leaves(rows: list[Row], tmp_path: Path) -> None:
+def test_rapid_move_from_inside_a_cut_retracts_along_the_tool_axis(rows: list[Row], tmp_path: Path) -> None:
     """The cutter stands in the workpiece where the rapid move begins: it is drawn out along its axis first.
 
     Between two bores, where there is material: the pass of 22 mm begins 15 mm before the middle of the head.
@@ -398,7 +400,7 @@ def test_cuts_that_a_rapid_move_enters_and_leaves(rows: list[Row], tmp_path: Pat
     check_plan(KR500, table, tmp_path / "out")
 
 
-def test_holes_drilled_under_feed_and_left_in_rapid(tmp_path: Path) -> None:
+def test_holes_drilled_at_feed_and_left_in_rapid(tmp_path: Path) -> None:
     rows: list[Row] = []
     for x in (-4.0, 4.0):  # the web between two bores
         rows += [(x, 0, 40, "rapid", ""), (x, 0, -10, "cut", "300"), (x, 0, 40, "rapid", "")]
@@ -407,7 +409,7 @@ def test_holes_drilled_under_feed_and_left_in_rapid(tmp_path: Path) -> None:
     check_plan(KR500, table, tmp_path / "out")
 
 
-def test_points_denser_than_samples_with_tangential_lead_in_and_out(tmp_path: Path) -> None:
+def test_dense_points_with_tangential_lead_in_and_lead_out(tmp_path: Path) -> None:
     """0.02 mm apart at 1500 mm/min: fifteen points a sample, and no corner that slows the change of move."""
     words = ["approach"] * 200 + ["cut"] * 300 + ["retract"] * 200
     rows: list[Row] = [(-100 + 0.02 * i, 0, -0.5, move, "1500") for i, move in enumerate(words)]
@@ -416,7 +418,7 @@ def test_points_denser_than_samples_with_tangential_lead_in_and_out(tmp_path: Pa
     check_plan(KR500, table, tmp_path / "out")
 
 
-def test_verify_refuses_a_trajectory_that_was_touched(
+def test_verify_refuses_a_changed_trajectory(
     passed: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table, out = passed[0], tmp_path / "out"
@@ -456,7 +458,7 @@ def test_verify_refuses_a_trajectory_that_was_touched(
 @pytest.mark.parametrize(
     ("file", "points"), [("plain.csv", 201), ("panel_holes.aptsource", 480), ("contour_5axis.nc", 2403)]
 )
-def test_inspect_tells_what_a_file_holds(file: str, points: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_inspect_lists_the_content_of_a_file(file: str, points: int, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(TOOLPATHS / file), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert InspectedToolpathDocument.model_validate(told).to_json_types() == told

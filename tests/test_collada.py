@@ -47,7 +47,7 @@ def written(folder: Path, faces: str = "triangles", text: str = TEXT) -> Path:
 
 
 @pytest.mark.parametrize("faces", sorted(FACES))
-def test_triangles_stand_where_the_nodes_put_them_in_metres(faces: str, tmp_path: Path) -> None:
+def test_node_transforms_place_triangles_in_metres(faces: str, tmp_path: Path) -> None:
     """Turned by 90° about z, doubled and shifted; shifted alone. The unit counts, the axis that is up does not."""
     found = read_collada(written(tmp_path, faces)).corners
     assert found.shape == (8 if faces == "triangles" else 6, 3, 3)
@@ -75,14 +75,14 @@ def test_triangles_stand_where_the_nodes_put_them_in_metres(faces: str, tmp_path
         ("<scene>", "<seen>", "is not XML"),
     ],
 )
-def test_what_cannot_be_read_is_told(old: str, new: str, told: str, tmp_path: Path) -> None:
+def test_unsupported_content_is_reported(old: str, new: str, told: str, tmp_path: Path) -> None:
     assert old in written(tmp_path).read_text()
     file = written(tmp_path, text=TEXT.replace("FACES", FACES["triangles"].replace("INPUT", INPUT)).replace(old, new))
     with pytest.raises(InputError, match=told):
         read_collada(file)
 
 
-def test_a_robot_with_collada_bodies_gets_a_cell_with_stl(tmp_path: Path) -> None:
+def test_robot_with_collada_bodies_gets_a_cell_with_stl(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     body = '<collision><geometry><mesh filename="a.dae" scale="0.5 0.5 0.5"/></geometry></collision>'
     file.write_text(urdf_text().replace('<link name="link_1">', f'<link name="link_1">{body}'))

@@ -48,7 +48,7 @@ def compute_corners(shape: CollisionShape) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("up", sorted(UP))
 @pytest.mark.parametrize("unit", sorted(UNITS))
-def test_unit_and_upward_axis_hold(unit: str, up: str, tmp_path: Path) -> None:
+def test_unit_and_up_axis_of_the_file_apply(unit: str, up: str, tmp_path: Path) -> None:
     name, metre = UNITS[unit]
     size = 0.5 / metre  # half a metre
     head = f'<unit name="{name}" meter="{metre}"/><up_axis>{up}</up_axis>'
@@ -76,7 +76,7 @@ def test_scale_multiplies_the_unit_of_the_file(tmp_path: Path) -> None:
         ('meter="1"', 'meter="1e9"'),
     ],
 )
-def test_a_damaged_file_is_refused_with_its_key(old: str, new: str, tmp_path: Path) -> None:
+def test_damaged_file_is_refused_with_its_key(old: str, new: str, tmp_path: Path) -> None:
     text = cube(asset='<unit name="m" meter="1"/>')
     assert old in text
     folder = write_cell(tmp_path, text.replace(old, new))
@@ -84,7 +84,7 @@ def test_a_damaged_file_is_refused_with_its_key(old: str, new: str, tmp_path: Pa
         load_cell(folder)
 
 
-def test_init_takes_collada_for_tool_and_workpiece(tmp_path: Path) -> None:
+def test_init_accepts_collada_for_tool_and_workpiece(tmp_path: Path) -> None:
     robot, part = tmp_path / "robot.urdf", tmp_path / "part.dae"
     robot.write_text(urdf_text())
     part.write_text(cube(asset='<unit name="dm" meter="0.1"/>'))

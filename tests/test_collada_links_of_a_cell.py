@@ -48,7 +48,7 @@ def list_corners(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("up", sorted(UP))
 @pytest.mark.parametrize("unit", sorted(UNITS))
-def test_the_unit_holds_and_the_upward_axis_does_not(unit: str, up: str, tmp_path: Path) -> None:
+def test_unit_applies_and_up_axis_does_not(unit: str, up: str, tmp_path: Path) -> None:
     name, metre = UNITS[unit]
     size = 0.1 / metre  # a tenth of a metre
     head = f'<unit name="{name}" meter="{metre}"/><up_axis>{up}</up_axis>'
@@ -60,7 +60,7 @@ def test_the_unit_holds_and_the_upward_axis_does_not(unit: str, up: str, tmp_pat
     assert any(up in text for text in load_cell(folder).warnings) == (up != "Z_UP")
 
 
-def test_the_scale_of_the_urdf_multiplies_the_unit(tmp_path: Path) -> None:
+def test_urdf_scale_multiplies_the_unit(tmp_path: Path) -> None:
     text = cube(asset='<unit name="dm" meter="0.1"/><up_axis>Z_UP</up_axis>')
     for found in list_corners(write_robot_mesh(tmp_path, text, ' scale="2 2 2"')):
         np.testing.assert_allclose(np.ptp(found, axis=0), 0.2, atol=1e-6)
@@ -70,7 +70,7 @@ def test_the_scale_of_the_urdf_multiplies_the_unit(tmp_path: Path) -> None:
     ("old", "new"),
     [("</COLLADA>", ""), ('count="12"', 'count="13"'), ("<p>0 1 3", "<p>0 1 99"), ('url="#g"', 'url="#h"')],
 )
-def test_a_damaged_file_is_refused_with_the_line_of_the_urdf(old: str, new: str, tmp_path: Path) -> None:
+def test_damaged_file_is_refused_with_the_line_of_the_urdf(old: str, new: str, tmp_path: Path) -> None:
     text = cube(asset='<unit name="dm" meter="0.1"/><up_axis>Z_UP</up_axis>')
     assert old in text
     with pytest.raises(InputError) as caught:

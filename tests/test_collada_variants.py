@@ -286,7 +286,7 @@ def failing(message: str) -> InputError:
 
 
 @pytest.mark.parametrize("name", sorted(READ))
-def test_a_variant_has_the_triangles_counted_by_hand(name: str, tmp_path: Path) -> None:
+def test_variant_has_the_triangles_counted_by_hand(name: str, tmp_path: Path) -> None:
     text, count, surface, box = READ[name]
     file = written(tmp_path, text())
     found = read_collada(file)
@@ -356,14 +356,14 @@ REFUSED: dict[str, Callable[[], str]] = {
 
 
 @pytest.mark.parametrize("name", sorted(REFUSED))
-def test_what_would_be_dropped_or_moved_is_refused(name: str, tmp_path: Path) -> None:
+def test_content_that_would_be_dropped_or_moved_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_collada(written(tmp_path, REFUSED[name]()))
     assert str(tmp_path) in str(refused.value)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_any_simple_polygon_is_divided_into_its_own_area(seed: int) -> None:
+def test_any_simple_polygon_is_triangulated_to_its_area(seed: int) -> None:
     """Star-shaped about a point that is no corner, in a random plane, begun anywhere and run through either way."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(4, 40))
@@ -388,13 +388,13 @@ def robot_with_mesh(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(("axis", "notes"), [("X_UP", 1), ("Y_UP", 1), ("Z_UP", 0)])
-def test_an_axis_that_is_not_used_is_a_note(axis: str, notes: int, tmp_path: Path) -> None:
+def test_unused_axis_causes_a_note(axis: str, notes: int, tmp_path: Path) -> None:
     robot = robot_with_mesh(tmp_path)
     (tmp_path / "a.dae").write_text((tmp_path / "a.dae").read_text().replace("Z_UP", axis))
     assert len(run_init(InitRequest(robot=robot, out=tmp_path / "cell")).notes) == notes
 
 
-def test_a_copy_that_lost_triangles_is_refused_wherever_it_is_used(tmp_path: Path) -> None:
+def test_copy_with_missing_triangles_is_refused(tmp_path: Path) -> None:
     """Planner and verifier do not read the same copy: the original lies beside it and is an input of the cell."""
     done = run_init(InitRequest(robot=robot_with_mesh(tmp_path), out=tmp_path / "cell"))
     copy = done.folder / "a.dae.stl"

@@ -168,12 +168,12 @@ def agrees(rows: Rows, obstacles: tuple[CollisionShape, ...], folder: FilePath) 
 
 
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 6, 7, 8, 9])
-def test_feasible_is_what_trying_everything_finds(seed: int, tmp_path: FilePath) -> None:
+def test_feasibility_equals_that_of_exhaustive_search(seed: int, tmp_path: FilePath) -> None:
     agrees(*crowded(seed), tmp_path)
 
 
 @pytest.mark.parametrize("seed", [33, 41, 42])
-def test_ways_between_free_poses_are_struck_out_by_themselves(seed: int, tmp_path: FilePath) -> None:
+def test_single_colliding_edges_between_free_poses_are_excluded(seed: int, tmp_path: FilePath) -> None:
     """Drawn so that a way collides between two free poses, and that a sequence breaks off."""
     p = agrees(*rods(seed), tmp_path)
     assert p.found is not None
@@ -209,7 +209,7 @@ def assert_closed_by_themselves(p: Plan) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_only_what_collides_by_itself_is_struck_out(seed: int, tmp_path: FilePath) -> None:
+def test_only_colliding_edges_are_excluded(seed: int, tmp_path: FilePath) -> None:
     p = leaning(tmp_path, *crowded(seed))
     whole = enumerate_candidates(p.path, p.setup.arm, p.options)
     model = p.setup.collision
@@ -224,9 +224,7 @@ def test_only_what_collides_by_itself_is_struck_out(seed: int, tmp_path: FilePat
 
 
 @pytest.mark.parametrize("seed", [4, 33])
-def test_what_was_chosen_stretch_by_stretch_has_the_certificate_of_a_whole_choice(
-    seed: int, tmp_path: FilePath
-) -> None:
+def test_sequence_chosen_in_segments_has_the_bound_of_a_whole_choice(seed: int, tmp_path: FilePath) -> None:
     """On what is left of the grid the whole path is chosen once more; its bound holds for the answer that stands."""
     p = leaning(tmp_path, *(rods(seed) if seed > 30 else crowded(seed)))
     assert p.found is not None
@@ -237,7 +235,7 @@ def test_what_was_chosen_stretch_by_stretch_has_the_certificate_of_a_whole_choic
     assert p.choice.bound <= whole.total * (1 + 1e-9)
 
 
-def test_looking_ahead_strikes_out_what_one_pair_touches_around_a_contact(tmp_path: FilePath) -> None:
+def test_lookahead_excludes_edges_of_the_same_pair_around_a_contact(tmp_path: FilePath) -> None:
     p = leaning(tmp_path, *crowded(4))
     c, model = enumerate_candidates(p.path, p.setup.arm, p.options), p.setup.collision
     assert model is not None
@@ -272,7 +270,7 @@ def test_looking_ahead_strikes_out_what_one_pair_touches_around_a_contact(tmp_pa
     assert not model.check_single_pairs(c.q[tuple(ring.T)], np.full(len(ring), pair)).any()
 
 
-def test_the_map_tells_what_was_looked_at_and_looks_at_the_rest_when_asked(tmp_path: FilePath) -> None:
+def test_map_marks_checked_edges_and_checks_the_rest_on_request(tmp_path: FilePath) -> None:
     p = leaning(tmp_path, *crowded(4))
     before = p.candidates.feasible.copy()
     some, whole, none = (
@@ -293,7 +291,7 @@ def test_the_map_tells_what_was_looked_at_and_looks_at_the_rest_when_asked(tmp_p
     assert model.check_configurations(c.q[s, r, b], p.path.may_touch[p.path.stations[s]]).hit.all()
 
 
-def test_equal_stiffness_prefers_distance_where_clearance_counts(tmp_path: FilePath) -> None:
+def test_equal_stiffness_prefers_distance_with_a_clearance_weight(tmp_path: FilePath) -> None:
     """A post beside the tool; with the price of nearness the plan keeps farther away, and is told by the same J."""
     post = (
         CollisionShape(

@@ -109,7 +109,7 @@ def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
     agree(cell, model, random_q(model, 60), band=0.05 * ROUND)
 
 
-def test_bound_is_the_distance_of_the_covering_spheres_from_the_box(model: CollisionModel) -> None:
+def test_bound_is_the_distance_of_covering_spheres_from_the_box(model: CollisionModel) -> None:
     stack = model.stack
     rows = MotionRows(stack, random_q(model, 300))  # more than one block
     for p, (i, j) in enumerate(stack.index):
@@ -122,7 +122,7 @@ def test_bound_is_the_distance_of_the_covering_spheres_from_the_box(model: Colli
         np.testing.assert_allclose(rows.bound[:, p], expected, atol=1e-9)
 
 
-def test_bounds_never_exceed_the_distance_nor_fall_below_the_motion(folder: Path, model: CollisionModel) -> None:
+def test_bounds_never_exceed_the_distance_nor_the_motion(folder: Path, model: CollisionModel) -> None:
     q = random_q(model, 40)
     exact = coal_distances(small_cell(folder), model, q)
     bound = MotionRows(model.stack, q).bound
@@ -143,7 +143,7 @@ def test_bounds_never_exceed_the_distance_nor_fall_below_the_motion(folder: Path
             assert rows.bound_motion(p)[0] <= rows.reach[0] + 1e-12
 
 
-def test_clearance_and_carried_distances_agree_with_fresh_ones(folder: Path) -> None:
+def test_clearance_from_carried_distances_equals_fresh_ones(folder: Path) -> None:
     model = model_of(small_cell(folder), clearance=0.03)
     a, b = random_q(model, 2, seed=5)
     q = a + np.linspace(0, 1, 600)[:, None] * (b - a)  # neighbours: distances are carried along
@@ -159,7 +159,7 @@ def test_clearance_and_carried_distances_agree_with_fresh_ones(folder: Path) -> 
     assert not together.hit.all()
 
 
-def test_motion_finds_what_lies_between_rows(folder: Path, model: CollisionModel) -> None:
+def test_contact_between_rows_is_found(folder: Path, model: CollisionModel) -> None:
     """A thin plate that no row touches, against brute force at 2,000 places."""
     plate = CollisionShape(
         name="plate", kind="box", size=(0.6, 0.002, 0.6), mesh=None, T_parent_shape=pose(1.2, 0.0, 1.2)
@@ -221,7 +221,7 @@ def test_cutter_may_touch_only_while_cutting(folder: Path, model: CollisionModel
     ).hit.all()  # spindle 10 mm off
 
 
-def test_a_body_wholly_inside_another_is_a_contact(folder: Path, model: CollisionModel) -> None:
+def test_body_wholly_inside_another_is_a_contact(folder: Path, model: CollisionModel) -> None:
     cell = small_cell(folder)
     q = reach_pose(model, cell, (1.5, 0.1, 1.0))
     tip = model.stack.robot.compute_fk(q, cell.tool.T_flange_tcp)[:3, 3]
@@ -234,7 +234,7 @@ def test_a_body_wholly_inside_another_is_a_contact(folder: Path, model: Collisio
     assert hidden.find_nearest_pair(q[None], np.zeros(1, bool)).distance[0] == 0.0
 
 
-def test_inside_by_solid_angle() -> None:
+def test_inside_test_by_solid_angle() -> None:
     mesh = trimesh.creation.box((2, 2, 2))
     v, f = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     body = CollisionBody(
@@ -255,7 +255,7 @@ def test_inside_by_solid_angle() -> None:
     assert not is_point_inside(replace(body, faces=f[1:]), np.zeros(3))  # open
 
 
-def test_pairs_that_always_touch_are_found_by_computation(folder: Path, model: CollisionModel) -> None:
+def test_always_touching_pairs_are_computed(folder: Path, model: CollisionModel) -> None:
     names = {pair.name for pair in model.pairs}
     assert "base_link_0 ~ link_2_0" in names
     assert "link_5_0 ~ cutter" in names  # the tool hangs on link 6
@@ -279,13 +279,13 @@ def test_pairs_that_always_touch_are_found_by_computation(folder: Path, model: C
     assert ("link_1_0", "pedestal") in {(e.a, e.b)[::d] for e in model_of(cell).excluded for d in (1, -1)}
 
 
-def test_names_the_pairs_in_touch_at_home(folder: Path) -> None:
+def test_pairs_touching_at_home_are_named(folder: Path) -> None:
     wall = CollisionShape(name="wall", kind="box", size=(0.1, 2.0, 2.0), mesh=None, T_parent_shape=pose(1.2, 0, 1.5))
     suspicious = model_of(replace(small_cell(folder), obstacles=(wall,))).suspicious
     assert any("wall" in text for text in suspicious)
 
 
-def test_cutter_runs_back_from_the_tcp(folder: Path) -> None:
+def test_cutter_extends_back_from_the_tcp(folder: Path) -> None:
     cell = small_cell(folder)
     robot, _ = load_chain(cell)
     T = np.linalg.inv(robot.T_base_flange_zero @ cell.tool.T_flange_tcp)
@@ -299,7 +299,7 @@ def test_cutter_runs_back_from_the_tcp(folder: Path) -> None:
         np.testing.assert_allclose(np.hypot(v[:, 0], v[:, 1]).max(), 0.006 - shrink, rtol=ROUND)
 
 
-def test_bad_input_says_what_would_work(folder: Path) -> None:
+def test_invalid_input_is_answered_with_what_is_accepted(folder: Path) -> None:
     cell = small_cell(folder)
     with pytest.raises(InputError, match="'a1' moves the base or the workpiece and is not listed"):
         model_of(replace(cell, workpiece=Workpiece("link_3", np.eye(4))))
@@ -311,7 +311,7 @@ def test_bad_input_says_what_would_work(folder: Path) -> None:
             model_of(replace(cell, obstacles=(shape,)))
 
 
-def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
+def test_empty_rows_and_pairs_are_accepted(folder: Path, model: CollisionModel) -> None:
     none = np.zeros((0, 6)), np.zeros(0, bool)
     assert not model.check_configurations(*none).any
     assert model.check_motion(*none, step=0.1).first == -1
@@ -326,7 +326,7 @@ def test_no_rows_and_no_pairs(folder: Path, model: CollisionModel) -> None:
     assert empty.find_nearest_pair(q, np.zeros(3, bool)).pair.max() == -1
 
 
-def test_long_motions_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_motions_are_checked_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model = model_of(small_cell(tmp_path), 0.005)
     corners = random_q(model, 6, seed=2)
     q = np.vstack([np.linspace(a, b, 12, endpoint=False) for a, b in pairwise(corners)])
@@ -340,7 +340,7 @@ def test_long_motions_are_looked_at_block_by_block(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_motions_checked_in_one_call_are_those_checked_alone(tmp_path: Path, seed: int) -> None:
+def test_motions_checked_together_equal_those_checked_alone(tmp_path: Path, seed: int) -> None:
     model = model_of(small_cell(tmp_path), 0.005)
     rng = np.random.default_rng(seed)
     lengths = rng.integers(1, 6, 12)

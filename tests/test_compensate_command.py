@@ -51,7 +51,7 @@ def table(file: FilePath) -> list[dict[str, str]]:
         return list(csv.DictReader(lines))
 
 
-def test_the_command_writes_what_it_shifts(job: tuple[FilePath, FilePath, FilePath]) -> None:
+def test_command_writes_the_shift_it_applies(job: tuple[FilePath, FilePath, FilePath]) -> None:
     path, plain, shifted = job
     assert not (plain / "compensation.csv").exists()
     assert "comp_dx_mm" not in table(plain / "points.csv")[0]
@@ -93,7 +93,7 @@ def test_the_command_writes_what_it_shifts(job: tuple[FilePath, FilePath, FilePa
         assert verdict["verification"]["passed"]  # type: ignore[index]  # limits, feed, path, contacts
 
 
-def test_page_and_result_tell_one_mean_and_one_worst(job: tuple[FilePath, FilePath, FilePath]) -> None:
+def test_page_and_result_show_the_same_mean_and_maximum(job: tuple[FilePath, FilePath, FilePath]) -> None:
     """Over the length cut, from the objective itself, wherever it is shown."""
     for out in job[1:]:
         found = result(out)
@@ -118,7 +118,7 @@ def checks(out: FilePath, path: FilePath, **changes: object) -> dict[str, object
     return {c.name: c.passed for c in verify_motion(cell, read_toolpath(path), out, options=options).checks}
 
 
-def test_the_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, FilePath], tmp_path: FilePath) -> None:
+def test_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, FilePath], tmp_path: FilePath) -> None:
     path, plain, shifted = job
     sound = checks(shifted, path)
     assert all(sound.values())
@@ -158,7 +158,7 @@ def test_the_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, Fi
     assert checks(out, path) == {"compensation.csv can be read": False}
 
 
-def test_terms_count_in_the_shift_and_in_its_verification(tmp_path: FilePath) -> None:
+def test_compliance_terms_enter_the_shift_and_its_verification(tmp_path: FilePath) -> None:
     """irb6700 drilling with link 4 and the tool giving way: softer, shifted more, and verified by its own laws."""
     path = tmp_path / "holes.csv"
     holes = [
@@ -191,7 +191,7 @@ def test_terms_count_in_the_shift_and_in_its_verification(tmp_path: FilePath) ->
     assert states["path"]["passed"] is True
 
 
-def test_a_job_lost_by_its_shift_ends_as_infeasible(
+def test_job_infeasible_after_the_shift_ends_as_infeasible(
     tmp_path: FilePath, job: tuple[FilePath, FilePath, FilePath]
 ) -> None:
     cell = changed_cell(tmp_path)
@@ -209,7 +209,7 @@ def test_a_job_lost_by_its_shift_ends_as_infeasible(
     assert not (out / "trajectory.csv").exists()
 
 
-def test_a_rotation_is_taken_at_which_the_shift_can_be_driven(tmp_path: FilePath) -> None:
+def test_rotation_is_chosen_that_allows_the_shift_to_be_driven(tmp_path: FilePath) -> None:
     """The stiffest rotation is one at which the deflection turns too quickly; the one beside it is taken, and said."""
     u = np.linspace(0.0, 1.0, 15)
     t, b = 0.4 * np.sin(2 * np.pi * u), 0.6 * np.cos(12 * u)
@@ -279,7 +279,7 @@ def list_pecks(tops: tuple[float, float]) -> list[str]:
 
 
 @pytest.mark.slow
-def test_pecks_of_different_thrust_that_are_left_at_feed_are_corrected_whole(tmp_path: FilePath) -> None:
+def test_pecks_of_different_thrust_are_fully_corrected(tmp_path: FilePath) -> None:
     """The shift changes in the air between the pecks and holds in the cuts, also on the long way out."""
     rows = [f"-150,-200,{z},0,0,1,rapid," for z in (40, 25)]
     found = plan_pecks(tmp_path, [*rows, *list_pecks((25, 25))], (800, 2000))
@@ -288,9 +288,7 @@ def test_pecks_of_different_thrust_that_are_left_at_feed_are_corrected_whole(tmp
 
 
 @pytest.mark.slow
-def test_the_fade_is_lengthened_only_where_the_shift_fades(
-    tmp_path: FilePath, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fade_length_grows_only_where_the_shift_fades(tmp_path: FilePath, capsys: pytest.CaptureFixture[str]) -> None:
     """Between the last two pecks the shift turns too quickly; a longer fade would only cost the approach its ramp."""
     rows = [f"-150,-200,{z},0,0,1,rapid," for z in (60, 45)] + ["-150,-200,20,0,0,1,approach,3000"]
     found = plan_pecks(tmp_path, [*rows, *list_pecks((25, 14))], (100, 1300))

@@ -79,7 +79,7 @@ def loaded(p: Plan, rows: np.ndarray, stiffness: ArmStiffness) -> np.ndarray:
 # --- the shift itself ----------------------------------------------------------------------------------------
 
 
-def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> None:
+def test_deflected_tool_is_at_the_programmed_position(bent: tuple[Plan, Plan]) -> None:
     """With the nonlinear equilibrium of the springs, which the planner's linear deflection knows nothing of."""
     before, after = bent
     rows = straight_on(after)
@@ -97,7 +97,7 @@ def test_the_bent_tool_is_where_it_was_programmed(bent: tuple[Plan, Plan]) -> No
     np.testing.assert_allclose((T[:, :3, 3] - base[:3, 3]) @ base[:3, :3], after.path.position, atol=1e-8)
 
 
-def test_the_shift_changes_no_direction_of_the_loads(bent: tuple[Plan, Plan]) -> None:
+def test_shift_does_not_change_the_load_directions(bent: tuple[Plan, Plan]) -> None:
     """The force acts along the programmed moves: a shift that fades would turn them by up to six degrees."""
     before, after = bent
     assert np.linalg.norm(after.path.position - before.path.position, axis=1).max() > 5e-4
@@ -109,7 +109,7 @@ def test_the_shift_changes_no_direction_of_the_loads(bent: tuple[Plan, Plan]) ->
     np.testing.assert_array_equal(poses[1].travel, poses[0].travel)
 
 
-def test_the_shift_fades_along_approach_and_retract_and_never_jumps(bent: tuple[Plan, Plan]) -> None:
+def test_shift_fades_along_approach_and_retract_without_jumps(bent: tuple[Plan, Plan]) -> None:
     before, after = bent
     assert after.compensation is not None
     path, offset, length = before.path, after.compensation.offset, after.compensation.fade
@@ -134,7 +134,7 @@ def test_the_shift_fades_along_approach_and_retract_and_never_jumps(bent: tuple[
     assert steep.max() <= 1.2 * size.max() * (1 / after.compensation.length + 1 / length)
 
 
-def test_refining_changes_no_choice(tmp_path: FilePath) -> None:
+def test_refinement_changes_no_choice(tmp_path: FilePath) -> None:
     plain = small_job(tmp_path, corner(), replace(FREE, force=FORCE, rotation_step=np.radians(15.0)))
     fine = add_corner_points(plain, toolpath(corner()), 0.002)
     rows = np.searchsorted(fine.path.index, plain.path.index)
@@ -161,7 +161,7 @@ def test_refining_changes_no_choice(tmp_path: FilePath) -> None:
     assert add_corner_points(same, toolpath(straight), 0.002) is same
 
 
-def test_residual_is_second_order_on_straights_and_half_the_turn_of_the_force_at_a_corner(
+def test_residual_is_second_order_on_lines_and_half_the_force_turn_at_a_corner(
     bent: tuple[Plan, Plan],
 ) -> None:
     before, after = bent
@@ -179,7 +179,7 @@ def test_residual_is_second_order_on_straights_and_half_the_turn_of_the_force_at
     assert found.shift_mean == pytest.approx(found.uncompensated, rel=0.1)
 
 
-def test_a_leaning_plunge_shifts_like_an_upright_one(tmp_path: FilePath) -> None:
+def test_inclined_plunge_shifts_like_an_upright_one(tmp_path: FilePath) -> None:
     """The sideways part of a plunge that leans by a few degrees does not turn the force; nor does it make a jump."""
     force = ProcessForce(travel=120.0, normal=250.0, axial=80.0)
     found = {}
@@ -206,7 +206,7 @@ def recompute_force(job: Toolpath, index: np.ndarray, force: ProcessForce, lengt
 
 @settings(max_examples=scale_example_count(60), deadline=None, derandomize=not NIGHTLY)
 @given(st.integers(0, 10_000), st.sampled_from([0.005, 0.01, 0.02]), st.sampled_from([0.005, 0.01, 0.02, 0.04]))
-def test_the_force_that_is_compensated_never_jumps(seed: int, length: float, fade: float) -> None:
+def test_compensated_force_never_jumps(seed: int, length: float, fade: float) -> None:
     """Random paths with leaning plunges, corners, reversals, links, rapid moves: the stated Lipschitz bound holds."""
     rng = np.random.default_rng(seed)
     rows: Rows = []
@@ -249,7 +249,7 @@ def test_the_force_that_is_compensated_never_jumps(seed: int, length: float, fad
     assert np.linalg.norm(f - theirs, axis=1).max(initial=0.0) <= FORCE_TOLERANCE * size  # the second law agrees
 
 
-def test_a_short_way_into_a_hole_leaves_it_the_whole_shift() -> None:
+def test_short_approach_leaves_the_whole_shift_in_the_hole() -> None:
     """Approach and retract move shorter than the change of the shift: the cut has all of it."""
     force = ProcessForce(travel=0.0, normal=0.0, axial=200.0)
     for above in (0.001, 0.004, 0.009, 0.03):
@@ -263,7 +263,7 @@ def test_a_short_way_into_a_hole_leaves_it_the_whole_shift() -> None:
         np.testing.assert_allclose(theirs, f, atol=FORCE_TOLERANCE * 200.0)
 
 
-def test_compensation_on_a_simulated_truth_falls_as_jiao2022_finds() -> None:
+def test_compensation_on_a_simulated_truth_improves_as_in_jiao2022() -> None:
     """Truth: eqs. 39 and 40 in their two cubes. Uncompensated, with one set of constants (eq. 38), with the grid.
 
     The paper measures 0.287 mm, 0.120 mm with one set and 0.057 mm with 128 cells; here the truth has two.
@@ -305,7 +305,7 @@ def softer(p: Plan, factor: float) -> Plan:
     return replace(p, setup=setup, directions=replace(p.directions, k=p.directions.k / factor))
 
 
-def test_points_that_cannot_be_shifted_say_what_stops_them(bent: tuple[Plan, Plan], tmp_path: FilePath) -> None:
+def test_points_without_a_shift_state_the_reason(bent: tuple[Plan, Plan], tmp_path: FilePath) -> None:
     before, after = bent
     far = shift_path(softer(before, 3000.0), 1000.0)  # metres, over a length that leaves none too steep
     assert len(far.missing) > 0
@@ -329,7 +329,7 @@ def test_points_that_cannot_be_shifted_say_what_stops_them(bent: tuple[Plan, Pla
     assert "a joint would leave its range" in explain_points(stopped)[n]
 
 
-def test_a_shift_that_is_too_large_is_refused_with_point_and_numbers(bent: tuple[Plan, Plan]) -> None:
+def test_too_large_shift_is_refused_with_point_and_values(bent: tuple[Plan, Plan]) -> None:
     before, after = bent
     assert after.compensation is not None
     size = np.linalg.norm(after.compensation.offset, axis=1)
@@ -349,7 +349,7 @@ def test_a_shift_that_is_too_large_is_refused_with_point_and_numbers(bent: tuple
     assert any("mm per mm of path, more than 0.1" in t for t in texts.values())
 
 
-def test_a_shift_that_collides_is_named(tmp_path: FilePath) -> None:
+def test_colliding_shift_is_reported(tmp_path: FilePath) -> None:
     """The drill is pushed back by 60 mm, so the spindle would be driven that much deeper, into the block."""
     rows: Rows = [((0, 0, 0.06), UP, R), ((0, 0, 0.02), UP, A), ((0, 0, 0.0), UP, C), ((0, 0, 0.06), UP, BACK)]
     p = small_job(tmp_path, rows, PlanOptions(force=ProcessForce(axial=400.0), rotation_step=np.radians(30.0)))
@@ -363,7 +363,7 @@ def test_a_shift_that_collides_is_named(tmp_path: FilePath) -> None:
     assert not compensate_plan(p, toolpath(rows)).missing.size  # a tenth of a millimetre does not
 
 
-def test_points_missing_before_stay_what_they_were(tmp_path: FilePath) -> None:
+def test_points_missing_before_remain_unchanged(tmp_path: FilePath) -> None:
     rows = [*corner(), ((3.0, 0.0, 0.01), UP, R), ((3.0, 0.1, 0.01), UP, C)]
     before = small_job(tmp_path, rows, replace(FREE, force=FORCE, rotation_step=np.radians(30.0)))
     after = compensate_plan(before, toolpath(rows))
@@ -375,7 +375,7 @@ def test_points_missing_before_stay_what_they_were(tmp_path: FilePath) -> None:
     )  # not a single answer, and still a plan
 
 
-def test_without_a_force_there_is_nothing_to_compensate(tmp_path: FilePath, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_compensation_without_a_force(tmp_path: FilePath, capsys: pytest.CaptureFixture[str]) -> None:
     assert load_options({"compensate": True, "force_N": {"normal": 5.0}}).compensate
     cobot, path = ROOT / "cells" / "cutting_cobot", ROOT / "toolpaths" / "bone_tracks.csv"
     assert optimize(cobot, path, tmp_path / "out", "--compensate") == 2

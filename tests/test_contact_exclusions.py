@@ -31,7 +31,7 @@ BOXES = """
 """
 
 
-def test_swings_over_a_closed_band_are_looked_at_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_swings_over_a_closed_band_are_checked_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cobot that asks for 12 mm of clearance along one pass; round by round this had no end after a minute."""
     monkeypatch.setattr(collision_free_search, "ROUNDS", 60)
     folder = shutil.copytree(ROOT / "cells" / "cutting_cobot", tmp_path / "cell")
@@ -142,7 +142,7 @@ def crossing(strikes: ExclusionTracker, degrees: float) -> list[set[int]]:
     return out
 
 
-def test_the_contact_of_the_chosen_way_is_the_one_looked_for() -> None:
+def test_first_contact_of_the_chosen_way_is_searched() -> None:
     """Below the band stands another one, which ways a little aside touch first."""
     checker = Bands(((np.radians(2.0), np.radians(8.0)),), ((np.radians(-48.0), np.radians(-42.0)),))
     strikes = banded(checker, 12)
@@ -152,7 +152,7 @@ def test_the_contact_of_the_chosen_way_is_the_one_looked_for() -> None:
 
 
 @pytest.mark.parametrize("gap", [4.0, 30.0])
-def test_a_way_that_touches_twice_closes_the_swings_over_either(gap: float) -> None:
+def test_way_with_two_contacts_closes_swings_over_either(gap: float) -> None:
     """Midway between its two bands nothing touches."""
     low, high = (tuple(np.radians([at - 2.0, at + 2.0])) for at in (-gap / 2 - 3.0, gap / 2 + 3.0))
     checker = Bands(((low[0], low[1]), (high[0], high[1])))
@@ -162,7 +162,7 @@ def test_a_way_that_touches_twice_closes_the_swings_over_either(gap: float) -> N
         assert all(crossing(strikes, at)[1:])
 
 
-def test_what_is_closed_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closed_bands_are_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """However many swings over one band are held against it, its ways are looked at once, and merged once a round."""
     merges: list[int] = []
     plus_closed = ForbiddenTransitions.plus_closed
@@ -185,7 +185,7 @@ def test_what_is_closed_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) 
     assert checker.asked - again <= 65 + 40
 
 
-def test_ways_gathered_are_those_added_one_by_one() -> None:
+def test_ways_gathered_equal_those_added_one_by_one() -> None:
     rng = np.random.default_rng(3)
     ways = np.column_stack([rng.integers(1, 9, 400), rng.integers(0, 2**31 - 1, 400) % 7, rng.integers(0, 5, 400)])
     begun = ForbiddenTransitions.none().plus_closed(ways[:100])

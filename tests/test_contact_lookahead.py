@@ -57,7 +57,7 @@ def begin(ahead: ContactLookahead, s: int, r: int, b: int, pair: int, budget: in
     return ahead.look(vertex, pairs, budget)
 
 
-def test_all_that_touches_around_a_contact_is_struck_out_and_nothing_else() -> None:
+def test_every_contact_around_a_contact_is_excluded_and_nothing_else() -> None:
     ahead = ahead_of(block())
     begin(ahead, 8, 0, 0, 0, 10_000)
     gone = ~ahead.candidates.feasible[..., 0]
@@ -70,14 +70,14 @@ def test_all_that_touches_around_a_contact_is_struck_out_and_nothing_else() -> N
     assert len(set(asked)) == len(asked)  # nothing twice
 
 
-def test_from_no_contact_nothing_is_looked_at() -> None:
+def test_nothing_is_checked_without_a_contact() -> None:
     ahead = ahead_of(block())
     none = np.zeros(0, np.intp)
     assert ahead.look(none, none.astype(np.int32), 100) == 0  # and it warns of nothing, as --map-collisions full did
     assert ahead.candidates.feasible.all()
 
 
-def test_no_ring_is_begun_beyond_the_budget() -> None:
+def test_no_ring_starts_beyond_the_budget() -> None:
     """The next round goes on from where this one ended, with a larger one."""
     ahead = ahead_of(np.ones((2, S, R, B), bool))
     looked = begin(ahead, 15, 6, 0, 0, 20)
@@ -87,7 +87,7 @@ def test_no_ring_is_begun_beyond_the_budget() -> None:
     assert begin(ahead_of(np.ones((2, S, R, B), bool)), 15, 6, 0, 0, 10_000) == S * R * B - 1
 
 
-def test_pairs_share_the_budget_as_their_contacts_do() -> None:
+def test_pairs_share_the_budget_in_proportion_to_their_contacts() -> None:
     ahead = ahead_of(np.ones((2, S, R, B), bool))
     vertices = np.array([np.ravel_multi_index((s, 6, 0), (S, R, B)) for s in (2, 4, 6, 8, 27)])
     pair = np.array([0, 0, 0, 0, 1], np.int32)
@@ -98,7 +98,7 @@ def test_pairs_share_the_budget_as_their_contacts_do() -> None:
     assert told[0] > 2 * told[1] > 0
 
 
-def test_a_cutter_may_touch_what_it_cuts() -> None:
+def test_cutter_may_touch_what_it_cuts() -> None:
     may = np.zeros(S, bool)
     may[10:] = True
     ahead = ahead_of(block(1), may)

@@ -51,12 +51,12 @@ def scale_mesh(folder: Path, by: float) -> None:
         ({"a": 1}, {"a": 2}),
     ],
 )
-def test_other_content_has_another_key(one: object, other: object) -> None:
+def test_different_content_has_a_different_key(one: object, other: object) -> None:
     assert build_content_key(one) != build_content_key(other)
     assert build_content_key(one) == build_content_key(one)
 
 
-def test_a_value_without_content_is_refused() -> None:
+def test_value_without_content_is_refused() -> None:
     with pytest.raises(NoContentKeyError, match="object"):
         build_content_key(object())
     cache: ContentCache[int] = ContentCache()
@@ -64,7 +64,7 @@ def test_a_value_without_content_is_refused() -> None:
     assert len(cache) == 0
 
 
-def test_the_oldest_result_goes_first_and_an_absent_file_keeps_none(tmp_path: Path) -> None:
+def test_oldest_result_is_dropped_first_and_no_file_stores_none(tmp_path: Path) -> None:
     cache: ContentCache[int] = ContentCache(2)
     assert [cache.get(k, lambda k=k: k) for k in (1, 2, 1, 3)] == [1, 2, 1, 3]
     assert [cache.get(k, lambda: -1) for k in (1, 3, 2)] == [1, 3, -1]
@@ -72,14 +72,14 @@ def test_the_oldest_result_goes_first_and_an_absent_file_keeps_none(tmp_path: Pa
     assert len(cache) == 2
 
 
-def test_a_cell_of_the_same_content_has_the_same_bodies(folder: Path) -> None:
+def test_cell_of_the_same_content_has_the_same_bodies(folder: Path) -> None:
     """Wherever it lies, and whatever program, stiffness and process it names."""
     given, copied = load_cell(CELL), load_cell(folder)
     assert bodies_of(given) is bodies_of(replace(copied, stiffness=None, process=None))
 
 
 @pytest.mark.parametrize("change", ["mesh", "urdf", "tool", "limits"])
-def test_a_changed_cell_has_new_bodies(folder: Path, change: str) -> None:
+def test_changed_cell_has_new_bodies(folder: Path, change: str) -> None:
     cell = load_cell(folder)
     before, (robot, shapes) = bodies_of(cell), load_chain(cell)
     model = load_collision_model(cell, robot, shapes, 0.01)
@@ -99,7 +99,7 @@ def test_a_changed_cell_has_new_bodies(folder: Path, change: str) -> None:
     assert second == pytest.approx((1.5 if change == "mesh" else 1.0) * first)
 
 
-def test_a_model_measures_as_if_it_were_new(folder: Path) -> None:
+def test_cached_model_measures_like_a_new_one(folder: Path) -> None:
     """What one job measured does not show in the next: distances are bounded by those measured before."""
     cell = load_cell(folder)
     robot, shapes = load_chain(cell)
@@ -118,7 +118,7 @@ def test_a_model_measures_as_if_it_were_new(folder: Path) -> None:
         assert np.array_equal(again.row, found[0].row, equal_nan=True)
 
 
-def test_pairs_are_those_that_are_selected_anew(folder: Path) -> None:
+def test_pairs_equal_a_fresh_selection(folder: Path) -> None:
     cell = load_cell(folder)
     arm = UrdfKinematics(cell)
     kept, fresh = bodies_of(cell), CellBodies(load_cell_bodies(cell, arm).bodies)
@@ -129,7 +129,7 @@ def test_pairs_are_those_that_are_selected_anew(folder: Path) -> None:
         assert kept.list_varying_pairs(arm, first[0]) == fresh.list_varying_pairs(arm, first[0])
 
 
-def test_meshes_are_those_of_the_package_folder_in_force(folder: Path) -> None:
+def test_meshes_come_from_the_current_package_folder(folder: Path) -> None:
     """Two copies of one package: when the first is gone, nothing refers to it."""
     urdf = next(folder.rglob("*.urdf"))
     urdf.write_text(urdf.read_text().replace('filename="meshes/link', 'filename="package://arm/meshes/link'))

@@ -82,7 +82,7 @@ def along(
     return (*chosen(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
 
 
-def test_the_model_is_j_to_second_order(
+def test_model_agrees_with_j_to_second_order(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     """Half the step, a quarter of what is wrong: joints are lines in z, and their steps have no kink nearby."""
@@ -113,7 +113,7 @@ def test_the_model_is_j_to_second_order(
     assert wrong[1] < 0.45 * wrong[0] + 1e-7
 
 
-def test_margins_that_an_arm_has_not_leave_its_model_whole(
+def test_infinite_margins_leave_the_model_unchanged(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -176,7 +176,7 @@ def small_problem(seed: int) -> tuple[LocalModel, TransitionTerms, OffsetBounds]
 @given(st.integers(0, 10**6))
 @example(35)  # its worst index falls below zero, where the model was flat for whoever looked at its value
 @settings(max_examples=scale_example_count(12), deadline=None)
-def test_the_least_place_against_many_others(seed: int) -> None:
+def test_minimum_of_the_model_against_many_others(seed: int) -> None:
     local, steps, bounds = small_problem(seed)
     n, d = local.gradient.shape
     curves = BorderedSystem(sparse.identity(n * d, format="csr"), d, np.zeros(n * d, bool))
@@ -196,7 +196,7 @@ def test_the_least_place_against_many_others(seed: int) -> None:
 
 @given(st.integers(0, 10**6), st.integers(1, 3), st.integers(0, 3))
 @settings(max_examples=scale_example_count(12), deadline=None)
-def test_a_band_with_a_border_is_solved_as_the_whole_matrix_is(seed: int, d: int, shared: int) -> None:
+def test_bordered_band_matrix_is_solved_like_the_dense_one(seed: int, d: int, shared: int) -> None:
     """Against the dense matrix MᵀKM, coefficients in any order, none to three of them everywhere."""
     rng = np.random.default_rng(seed)
     n, own = 7, 5 * d
@@ -222,7 +222,7 @@ def test_a_band_with_a_border_is_solved_as_the_whole_matrix_is(seed: int, d: int
     assert curves.border == shared
 
 
-def test_curves_are_one_value_where_nothing_may_move(tmp_path: FilePath) -> None:
+def test_fixed_joints_have_one_coefficient_per_operation(tmp_path: FilePath) -> None:
     """A slot moves, a hole does not; a joint that keeps a value for an operation has one coefficient for it."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = apart(toolpath([*slots(0.0), *slots(0.3)]))
@@ -248,7 +248,7 @@ def job_of(path: Toolpath, groups: list[OperationGroup], worth: AxisPlanRanking)
 
 
 @pytest.mark.slow
-def test_a_rail_that_moves_is_refined(
+def test_moving_rail_is_refined(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
@@ -264,7 +264,7 @@ def test_a_rail_that_moves_is_refined(
 @settings(
     max_examples=scale_example_count(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: float, mode: str) -> None:
+def test_refinement_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: float, mode: str) -> None:
     modes = {"mixed": ("moving", "operation")}.get(mode, (mode, mode))
     axes = tuple(
         ExternalJointOptions(joint=n, mode=m, weight=2.0) for n, m in zip(("rail", "turn"), modes, strict=True)
@@ -283,7 +283,7 @@ def test_refining_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half: f
 @settings(
     max_examples=scale_example_count(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: FilePath, y: float, half: float) -> None:
+def test_refined_moving_plan_is_no_worse_than_a_standing_one(tmp_path: FilePath, y: float, half: float) -> None:
     """Each refined, as they are exported: the travel weighs three times, so that standing is a rival."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = toolpath(slots(y, y + half))
@@ -299,7 +299,7 @@ def test_a_refined_plan_that_moves_is_no_worse_than_one_that_stands(tmp_path: Fi
 
 
 @pytest.mark.slow
-def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_trust_region_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), weaving()
     monkeypatch.setattr(
         refinement_restarts, "LEAPS", (0, 0)
@@ -315,7 +315,7 @@ def test_a_second_width_of_trust_makes_no_plan_worse(tmp_path: FilePath, monkeyp
 
 
 @pytest.mark.slow
-def test_a_plan_far_behind_is_not_planned_again(
+def test_plan_far_from_the_best_is_not_planned_again(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
     plan, groups, axes, path = along
@@ -328,7 +328,7 @@ def test_a_plan_far_behind_is_not_planned_again(
     ("kind", "joint", "values"),
     [({"rail": True}, "rail", (-400.0, 500.0)), ({"table": True}, "turn", (0.0, 90.0))],
 )
-def test_a_written_plan_is_no_worse_than_any_with_the_joint_at_one_value(
+def test_written_plan_is_no_worse_than_any_with_a_fixed_external_joint(
     tmp_path: FilePath, kind: dict[str, bool], joint: str, values: tuple[float, ...]
 ) -> None:
     """By the files of the command, whose J have a unit of their own each: the indices are put into the first one's."""

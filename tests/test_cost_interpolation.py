@@ -16,7 +16,7 @@ def _costs(n: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("n", [1, 3, 40])
-def test_holds_the_spline_of_every_station(n: int) -> None:
+def test_table_contains_the_spline_of_every_station(n: int) -> None:
     """Against scipy's, station by station, at the given values, between them, and at both ends."""
     cost, offset = _costs(n), np.arange(-16, 17) * STEP
     table = CostInterpolation(cost, STEP)
@@ -25,7 +25,7 @@ def test_holds_the_spline_of_every_station(n: int) -> None:
         assert table.at(np.full(n, off))[0] == pytest.approx(expected, abs=1e-10)
 
 
-def test_derivatives_by_differences() -> None:
+def test_derivatives_agree_with_finite_differences() -> None:
     """At the chosen rotation, a knot, too, and a little beyond the table."""
     n, h = 12, 1e-5
     table = CostInterpolation(_costs(n), STEP)
@@ -37,7 +37,7 @@ def test_derivatives_by_differences() -> None:
         assert bend == pytest.approx((up[1] - down[1]) / (2 * h), abs=0.5)
 
 
-def test_beside_the_table_the_cost_is_that_of_its_end() -> None:
+def test_cost_outside_the_table_is_constant() -> None:
     """The programme may look past the corridor; a cost of zero there would draw it outside."""
     cost = _costs(4)
     assert CostInterpolation(cost, STEP).at(np.full(4, 16.02 * STEP))[0] == pytest.approx(cost[:, -1], rel=0.05)

@@ -23,18 +23,18 @@ RUN = tuple("=+-@\t\r＝＋－＠")
 
 
 @given(st.text(alphabet="='+-@ a\t\r＝", max_size=6))
-def test_every_text_comes_back_and_none_is_a_formula(text: str) -> None:
+def test_every_text_is_read_back_and_none_is_a_formula(text: str) -> None:
     assert unescape_formula_text(escape_formula_text(text)) == text
     assert not escape_formula_text(text).lstrip(" ").startswith(RUN)
 
 
-def test_words_and_numbers_that_are_harmless_stay_as_they_are() -> None:
+def test_harmless_words_and_numbers_remain_unchanged() -> None:
     for text in ("", "drill 5", "it's", "'quoted'", "Ünique", "5-1"):
         assert escape_formula_text(text) == text
 
 
 @pytest.mark.parametrize("label", BAD)
-def test_labels_of_operations_survive_the_trajectory_and_both_readers_agree(label: str, tmp_path: Path) -> None:
+def test_operation_labels_survive_the_trajectory_in_both_readers(label: str, tmp_path: Path) -> None:
     import numpy as np
 
     from machopt.data_types.trajectory import Trajectory
@@ -59,7 +59,7 @@ def test_labels_of_operations_survive_the_trajectory_and_both_readers_agree(labe
         assert not row[2].startswith(RUN)
 
 
-def test_names_of_files_and_jobs_and_reasons_in_the_summary_of_a_batch(tmp_path: Path) -> None:
+def test_file_job_and_reason_texts_survive_the_batch_summary(tmp_path: Path) -> None:
     (tmp_path / "jobs").mkdir()
     (tmp_path / "jobs" / "=cmd|x.nc").write_text("#raise\n")
     (tmp_path / "list.yaml").write_text(
@@ -80,7 +80,7 @@ def test_names_of_files_and_jobs_and_reasons_in_the_summary_of_a_batch(tmp_path:
 
 
 @pytest.mark.parametrize("label", BAD[:6])
-def test_labels_of_operations_survive_the_csv_program(label: str, tmp_path: Path) -> None:
+def test_operation_labels_survive_the_csv_program(label: str, tmp_path: Path) -> None:
     from sample_robot_programs import Recipe, program
 
     from machopt.data_types.robot_program import RobotController

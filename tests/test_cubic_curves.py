@@ -17,7 +17,7 @@ from machopt.planning.smoothing.cubic_curves import (
 SAME = 1e-13  # the same sums, in an order that a compiler may still contract
 
 
-def test_b_splines_are_scipys() -> None:
+def test_b_splines_equal_scipy() -> None:
     rng = np.random.default_rng(3)
     for intervals in (1, 2, 7, 160):
         knots = np.r_[[0.0] * 3, np.linspace(0.0, 0.8, intervals + 1), [0.8] * 3]
@@ -30,13 +30,13 @@ def test_b_splines_are_scipys() -> None:
         assert np.allclose(planning_CubicSpline(knots, c)(x), BSpline(knots, c, 3)(x), rtol=0, atol=SAME)
 
 
-def test_splines_through_equidistant_values_are_scipys() -> None:
+def test_splines_through_equidistant_values_equal_scipy() -> None:
     x, values = np.arange(-16, 17) * 0.087, np.random.default_rng(4).normal(size=(33, 5))
     theirs = CubicSpline(x, values).c
     assert np.allclose(fit_cubic_splines(x, values), theirs, rtol=0, atol=SAME * np.abs(theirs).max())
 
 
-def test_monotone_curves_are_scipys() -> None:
+def test_monotone_curves_equal_scipy() -> None:
     rng = np.random.default_rng(5)
     for m in (2, 3, 4, 30):
         for _ in range(20):

@@ -58,7 +58,7 @@ def stacked(problem: DesignProblem, blocks, columns=None):
     return np.linalg.solve(np.linalg.cholesky(V), A.reshape(len(rows) * D, -1))
 
 
-def test_information_is_that_of_generalised_least_squares() -> None:
+def test_information_equals_generalised_least_squares() -> None:
     problem = tiny(0)
     blocks = ((0, 2), (5,), (9, 10, 11))
     white = stacked(problem, blocks)
@@ -67,7 +67,7 @@ def test_information_is_that_of_generalised_least_squares() -> None:
 
 @pytest.mark.parametrize(("poses", "loads", "shared"), [(2, 1, 0.0), (3, 1, 0.5), (2, 2, 0.5), (3, 2, 5.0)])
 @pytest.mark.parametrize("seed", range(4))
-def test_choice_is_the_best_of_all_designs(poses: int, loads: int, shared: float, seed: int) -> None:
+def test_chosen_design_is_the_best_of_all(poses: int, loads: int, shared: float, seed: int) -> None:
     problem = tiny(seed, shared=shared)
     found = find_d_optimal_design(problem, poses, loads, rng=np.random.default_rng(0), starts=8)
     best = max(compute_design_criterion(problem, blocks) for blocks in every_design(problem, poses, loads))
@@ -95,7 +95,7 @@ def big(seed: int = 3) -> DesignProblem:
     return tiny(seed, poses=300, loads=12, rows=3, unknowns=6)
 
 
-def test_exchange_never_makes_it_worse_and_each_pose_comes_once() -> None:
+def test_exchange_never_worsens_and_uses_each_pose_once() -> None:
     problem = big()
     found = find_d_optimal_design(problem, 10, 2, rng=np.random.default_rng(5), starts=3)
     assert len(found.history) > 1
@@ -112,13 +112,13 @@ def test_same_seed_same_design() -> None:
     assert a.blocks == b.blocks
 
 
-def test_fewer_poses_or_loads_than_asked_are_all_taken() -> None:
+def test_fewer_candidates_than_requested_are_all_taken() -> None:
     problem = tiny(1, poses=3, loads=2)
     found = find_d_optimal_design(problem, 9, 5, rng=np.random.default_rng(0))
     assert sorted(n for b in found.blocks for n in b) == list(range(6))
 
 
-def test_unit_of_an_unknown_does_not_matter() -> None:
+def test_unit_of_an_unknown_has_no_influence() -> None:
     """With constant noise log det only gains a constant: the design does not depend on the prior stiffness."""
     problem = big()
     m = problem.models[0]
@@ -130,7 +130,7 @@ def test_unit_of_an_unknown_does_not_matter() -> None:
     assert compute_design_criterion(problem, b.blocks) == pytest.approx(a.value, abs=1e-3)
 
 
-def test_design_for_several_beliefs_maximises_their_mean() -> None:
+def test_design_for_several_priors_maximises_their_mean() -> None:
     one, other = tiny(0), tiny(10)
     halves = tuple(replace(p.models[0], weight=0.5) for p in (one, other))
     both = DesignProblem(halves, one.pose, one.shared)
@@ -141,7 +141,7 @@ def test_design_for_several_beliefs_maximises_their_mean() -> None:
     assert compute_design_criterion(both, alone.blocks) < found.value
 
 
-def test_accuracy_names_what_is_not_seen() -> None:
+def test_accuracy_names_unobservable_parameters() -> None:
     rng = np.random.default_rng(0)
     A = rng.normal(size=(40, 5))
     A[:, 3] = -2.0 * A[:, 1]  # these two only appear together
@@ -160,7 +160,7 @@ def test_accuracy_names_what_is_not_seen() -> None:
 
 @pytest.mark.parametrize("first", [1, 7, 30, 200])
 @pytest.mark.parametrize("target", [0.11, 0.3, 1.0])
-def test_smallest_number_is_the_smallest(first: int, target: float) -> None:
+def test_smallest_sufficient_number_is_found(first: int, target: float) -> None:
     def reaches(n: int) -> float:
         return 1.0 / np.sqrt(n) if n > 2 else np.inf
 
@@ -170,7 +170,7 @@ def test_smallest_number_is_the_smallest(first: int, target: float) -> None:
     assert find_smallest_number(reaches, 0.05, first, 150) is None
 
 
-def test_rounds_cancel_a_steady_drift() -> None:
+def test_reversed_second_round_cancels_a_steady_drift() -> None:
     """Second round backwards: the mean time of both visits is the same at every pose."""
     blocks = [(0, 1), (5, 4), (9,), (12, 13)]
     visits = build_schedule(blocks, 2, np.random.default_rng(0))
@@ -185,7 +185,7 @@ def test_rounds_cancel_a_steady_drift() -> None:
     assert {v.round for v in visits} == {0, 1}
 
 
-def test_way_is_short() -> None:
+def test_visiting_order_is_short() -> None:
     rng = np.random.default_rng(2)
     q, home, v = rng.uniform(-2, 2, (7, 6)), np.zeros(6), np.array([1, 1, 1, 2, 2, 3.0])
 

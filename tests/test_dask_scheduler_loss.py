@@ -36,7 +36,7 @@ def _address(log: Path) -> str:
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_killed_scheduler_is_reported_and_the_batch_resumable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dask_executor, "POLL_INTERVAL_S", 0.5)
     monkeypatch.setattr(dask_executor, "CONNECT_TIMEOUT_S", 5.0)
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 60", c="sleep 60")

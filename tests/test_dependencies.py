@@ -107,14 +107,14 @@ def test_every_import_is_declared(folder: str, extras: tuple[str, ...]) -> None:
     assert lacking == []
 
 
-def test_nothing_is_declared_that_nobody_imports() -> None:
+def test_every_declared_dependency_is_imported() -> None:
     known = known_packages()
     everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
     used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
     assert declared("batch", "parquet", "frames", "excel", "dev", "compare") - used - TOOLS == set()
 
 
-def test_every_bound_is_from_a_version_to_none_and_says_which() -> None:
+def test_upper_bounds_state_the_version_that_failed() -> None:
     """Upper bounds are set where a newer version was tried and failed; the table in benchmarks/README.md says so."""
     lists = [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]
     for requirement in (r for requirements in lists for r in requirements):
@@ -134,7 +134,7 @@ def pins(lock: Path) -> dict[str, str]:
         (LOWEST, ("batch", "parquet", "excel", "dev")),
     ],
 )
-def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, extras: tuple[str, ...]) -> None:
+def test_lock_files_contain_all_dependencies_with_hashes(lock: Path, extras: tuple[str, ...]) -> None:
     text = lock.read_text(encoding="utf-8")
     assert declared(*extras) | {"hatchling"} <= set(pins(lock))
     entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
@@ -143,7 +143,7 @@ def test_a_lock_holds_all_that_is_declared_with_hashes_and_no_place(lock: Path, 
     assert not re.search(r"/|^-|--(?!hash=)", told, re.MULTILINE)  # no host, no path, no option of an installer
 
 
-def test_the_pages_are_built_by_what_is_pinned_and_by_nothing_of_machopt() -> None:
+def test_documentation_is_built_from_pinned_packages_without_machopt() -> None:
     wanted = {name_of(r) for r in PROJECT["optional-dependencies"]["docs"]}
     text = DOCS.read_text(encoding="utf-8")
     assert wanted <= set(pins(DOCS))
@@ -152,11 +152,11 @@ def test_the_pages_are_built_by_what_is_pinned_and_by_nothing_of_machopt() -> No
     assert all("--hash=sha256:" in entry for entry in entries)
 
 
-def test_the_job_runs_on_the_versions_that_are_tested() -> None:
+def test_job_and_tests_use_the_same_versions() -> None:
     assert pins(LOCK).items() <= pins(TEST_LOCK).items()
 
 
-def test_the_lowest_versions_are_the_bounds() -> None:
+def test_lowest_tested_versions_are_the_bounds() -> None:
     """What `make lowest` tries is what pyproject.toml promises, to the last number."""
     pinned = pins(LOWEST)
     extras = PROJECT["optional-dependencies"]
@@ -176,7 +176,7 @@ def numbers(version: str) -> tuple[int, ...]:
     return tuple(parts)
 
 
-def test_the_conda_environment_names_all_that_is_needed_with_the_same_bounds() -> None:
+def test_conda_environment_has_all_dependencies_with_the_same_bounds() -> None:
     text = (ROOT / "docs" / "install" / "environment.yml").read_text(encoding="utf-8")
     conda = {"pinocchio": "pin"}
     there = {conda.get(name_of(n), name_of(n)): v for n, v in re.findall(r"^ *- ([\w.-]+) *>=([\d.]+)$", text, re.M)}
@@ -186,7 +186,7 @@ def test_the_conda_environment_names_all_that_is_needed_with_the_same_bounds() -
     assert {n: b[1] for n, b in wanted.items() if b} | {"python": "3.11", "hatchling": builder[1]} == there
 
 
-def test_the_image_copies_what_is_there_and_may_be_seen() -> None:
+def test_container_image_copies_existing_public_files() -> None:
     image = (ROOT / "docs" / "install" / "Dockerfile").read_text(encoding="utf-8")
     copied = {name for line in re.findall(r"^COPY (.*) \S+$", image, re.M) for name in line.split()}
     assert all((ROOT / name).exists() for name in copied)
@@ -199,6 +199,6 @@ def test_the_image_copies_what_is_there_and_may_be_seen() -> None:
     assert copied == seen
 
 
-def test_every_extra_is_told() -> None:
+def test_every_extra_is_documented() -> None:
     told = (ROOT / "docs" / "install" / "README.md").read_text(encoding="utf-8")
     assert all(f"`{extra}`" in told for extra in PROJECT["optional-dependencies"])

@@ -16,7 +16,7 @@ from machopt.measurement.diagnosis.effect_columns import joint_torque
     ("extra", "built"),
     [(0.0, True), (0.3, True), (1.2, True), (6.0, False), (284.0, False), (-0.5, True), (-1.2, False), (-2.5, False)],
 )
-def test_a_joint_s_spring_gives_way_at_every_angle_and_nowhere_many_times_as_much(extra: float, built: bool) -> None:
+def test_angle_dependent_stiffness_needs_a_compliant_joint_and_a_moderate_variation(extra: float, built: bool) -> None:
     """Where a joint showed nearly nothing a stiffness that varied by thousands of percent was ``explained``."""
     r, _, _ = timed()
     laws = {h.law: h for h in joint_torque.build_joint_hypotheses(r, 1, angle_dependent_stiffness.EFFECT)[0]}
@@ -29,7 +29,7 @@ def test_a_joint_s_spring_gives_way_at_every_angle_and_nowhere_many_times_as_muc
         assert laws["one harmonic"].is_plausible(extra * even * r.compliance[1], ())
 
 
-def test_a_variation_is_of_what_the_joint_gives_in_the_mean() -> None:
+def test_variation_is_relative_to_the_mean_compliance() -> None:
     """Beside a law of its angle a spring may come out as nothing; of that, a true one varied by 7,558 %."""
     r, _, _ = timed()
     rest = replace(r, compliance=np.where(np.arange(6) == 1, 0.0, r.compliance), springs_only_compliance=r.compliance)

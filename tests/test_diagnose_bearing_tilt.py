@@ -77,7 +77,7 @@ def across(r: StaticReadings, joint: int, way: float) -> Array:
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
-def test_a_form_is_the_arm_turned_bodily_about_its_joint(joint: int) -> None:
+def test_bearing_tilt_columns_equal_a_rigid_rotation_of_the_arm(joint: int) -> None:
     r, _, _ = timed()
     for way in (0.4, 2.0):
         true = tilted(r, joint, across(r, joint, way))
@@ -89,7 +89,7 @@ def test_a_form_is_the_arm_turned_bodily_about_its_joint(joint: int) -> None:
         np.testing.assert_allclose(C, np.trace(C) * np.outer(axis, axis), atol=2e-3 * np.trace(C))
 
 
-def test_play_is_used_up_by_a_small_moment_and_hidden_where_weight_keeps_it_seated() -> None:
+def test_bearing_play_closes_under_small_moments_and_hides_under_weight() -> None:
     r, _, _ = timed()
     way = float(bearing_tilt.TILT_DIRECTIONS[2])
     true = tilted(r, 0, across(r, 0, way), play=1e-4)
@@ -108,7 +108,7 @@ def test_play_is_used_up_by_a_small_moment_and_hidden_where_weight_keeps_it_seat
 
 
 @pytest.mark.parametrize(("joint", "way"), [(0, 0.7), (1, 0.4)])
-def test_a_soft_bearing_is_told_at_its_joint_and_not_named(joint: int, way: float) -> None:
+def test_soft_bearing_is_located_at_its_joint_without_a_name(joint: int, way: float) -> None:
     """Joint 2 tilts about an axis about which the link before it does not bend alike."""
     r, _, _ = timed()
     moved = tilted(r, joint, across(r, joint, way))
@@ -118,7 +118,7 @@ def test_a_soft_bearing_is_told_at_its_joint_and_not_named(joint: int, way: floa
     assert [n for n in found.notes if f"something at joint:{joint + 1} " in n and "across" in n]
 
 
-def test_a_loose_bearing_is_told_where_loads_unseat_it() -> None:
+def test_loose_bearing_is_found_where_loads_unseat_it() -> None:
     r, _, _ = timed()
     found = told(r, tilted(r, 1, across(r, 1, 0.7), play=8e-5), forms=True)
     assert (found.findings, found.verdict) == ((), "unexplained")
@@ -128,7 +128,7 @@ def test_a_loose_bearing_is_told_where_loads_unseat_it() -> None:
 
 
 @pytest.mark.parametrize("height", [None, 0.0])
-def test_a_base_of_any_law_and_a_play_keep_their_names_beside_bearings(height: float | None) -> None:
+def test_base_and_backlash_keep_their_names_beside_bearings(height: float | None) -> None:
     """Where a file has joint 1 in base_link's origin, its bearing tilts as a base does."""
     r, _, _ = timed()
     point = r.robot.point.copy()

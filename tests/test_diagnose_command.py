@@ -101,7 +101,7 @@ def link(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     return Diagnosed(recording, folder / "rec", folder / "out", told.getvalue())
 
 
-def test_what_is_written_is_what_the_contract_says(link: Diagnosed) -> None:
+def test_written_files_agree_with_the_contract(link: Diagnosed) -> None:
     recording, out = link.recording, link.out
     result = json.loads((out / "diagnosis.json").read_text(), parse_constant=_refused)
     assert json.loads(link.printed) == result
@@ -130,7 +130,7 @@ def test_what_is_written_is_what_the_contract_says(link: Diagnosed) -> None:
     assert bind_units(result["sentence"])[:40] in words
 
 
-def test_the_same_seed_gives_the_same_bytes(link: Diagnosed, tmp_path: Path) -> None:
+def test_same_seed_gives_the_same_bytes(link: Diagnosed, tmp_path: Path) -> None:
     run(tmp_path / "again", link.folder, "--seed", "3")
     outs = (link.out, tmp_path / "again")
     files = [{str(p.relative_to(o)): p.read_bytes() for p in sorted(o.rglob("*")) if p.is_file()} for o in outs]
@@ -139,7 +139,7 @@ def test_the_same_seed_gives_the_same_bytes(link: Diagnosed, tmp_path: Path) -> 
         assert files[0][name] == files[1][name], name
 
 
-def test_the_extended_stiffness_is_a_cell_s(link: Diagnosed, tmp_path: Path) -> None:
+def test_extended_stiffness_is_a_valid_cell_and_explains_the_recording(link: Diagnosed, tmp_path: Path) -> None:
     """A cell with what was found, diagnosed with the same recording, has nothing left to name."""
     found = load_stiffness(link.out / "stiffness.yaml")
     assert ("link_compliance", "link:3") in {(t.effect, t.location) for t in found.terms}
@@ -150,7 +150,7 @@ def test_the_extended_stiffness_is_a_cell_s(link: Diagnosed, tmp_path: Path) -> 
     assert again["final"]["heldout_rmse"] < 1.2 * again["baseline"]["noise_floor"]
 
 
-def test_a_zero_offset_goes_into_kinematics(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_zero_offset_is_written_to_kinematics_yaml(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(5)
     a = arm(CELL.name)
     zero = np.zeros(6)
@@ -189,7 +189,7 @@ def test_a_zero_offset_goes_into_kinematics(tmp_path: Path, capsys: pytest.Captu
     assert "found 1 reading; ten poses" in capsys.readouterr().err
 
 
-def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path: Path) -> None:
+def test_user_defined_effect_is_named_where_true_and_nowhere_else(tmp_path: Path) -> None:
     law = tmp_path / "bundle.py"
     law.write_text(LAW)
 
@@ -225,7 +225,9 @@ def test_a_law_of_one_s_own_is_named_where_it_is_true_and_nowhere_else(tmp_path:
         (LAW.replace('{"softening": Quantity(1e6 * float(x[0]), "1/(MN·m)")}', "{}"), "quantities"),
     ],
 )
-def test_a_broken_law_is_one_message(tmp_path: Path, capsys: pytest.CaptureFixture[str], code: str, said: str) -> None:
+def test_broken_user_effect_is_one_message(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], code: str, said: str
+) -> None:
     recorded(tmp_path / "rec", poses=6, loads=2)
     (tmp_path / "law.py").write_text(code)
     run(tmp_path / "out", tmp_path / "rec", "--effects", str(tmp_path / "law.py"), code=2)
@@ -249,7 +251,7 @@ BROKEN = [
 
 
 @pytest.mark.parametrize(("name", "change", "said"), BROKEN)
-def test_a_broken_recording_is_one_message(
+def test_broken_recording_is_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, change, said: str
 ) -> None:
     recorded(tmp_path / "rec", poses=4, loads=2)
@@ -267,7 +269,7 @@ def _written(tmp_path: Path, recording: Recording, **changes) -> Path:
     return tmp_path / "rec"
 
 
-def test_records_that_say_nothing_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_uninformative_recordings_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     r = recorded(tmp_path / "rec", poses=6, loads=2)
     assert r.wrench is not None
     assert r.displacement is not None
@@ -288,7 +290,7 @@ def _first(folder: Path, r: Recording, count: int) -> Path:
 
 
 @pytest.mark.parametrize("poses", [2, 3, 4])
-def test_few_poses_are_answered_without_a_claim(tmp_path: Path, poses: int) -> None:
+def test_few_poses_give_an_answer_without_a_name(tmp_path: Path, poses: int) -> None:
     recorded(tmp_path / "rec", poses=poses)
     result = run(tmp_path / "out", tmp_path / "rec")
     assert {f["effect"] for f in result["findings"]} <= {"geometric_stiffness"}
@@ -299,7 +301,7 @@ def test_few_poses_are_answered_without_a_claim(tmp_path: Path, poses: int) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", ["nothing", "no stiffness", "no masses"])
-def test_a_cell_that_knows_less_still_answers(link: Diagnosed, tmp_path: Path, cell: str) -> None:
+def test_cell_without_stiffness_or_masses_is_diagnosed(link: Diagnosed, tmp_path: Path, cell: str) -> None:
     shutil.copytree(CELL, tmp_path / "cell")
     yaml, urdf = tmp_path / "cell" / "cell.yaml", tmp_path / "cell" / "robot.urdf"
     if cell != "no masses":
@@ -310,7 +312,7 @@ def test_a_cell_that_knows_less_still_answers(link: Diagnosed, tmp_path: Path, c
     assert ("link_compliance", "link:3") in {(f["effect"], f["location"]) for f in result["findings"]}
 
 
-def test_slipped_decimals_and_copies_are_listed_by_row(tmp_path: Path) -> None:
+def test_gross_errors_and_duplicates_are_listed_by_row(tmp_path: Path) -> None:
     r = recorded(tmp_path / "rec", poses=16)
     assert r.displacement is not None
     d = r.displacement.copy()
@@ -327,7 +329,7 @@ def test_slipped_decimals_and_copies_are_listed_by_row(tmp_path: Path) -> None:
     assert not {f["effect"] for f in result["findings"]} & {"joint_hysteresis", "link_compliance", "joint_backlash"}
 
 
-def test_a_killed_run_leaves_nothing(tmp_path: Path) -> None:
+def test_killed_run_leaves_nothing(tmp_path: Path) -> None:
     recorded(tmp_path / "rec", poses=24, loads=4)
     out = tmp_path / "result" / "out"
     out.parent.mkdir()
@@ -363,7 +365,7 @@ def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> No
     assert {place for effect, place in named.items() if effect != "geometric_stiffness"} == {"joint:1", "link:2"}
 
 
-def test_the_law_in_the_docs_runs(tmp_path: Path) -> None:
+def test_user_effect_in_the_docs_runs(tmp_path: Path) -> None:
     page = (Path(__file__).resolve().parents[1] / "docs" / "diagnose.md").read_text(encoding="utf-8")
     code = re.search(r"```python\n(import numpy as np\nfrom machopt\.measurement.*?)```", page, re.S)
     assert code is not None
@@ -381,7 +383,7 @@ def test_the_law_in_the_docs_runs(tmp_path: Path) -> None:
     ("option", "words"),
     [(("--channel", "tip"), "channels are of a motion"), (("--toolpath", "nowhere.csv"), "there is no such file")],
 )
-def test_options_that_do_not_fit_are_refused_before_the_search(
+def test_inconsistent_options_are_refused_before_the_search(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, str], words: str
 ) -> None:
     recorded(tmp_path / "rec")

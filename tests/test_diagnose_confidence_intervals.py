@@ -35,7 +35,7 @@ LENGTH = EffectHypothesis(
 )
 
 
-def test_a_law_that_nothing_holds_does_not_widen_the_interval_of_one_that_is_sure(tmp_path: Path) -> None:
+def test_unobservable_law_does_not_widen_the_interval_of_a_certain_one(tmp_path: Path) -> None:
     """A full matrix at the tool fits as well as a body of revolution; it said 0.04 µm/N with −131 … 131."""
     ((name, case, seed),) = generate_cases.chosen("dev", ["deflection/tool_compliance.9/medium"], False, 1)
     generate_cases.generate((name, case, seed, "dev", tmp_path, True))
@@ -47,7 +47,7 @@ def test_a_law_that_nothing_holds_does_not_widen_the_interval_of_one_that_is_sur
 
 
 @pytest.mark.parametrize("across", [0.1, 0.2])
-def test_the_interval_of_a_length_knows_that_noise_across_it_makes_it_longer(across: float) -> None:
+def test_interval_of_a_vector_length_accounts_for_noise_bias(across: float) -> None:
     """Of a vector of length 1, 300 times: ends that are too high are as rare as ends that are too low."""
     rng, sigma = np.random.default_rng(1), np.array([0.05, across, across])
     law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
@@ -61,7 +61,7 @@ def test_the_interval_of_a_length_knows_that_noise_across_it_makes_it_longer(acr
     assert high + low >= 2  # an interval that is never wrong says nothing
 
 
-def test_a_sensor_is_wrong_through_what_bodies_give_too(tmp_path: Path) -> None:
+def test_sensor_error_interval_accounts_for_body_compliances(tmp_path: Path) -> None:
     """A zero of the force beside a soft link: through the springs alone it came out 16 % too large."""
     ((name, case, seed),) = generate_cases.chosen("dev", ["pair/force_sensor_offset+link_compliance.6"], False, 1, 441)
     generate_cases.generate((name, case, seed, "dev", tmp_path, False))
@@ -80,7 +80,7 @@ def _chosen(*effects: str) -> list[SelectedEffect]:
     ]
 
 
-def test_an_exact_law_is_as_sure_as_those_beside_it() -> None:
+def test_exact_law_has_the_certainty_of_the_laws_beside_it() -> None:
     """What the form of a gear or a body leaves goes into a zero or a frame beside it; exact ones leave nothing."""
     assert finding_estimates._compute_model_uncertainty(_chosen("force_sensor_offset", "displacement_frame"), 0) == 0.0
     assert (

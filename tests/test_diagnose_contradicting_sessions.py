@@ -20,7 +20,7 @@ DAYS, VISITS, READINGS = 2, 10, 6
 
 
 @pytest.mark.parametrize("days", [(0, 1), (1,)])
-def test_a_law_is_named_where_every_session_shows_it(days: tuple[int, ...]) -> None:
+def test_effect_present_in_every_session_is_named(days: tuple[int, ...]) -> None:
     r, _, _ = timed()
     laws = tuple(
         h
@@ -70,11 +70,11 @@ def share(*, days_with_it: int, moved: bool) -> float:
 
 
 @pytest.mark.parametrize("moved", [False, True])
-def test_what_both_days_show_comes_again_though_the_tracker_was_moved(moved: bool) -> None:
+def test_effect_in_both_sessions_is_repeatable_after_a_tracker_move(moved: bool) -> None:
     """A day's own stand is fitted to that day, with and without the law: the other day cannot tell it."""
     assert share(days_with_it=2, moved=moved) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize("moved", [False, True])
-def test_what_one_day_shows_alone_does_not(moved: bool) -> None:
+def test_effect_in_one_session_only_is_not_named(moved: bool) -> None:
     assert share(days_with_it=1, moved=moved) < 0.4

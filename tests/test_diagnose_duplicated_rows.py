@@ -15,7 +15,7 @@ from machopt.measurement.diagnosis.data_quality.duplicated_rows import find_dupl
 
 
 @pytest.mark.parametrize("turned", [0.0, 2.0])
-def test_of_two_rows_that_read_alike_the_one_farther_from_the_arm_is_the_copy(turned: float) -> None:
+def test_farther_of_two_equal_rows_is_the_duplicate(turned: float) -> None:
     """Wherever the tracker stands; poses that are visited again may read alike."""
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
@@ -35,7 +35,7 @@ def test_of_two_rows_that_read_alike_the_one_farther_from_the_arm_is_the_copy(tu
 
 
 @pytest.mark.parametrize("digits", [9, 5])
-def test_a_visit_of_a_load_test_pasted_over_another_is_found_in_coarse_readings_too(digits: int) -> None:
+def test_duplicated_reading_of_a_load_test_is_found_in_coarse_readings(digits: int) -> None:
     r, cell = sound(), load_cell(CELLS / CELL)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     assert r.displacement is not None

@@ -72,7 +72,7 @@ def bent(choice: Plan, stiffness: ArmStiffness) -> np.ndarray:
     return np.asarray(1e3 * np.linalg.norm(np.einsum("mci,mi->mc", J[:, :3], turned), axis=1))
 
 
-def test_the_numbers_are_those_of_two_plans(effect: dict[str, Any], plans: tuple[Plan, Plan]) -> None:
+def test_values_equal_those_of_two_plans(effect: dict[str, Any], plans: tuple[Plan, Plan]) -> None:
     """1e-9: the same arithmetic in another order."""
     old, new = plans
     path = old.path
@@ -94,7 +94,7 @@ def test_the_numbers_are_those_of_two_plans(effect: dict[str, Any], plans: tuple
     assert effect["reason"] is None
 
 
-def test_the_finding_costs_and_choosing_anew_wins_some_back(effect: dict[str, Any]) -> None:
+def test_finding_costs_and_replanning_recovers_a_part(effect: dict[str, Any]) -> None:
     d = effect["deflection_mm"]
     assert d["unchanged"]["mean"] > 1.1 * d["before"]["mean"]  # the gear gives up to three times as much
     assert d["after"]["mean"] < 0.97 * d["unchanged"]["mean"]
@@ -103,7 +103,7 @@ def test_the_finding_costs_and_choosing_anew_wins_some_back(effect: dict[str, An
     assert f"leaves {d['after']['mean']:.3f} mm" in effect["sentence"]
 
 
-def test_the_page_and_the_file_take_it(effect: dict[str, Any]) -> None:
+def test_page_and_file_contain_the_effect_on_the_job(effect: dict[str, Any]) -> None:
     json.dumps(effect, allow_nan=False)  # every point of this path is reached, so no NaN
     page = build_job_effect(JobEffectSection.model_validate(effect))
     assert page.toolpath == "plain.csv"
@@ -118,14 +118,14 @@ def test_the_page_and_the_file_take_it(effect: dict[str, Any]) -> None:
     assert page.changes[0].after > page.changes[0].before
 
 
-def test_nothing_found_changes_nothing() -> None:
+def test_no_finding_changes_nothing() -> None:
     same = compare_toolpath_plans(CELL, OLD, OLD, read_toolpath(PATH), OPTIONS).to_json_types()
     assert same["rotation"] == {"mean_change_deg": 0.0, "max_change_deg": 0.0, "changed_share": 0.0}
     assert same["deflection_mm"]["before"] == same["deflection_mm"]["unchanged"] == same["deflection_mm"]["after"]
     assert "the rotation stays as it is" in same["sentence"]
 
 
-def test_without_a_process_force_a_stated_one_is_taken() -> None:
+def test_default_force_is_used_without_a_process_force() -> None:
     options = replace(OPTIONS, force=replace(OPTIONS.force, travel=0.0, normal=0.0, axial=0.0))
     found = compare_toolpath_plans(CELL, OLD, NEW, read_toolpath(PATH), options).to_json_types()
     assert found["force"] == f"{TEST_FORCE:g} N along the tool axis"
@@ -145,7 +145,7 @@ def _table(folder: Path, x: float) -> Path:
     return file
 
 
-def test_what_cannot_be_planned_is_a_reason(tmp_path: Path) -> None:
+def test_infeasible_plan_is_a_reason(tmp_path: Path) -> None:
     far = compare_toolpath_plans(CELL, OLD, NEW, read_toolpath(_table(tmp_path, 9000.0)), OPTIONS).to_json_types()
     assert "out of reach" in far["reason"]
     assert far["reason"] in far["sentence"]
@@ -161,7 +161,7 @@ def test_what_cannot_be_planned_is_a_reason(tmp_path: Path) -> None:
     assert "joint_nonlinear_stiffness takes" in against["reason"]
 
 
-def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_unreachable_points_are_left_out_and_counted(tmp_path: Path) -> None:
     file = _table(tmp_path, 0.0)
     rows = "\n".join(["9000,0,50,0,0,1,rapid,,b", "9000,0,0,0,0,1,approach,900,b", "9040,0,0,0,0,1,cut,900,b"])
     file.write_text(file.read_text() + rows + "\n")
@@ -174,12 +174,12 @@ def test_points_that_are_out_of_reach_are_left_out_and_counted(tmp_path: Path) -
     assert np.isfinite(found["deflection_mm"]["after"]["mean"])
 
 
-def test_a_toolpath_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
+def test_unreadable_toolpath_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.csv"):
         compare_toolpath_plans(CELL, OLD, NEW, read_toolpath(tmp_path / "none.csv"), OPTIONS)
 
 
-def test_a_new_choice_that_bends_more_is_not_called_less() -> None:
+def test_worse_new_plan_is_not_called_better() -> None:
     def said(after: float) -> str:
         point = {"before": 1.0, "unchanged": 1.0, "after": 1.0}
         return _format_effect_sentence(
@@ -197,7 +197,7 @@ def test_a_new_choice_that_bends_more_is_not_called_less() -> None:
     assert said(1.143).endswith("hardly less.")
 
 
-def test_findings_are_ranked_by_what_they_change_at_the_job(effect: dict[str, Any]) -> None:
+def test_findings_are_ranked_by_their_effect_on_the_job(effect: dict[str, Any]) -> None:
     entries = effect["by_finding"]
     sizes = [e["deflection_mm"] for e in entries]
     assert sizes == sorted(sizes, reverse=True)

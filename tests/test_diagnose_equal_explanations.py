@@ -97,14 +97,14 @@ def is_never_one_name(found: DiagnosisResult, joint: int) -> bool:
         for cell_name in (CELLS[n], CELLS[n - 1])
     ],
 )
-def test_a_soft_bearing_is_never_one_name(cell_name: str, joint: int, way: float) -> None:
+def test_soft_bearing_never_gets_a_single_name(cell_name: str, joint: int, way: float) -> None:
     r = build_readings(cell_name)
     assert is_never_one_name(diagnose(r, tilted(r, joint - 1, across(r, joint - 1, way))), joint)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cell_name", [pytest.param("kr500_milling", marks=pytest.mark.proof), "cutting_cobot"])
-def test_a_link_that_twists_is_named_with_the_bearing_that_moves_alike(cell_name: str) -> None:
+def test_link_torsion_is_named_together_with_the_equivalent_bearing(cell_name: str) -> None:
     r = build_readings(cell_name)
     found = diagnose(r, move_by(r, "link_compliance", "link:2", "twists"))
     assert found.verdict == "explained"
@@ -120,7 +120,7 @@ def test_a_link_that_twists_is_named_with_the_bearing_that_moves_alike(cell_name
 
 @pytest.mark.proof
 @pytest.mark.parametrize("cell_name", ["irb6700_drilling", "s420f_handling"])
-def test_an_elastic_coupling_and_the_link_that_bends_alike_are_both_stated(cell_name: str) -> None:
+def test_elastic_coupling_and_equivalent_link_are_both_stated(cell_name: str) -> None:
     r = build_readings(cell_name)
     found = diagnose(r, move_by(r, "joint_coupling", "joint:2-3", "elastic coupling"))
     (finding,) = found.findings
@@ -130,7 +130,7 @@ def test_an_elastic_coupling_and_the_link_that_bends_alike_are_both_stated(cell_
 
 @pytest.mark.proof
 @pytest.mark.parametrize("cell_name", ["kr500_milling", "cutting_cobot"])
-def test_a_link_without_an_equal_explanation_keeps_its_name_alone(cell_name: str) -> None:
+def test_link_without_an_equal_explanation_keeps_its_single_name(cell_name: str) -> None:
     r = build_readings(cell_name)
     found = diagnose(r, move_by(r, "link_compliance", "link:2", "bends"))
     assert [f.one_of for f in found.findings] == [(("link_compliance", "link:2"),)]
@@ -147,7 +147,7 @@ def build_finding(effect: str, location: str, *rivals: tuple[str, str]) -> Simpl
     return SimpleNamespace(**{**vars(every[0]), "one_of": [(effect, location), *rivals], "rivals": every[1:]})
 
 
-def test_a_form_without_a_name_neither_opens_a_finding_nor_hides_another(tmp_path: Path) -> None:
+def test_unnamed_form_neither_starts_nor_hides_a_finding(tmp_path: Path) -> None:
     form = (UNCATALOGUED, "joint:2")
     link, base = build_finding("link_compliance", "link:1", form), build_finding("base_compliance", "base")
     sets, notes = open_hypotheses._build_rival_sets(SimpleNamespace(findings=[link, base]), tmp_path)  # type: ignore[arg-type]

@@ -32,7 +32,7 @@ def seen(t: Array, q: Array, v: Array, tau: Array, cell_folder: Path) -> tuple[R
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (1, 2), (0, 2)])
-def test_torques_under_each_others_names_are_exchanged_and_said(tmp_path: Path, pair: tuple[int, int]) -> None:
+def test_exchanged_torque_columns_are_corrected_and_reported(tmp_path: Path, pair: tuple[int, int]) -> None:
     t, q, v, _, tau = moved(tmp_path, 3)
     swapped = tau.copy()
     swapped[:, pair] = tau[:, pair[::-1]]
@@ -45,7 +45,7 @@ def test_torques_under_each_others_names_are_exchanged_and_said(tmp_path: Path, 
     assert found[0].p_value < 1e-3
 
 
-def test_torques_that_are_right_stay(tmp_path: Path) -> None:
+def test_correct_torque_columns_remain(tmp_path: Path) -> None:
     """So they do where a balancer takes most of a joint's torque, or one joint's masses are a third off."""
     t, q, v, need, tau = moved(tmp_path, 4)
     for given in (tau, tau + [0.0, -0.8, 0.0] * need, tau + [0.3, 0.0, -0.3] * need):
@@ -54,7 +54,7 @@ def test_torques_that_are_right_stay(tmp_path: Path) -> None:
         assert mended.torque is given
 
 
-def test_one_torque_before_its_gear_is_refused(tmp_path: Path) -> None:
+def test_motor_side_torque_of_one_joint_is_refused(tmp_path: Path) -> None:
     t, q, v, _, tau = moved(tmp_path, 5)
     tau = tau / [1.0, 120.0, 1.0]
     with pytest.raises(InputError, match=r"tau2_Nm.*1:1[12]\d\?"):

@@ -21,7 +21,7 @@ SOFT = StiffnessTerm("joint_pose_dependent_stiffness", "joint:4", {})
 @pytest.mark.parametrize(
     ("kind", "beside", "is_barred"), [("absolute", True, True), ("absolute", False, False), ("deflection", True, False)]
 )
-def test_what_is_withheld_is_left_out_and_the_corrections_are_found_again(
+def test_excluded_corrections_are_left_out_and_the_others_refitted(
     monkeypatch: pytest.MonkeyPatch, kind: str, beside: bool, is_barred: bool
 ) -> None:
     looked: list[tuple[frozenset[EffectLocation], frozenset[EffectLocation]]] = []

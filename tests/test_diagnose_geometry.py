@@ -65,7 +65,7 @@ def least(h: EffectHypothesis) -> float:
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_columns_are_what_the_built_arm_does(place: str) -> None:
+def test_columns_equal_finite_differences_of_the_as_built_arm(place: str) -> None:
     """Central differences over 0.05 mm and 0.05 mrad leave their cube, 1e-13 m, and rounding by 1e-4."""
     q = angles()[:5]
     columns = as_built_joint_frames.compute_frame_columns(readings_of(arm()[2], np.zeros((len(q), 6)), q), place)
@@ -81,7 +81,7 @@ def test_columns_are_what_the_built_arm_does(place: str) -> None:
         np.testing.assert_allclose(columns[:, 3:, k], turned, atol=1e-7)
 
 
-def test_a_twist_is_found_at_its_joint_and_written_it_takes_the_mismatch_away() -> None:
+def test_axis_twist_is_found_and_its_file_removes_the_mismatch() -> None:
     q, (base, offered) = angles(), laws()
     rng = np.random.default_rng(2)
     y = (built((PLANTED,), q) - UrdfKinematics(arm()[0]).compute_configuration(q).tcp)[:, :3, 3] + NOISE * rng.normal(
@@ -107,7 +107,7 @@ def test_nothing_is_found_in_noise(seed: int) -> None:
     assert all(found[h.location][0] < least(h) for h in laws()[1])
 
 
-def test_only_what_the_base_leaves_is_offered() -> None:
+def test_only_geometry_independent_of_the_base_is_offered() -> None:
     base, offered = laws()
     assert {h.location for h in offered} == {f"joint:{j}" for j in range(2, 7)}  # the frame takes up joint 1's
     Q = np.linalg.qr(base.reshape(-1, base.shape[2]))[0]

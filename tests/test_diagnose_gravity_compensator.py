@@ -45,7 +45,7 @@ def diagnosed(delta: object) -> DiagnosisResult:
     )
 
 
-def test_a_part_of_a_wave_is_a_balancer_where_these_data_do_not_exclude_it() -> None:
+def test_partial_wave_is_a_compensator_unless_the_data_exclude_it() -> None:
     d = diagnosed(spring)
     assert [(f.effect, f.location) for f in d.findings] == [(BALANCER, PLACE)]
     assert (WAVE, PLACE) in d.findings[0].one_of
@@ -56,7 +56,7 @@ def test_a_part_of_a_wave_is_a_balancer_where_these_data_do_not_exclude_it() -> 
     assert low < true < high
 
 
-def test_a_wave_that_is_seen_whole_is_a_wave() -> None:
+def test_wave_over_whole_periods_remains_a_wave() -> None:
     d = diagnosed(absolute.wave(2, 13.0, 40.0, 0.0))
     assert [(f.effect, f.location) for f in d.findings] == [(WAVE, PLACE)]
     assert d.findings[0].parameters["order"].value == pytest.approx(13.0, abs=1.0)

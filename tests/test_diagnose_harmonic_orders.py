@@ -53,7 +53,7 @@ def wave_of(found: selection_pipeline.DiagnosisResult) -> Finding:
 
 
 @pytest.mark.parametrize(("order", "size"), [(7.0, 0.4), (10.4, 1.0)])
-def test_an_order_is_settled_where_one_wave_shows_and_where_it_is_not_whole(
+def test_order_is_determined_from_one_period_and_for_fractional_orders(
     tmp_path: Path, order: float, size: float
 ) -> None:
     """Seven waves a turn of which 0.8 are seen; an order between two whole ones."""
@@ -64,7 +64,7 @@ def test_an_order_is_settled_where_one_wave_shows_and_where_it_is_not_whole(
     assert found.ci95[1] > found.ci95[0]
 
 
-def test_an_order_that_the_data_leave_open_is_said_as_between_two(tmp_path: Path) -> None:
+def test_undetermined_order_is_stated_as_a_range(tmp_path: Path) -> None:
     """The same wave in noise three times its size."""
     cell, recording = far_side(tmp_path, 7.0, 20.0, 1.5e-4, 0.4)
     found = wave_of(diagnosed(recording, cell, "link")[0])
@@ -75,7 +75,7 @@ def test_an_order_that_the_data_leave_open_is_said_as_between_two(tmp_path: Path
 
 
 @pytest.mark.parametrize("over", [0.055])
-def test_friction_that_turns_over_smoothly_is_no_peak_at_low_speed(tmp_path: Path, over: float) -> None:
+def test_smooth_friction_reversal_is_no_low_speed_peak(tmp_path: Path, over: float) -> None:
     """Between the turn-overs of the grid; 0.25 N·m of noise under 6 N·m of friction."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau += 6.0 * (np.tanh(v / over) - np.sign(v))
@@ -83,7 +83,7 @@ def test_friction_that_turns_over_smoothly_is_no_peak_at_low_speed(tmp_path: Pat
     assert not found.findings
 
 
-def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -> None:
+def test_next_motion_respects_limits_and_separates_rivals(tmp_path: Path) -> None:
     """A wave that might be play: of motions of that joint the one is told in which they differ; poses are none."""
     cell, recording = far_side(tmp_path, 7.0, 60.0, 2e-5, 1.0)
     found = diagnosed(recording, cell, "link")[0]
@@ -108,7 +108,7 @@ def test_the_next_motion_keeps_the_limits_and_parts_the_rivals(tmp_path: Path) -
         assert "plan-poses" not in next_motion.suggest_next_motion(cell, "link", other)
 
 
-def test_a_load_that_nobody_states_is_no_clock(tmp_path: Path) -> None:
+def test_unknown_payload_is_no_time_delay(tmp_path: Path) -> None:
     """Ten kilograms more at the flange of two links, torques in time."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     heavy = arm(tmp_path, 2, tool=10.0)
@@ -118,7 +118,7 @@ def test_a_load_that_nobody_states_is_no_clock(tmp_path: Path) -> None:
     assert [f.effect for f in found.findings] == ["payload"]
 
 
-def test_columns_of_one_joint_are_summed_as_those_of_all(tmp_path: Path) -> None:
+def test_columns_of_one_joint_give_the_sums_of_all_rows(tmp_path: Path) -> None:
     """Rows of other joints left out: the same sums, gains and chances."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     tau[:, 1] += 3.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.1)
@@ -145,7 +145,7 @@ def test_columns_of_one_joint_are_summed_as_those_of_all(tmp_path: Path) -> None
     np.testing.assert_array_equal(p_few, p_whole)
 
 
-def test_chance_of_twins_is_that_of_their_products() -> None:
+def test_probability_from_replicates_equals_that_of_their_products() -> None:
     """Signs of visits flipped, pair by pair."""
     rng = np.random.default_rng(3)
     pairs = np.array([(a, b) for a in range(9) for b in range(a + 1, 9)], float).T
@@ -159,7 +159,7 @@ def test_chance_of_twins_is_that_of_their_products() -> None:
     )
 
 
-def test_shapes_are_taken_as_far_as_the_next_of_the_grid() -> None:
+def test_shapes_are_refined_between_grid_values() -> None:
     finer = build_ratio_refinement([(1.0,), (2.0,), (4.0,)])
     assert finer is not None
     wide, narrow = ([s[0] for s in finer.shapes_around((2.0,), share)] for share in (1.0, 0.5))
@@ -169,7 +169,7 @@ def test_shapes_are_taken_as_far_as_the_next_of_the_grid() -> None:
     assert build_ratio_refinement([(1.0, 2.0), (2.0, 3.0)]) is None
 
 
-def test_several_orders_of_one_gear_are_one_finding_with_all_of_them(tmp_path: Path) -> None:
+def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
     """Five and thirty-six a turn: one wave alone would stand between, or with a double that is not there."""
     cell, recording = far_side(tmp_path, 5.0, 30.0, 1.5e-5, 1.0)
     assert recording.q_secondary is not None
@@ -191,7 +191,7 @@ def test_several_orders_of_one_gear_are_one_finding_with_all_of_them(tmp_path: P
     assert not again.findings
 
 
-def test_a_sample_that_is_missing_now_and_then_warps_no_time(tmp_path: Path) -> None:
+def test_single_missing_samples_do_not_distort_time(tmp_path: Path) -> None:
     """One in a hundred left out of a record without velocities: no acceleration comes of it, and no clock is late."""
     rng, cell, t, q, _, tau = shaken(tmp_path, 2, 6)
     kept = np.sort(rng.permutation(len(t))[: int(0.99 * len(t))])
@@ -201,7 +201,7 @@ def test_a_sample_that_is_missing_now_and_then_warps_no_time(tmp_path: Path) -> 
     assert found.heldout_before < 0.4
 
 
-def test_a_signal_late_by_part_of_a_sample_keeps_its_noise() -> None:
+def test_fractional_delay_keeps_the_noise_level() -> None:
     """Straight lines between samples would take a third of it off, and any clock would look better than none."""
     t = np.arange(4000) / 100.0
     one = recorded(t, np.sin(t)[:, None] + 0.01 * np.sin(2.0 * np.pi * 10.0 * t)[:, None], None)
@@ -212,7 +212,7 @@ def test_a_signal_late_by_part_of_a_sample_keeps_its_noise() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_balancer_that_outweighs_its_joint_is_no_wrong_sign(tmp_path: Path, sign: float) -> None:
+def test_overcompensating_balancer_is_no_wrong_sign(tmp_path: Path, sign: float) -> None:
     """What the masses ask for comes out reversed; friction tells whether the channel is."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     still = load_dynamics(cell).compute_torque(q, np.zeros_like(q), np.zeros_like(q))
@@ -225,7 +225,7 @@ def test_a_balancer_that_outweighs_its_joint_is_no_wrong_sign(tmp_path: Path, si
             motion_channels.build_motion_problem(record, cell, "torque", rng)
 
 
-def test_masses_that_would_have_to_be_far_off_are_no_reason_where_a_payload_is(tmp_path: Path) -> None:
+def test_implausible_link_masses_do_not_replace_a_payload(tmp_path: Path) -> None:
     """Readings so many that they outweigh any doubt: twelve kilograms more at the flange against links of twenty."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     assert cell.tool is not None
@@ -236,7 +236,7 @@ def test_masses_that_would_have_to_be_far_off_are_no_reason_where_a_payload_is(t
 
 
 @pytest.mark.parametrize(("off", "unsure"), [(0.2, False), (0.08, True)])
-def test_a_last_link_four_sigma_off_is_a_payload_where_that_predicts_as_well(off: float, unsure: bool) -> None:
+def test_implausible_last_link_mass_is_a_payload_where_equally_good(off: float, unsure: bool) -> None:
     """A light last link and a payload ask for the same torque: which is named is a matter of what makers hold."""
     rng = np.random.default_rng(4)
     base, links, rest = (rng.normal(size=(600, 2, p)) for p in (3, 2, 3))
@@ -246,7 +246,7 @@ def test_a_last_link_four_sigma_off_is_a_payload_where_that_predicts_as_well(off
     assert (doubt > 0.0) == unsure
 
 
-def test_two_orders_nearer_than_the_range_resolves_are_one_wave(tmp_path: Path) -> None:
+def test_orders_closer_than_the_resolution_are_one_wave(tmp_path: Path) -> None:
     """A wave that swells with the angle: two orders beside each other, large and cancelling, would fit it better."""
     cell, recording = far_side(tmp_path, 36.0, 0.0, 1.5e-5, 1.0)
     q, other = recording.q, recording.q_secondary
@@ -259,7 +259,7 @@ def test_two_orders_nearer_than_the_range_resolves_are_one_wave(tmp_path: Path) 
     assert max(v.value for k, v in found.parameters.items() if k.endswith("amplitude")) < 60.0
 
 
-def test_a_last_link_without_mass_is_what_the_tool_side_carries(tmp_path: Path) -> None:
+def test_massless_last_link_is_carried_as_payload(tmp_path: Path) -> None:
     """A URDF that states nothing of its flange link: no crash, and what it weighs comes out as payload."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     text = cell.urdf.read_text(encoding="utf-8")

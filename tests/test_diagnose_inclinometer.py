@@ -87,13 +87,13 @@ def left_over(problem: DiagnosisProblem, more: Array | None = None) -> Array:
 
 
 @pytest.mark.parametrize("link", [0, 2, 3, 6])
-def test_springs_and_levels_are_all_that_a_sound_arm_shows(link: int) -> None:
+def test_intact_arm_shows_springs_and_tilts_only(link: int) -> None:
     problem, _ = problem_of(recorded(link=link))
     assert problem.dimensions == 5
     assert left_over(problem).max() < 1e-9  # m, rad; sags are up to 1e-2
 
 
-def test_a_base_that_rocks_is_its_law_in_both_channels() -> None:
+def test_rocking_base_has_its_law_in_both_channels() -> None:
     problem, offered = problem_of(recorded(rocks=ROCKS))
     law = next(h for h in offered if h.effect == "base_compliance" and h.law == "tilts")
     alone = left_over(problem)
@@ -101,7 +101,7 @@ def test_a_base_that_rocks_is_its_law_in_both_channels() -> None:
     assert left_over(problem, law.columns(())).max() < 0.1 * alone[3:].max()
 
 
-def test_what_lies_behind_the_link_does_not_tilt_it() -> None:
+def test_bodies_behind_the_link_do_not_tilt_it() -> None:
     _, offered = problem_of(recorded(link=3))
     tilted = {h.name: float(np.abs(h.columns(h.shapes[0])[:, 3:]).max()) for h in offered}
     behind = {("geometry", f"joint:{j}") for j in (4, 5, 6)} | {("link_compliance", f"link:{j}") for j in (4, 5)}
@@ -112,7 +112,7 @@ def test_what_lies_behind_the_link_does_not_tilt_it() -> None:
     assert all(tilted[name] > 0.0 for name in before)
 
 
-def test_a_base_that_rocks_is_sharper_with_the_inclinometer() -> None:
+def test_inclinometer_sharpens_the_base_estimate() -> None:
     """1 sigma of the base's rocking, beside everything that is refitted, without and with the two equations."""
     problem, offered = problem_of(recorded(rocks=ROCKS))
     law = next(h for h in offered if h.effect == "base_compliance" and h.law == "tilts")
@@ -147,14 +147,14 @@ def diagnosis(recording: Recording) -> DiagnosisResult:
     )
 
 
-def test_a_null_stays_a_null() -> None:
+def test_null_case_remains_a_null_case() -> None:
     d = diagnosed(0.0)
     assert d.verdict == "consistent"
     assert not d.findings
 
 
 @pytest.mark.parametrize("some", [False, True])
-def test_a_base_that_rocks_is_named_and_proven_in_its_own_family(some: bool) -> None:
+def test_rocking_base_is_named_in_its_own_family(some: bool) -> None:
     d = diagnosed(ROCKS, some=some)
     assert [(f.effect, f.location) for f in d.findings] == [("base_compliance", "base")]
     assert d.verdict == "explained"
@@ -165,13 +165,13 @@ def test_a_base_that_rocks_is_named_and_proven_in_its_own_family(some: bool) -> 
     assert np.isnan(d.errors.final[:, 3:]).any() == some  # not read is no residual of zero
 
 
-def test_a_base_that_rocks_little_is_told_from_its_rivals_by_the_inclinometer_alone() -> None:
+def test_inclinometer_alone_separates_a_small_base_tilt_from_its_rivals() -> None:
     with_it, without = diagnosed(0.3 * ROCKS), diagnosed(0.3 * ROCKS, tilts=False)
     assert [f.one_of for f in with_it.findings] == [(("base_compliance", "base"),)]
     assert [len(f.one_of) > 3 for f in without.findings] == [True]
 
 
-def test_a_drift_of_the_inclinometer_is_said_and_no_physics_of_the_arm() -> None:
+def test_inclinometer_drift_is_reported_and_not_attributed_to_the_arm() -> None:
     recording = recorded(noise=3e-5, tilt_noise=1e-5)
     assert recording.tilt is not None
     strange = 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]])  # comes back, and no law says so
@@ -181,7 +181,7 @@ def test_a_drift_of_the_inclinometer_is_said_and_no_physics_of_the_arm() -> None
 
 
 @pytest.mark.parametrize("fault", ["exchanged", "reversed", "axes of the link", "degrees"])
-def test_columns_that_are_written_otherwise_are_refused(fault: str) -> None:
+def test_invalid_columns_are_refused(fault: str) -> None:
     _, robot, _ = arm()
     recording = recorded(link=3, noise=3e-5, tilt_noise=1e-5)
     tilt = recording.tilt
@@ -200,7 +200,7 @@ def test_columns_that_are_written_otherwise_are_refused(fault: str) -> None:
         problem_of(replace(recording, tilt=tilt))
 
 
-def test_a_link_may_be_named_or_numbered_and_a_wrong_one_is_refused() -> None:
+def test_link_is_given_by_name_or_number_and_a_wrong_one_is_refused() -> None:
     cell = arm()[0]
     assert [
         inclinometer_equations.find_inclinometer_link(n, cell)

@@ -24,7 +24,7 @@ def read(recording: Recording, tilt: np.ndarray, *accept: str) -> tuple[Recordin
 
 
 @pytest.mark.parametrize("link", [0, 1, 3])
-def test_columns_written_otherwise_are_read_right(link: int) -> None:
+def test_columns_in_other_conventions_are_corrected(link: int) -> None:
     recording = recorded(rocks=ROCKS, noise=3e-5, tilt_noise=1e-5, link=link)
     right = np.array(recording.tilt)
     assert read(recording, right)[1] == []
@@ -45,7 +45,7 @@ def test_columns_written_otherwise_are_read_right(link: int) -> None:
         np.testing.assert_allclose(np.array(out.tilt), right, rtol=1e-12)
 
 
-def test_what_no_weight_makes_is_left_for_the_search() -> None:
+def test_tilts_not_caused_by_weight_are_left_to_the_search() -> None:
     recording = recorded(noise=3e-5, tilt_noise=1e-5, link=1)
     right = np.array(recording.tilt)
     assert read(recording, right)[1] == []  # noise alone

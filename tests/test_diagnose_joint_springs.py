@@ -34,23 +34,23 @@ def springs(recording: Recording, kept: frozenset[int] = frozenset()) -> set[int
     return {u.spring_joint for u in problem(recording, kept).unknowns if u.spring_joint is not None}
 
 
-def test_what_weight_bends_above_the_noise_is_refitted_but_for_what_is_kept() -> None:
+def test_springs_above_the_noise_are_refitted_unless_fixed() -> None:
     recording = measure(noise=NOISE)
     assert springs(recording) == {2, 3, 4, 5, 6}  # the first joint's axis is upright: weight does not turn it
     assert springs(recording, frozenset({3, 5})) == {2, 4, 6}
 
 
-def test_a_spring_that_says_less_than_what_frames_leave_is_the_cells() -> None:
+def test_weakly_observed_spring_remains_that_of_the_cell() -> None:
     assert springs(measure(noise=NOISE, delta=waves)) == {2, 3}  # the wrist's would follow the waves
 
 
-def test_under_a_load_every_spring_is_refitted_however_much_is_left() -> None:
+def test_every_spring_is_refitted_under_a_load() -> None:
     load = np.zeros((180, 6))
     load[:, 2], load[::2, 0], load[:, 3:5] = -1500.0, 900.0, 150.0
     assert springs(measure(noise=NOISE, delta=waves, load=load)) == {1, 2, 3, 4, 5, 6}
 
 
-def test_a_spring_nothing_built_has_is_doubted_beside_what_is_there_without_load_alone() -> None:
+def test_implausible_spring_is_doubted_only_without_load() -> None:
     stated = problem(measure(noise=NOISE))
     cell = arm()[0].stiffness
     assert cell is not None
@@ -70,7 +70,7 @@ def test_a_spring_nothing_built_has_is_doubted_beside_what_is_there_without_load
     assert doubted(50.0, "joint") == set()  # the cell may be wrong by any factor where nothing else is found
 
 
-def test_an_unknown_without_bounds_may_have_any_value() -> None:
+def test_unbounded_unknown_may_have_any_value() -> None:
     assert BaseUnknown(name="a", unit="m").is_plausible(-1e9)
     some = BaseUnknown(name="a", unit="m", plausible_range=(1.0, 3.0))
     assert [some.is_plausible(v) for v in (0.9, 1.0, 3.0, 3.1)] == [False, True, True, False]

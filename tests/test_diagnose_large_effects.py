@@ -56,7 +56,7 @@ def certainty(alike: float, rest: float, seed: int) -> bool:
         (0.3, 0.9, False),  # nearly half of the mismatch stays
     ],
 )
-def test_a_place_is_certain_where_most_is_closed_and_no_other_fits(alike: float, rest: float, expected: bool) -> None:
+def test_place_is_certain_where_it_explains_most_and_no_other_fits(alike: float, rest: float, expected: bool) -> None:
     assert certainty(alike, rest, 31) is expected
 
 
@@ -81,7 +81,7 @@ def repeated(by_cycle: bool) -> DiagnosisProblem:
     )
 
 
-def test_deviations_that_the_next_cycle_repeats_are_no_outliers() -> None:
+def test_deviations_repeated_in_the_next_cycle_are_no_outliers() -> None:
     residual = np.zeros((96, 3))
     off = np.zeros(96, bool)
     off[[3, 11]] = True  # the same load in both cycles
@@ -92,7 +92,7 @@ def test_deviations_that_the_next_cycle_repeats_are_no_outliers() -> None:
     assert not find_repeated_deviations(repeated(False), residual, off).any()
 
 
-def test_no_offset_is_selected_where_a_body_leaves_as_much() -> None:
+def test_no_offset_is_selected_where_a_body_law_leaves_as_much() -> None:
     """A body of 100 σ whose law is 10 % off, all of it in the direction of a zero offset."""
     base, _ = model({}, 41)
     rng = np.random.default_rng(42)
@@ -115,7 +115,7 @@ def test_no_offset_is_selected_where_a_body_leaves_as_much() -> None:
         assert {c.whitened.hypothesis.location for c in chosen} == expected
 
 
-def test_a_better_joint_selection_of_the_second_search_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_better_joint_selection_of_the_second_search_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """It has laws of its own where it sums waves, and was thrown away."""
     base, laws = model({("transmission_error", "joint:2"): (2.0,)}, 51)
     wave = next(t for t in laws if t.hypothesis.name == ("transmission_error", "joint:2"))

@@ -46,7 +46,7 @@ def search(
         (0.1, 20.0, 0.0, np.nan, {"joint:1"}, False),  # no replicate has measured the noise
     ],
 )
-def test_an_effect_is_found_beside_the_deviation_of_a_larger_one(
+def test_effect_is_found_beside_the_law_deviation_of_a_larger_one(
     bent: float, tool: float, unknown: float, fits: float, named: set[str], deviates: bool
 ) -> None:
     _, chosen = search(bent, tool, unknown, fits)
@@ -55,7 +55,7 @@ def test_an_effect_is_found_beside_the_deviation_of_a_larger_one(
     assert all(c.whitened.hypothesis.is_in_catalogue is not is_law_deviation(c) for c in chosen)
 
 
-def test_the_larger_effect_keeps_its_size_beside_its_deviation() -> None:
+def test_larger_effect_keeps_its_size_beside_its_deviation() -> None:
     changed, chosen = search(0.1, 20.0, 0.0, alike=0.6)
     place = {c.whitened.hypothesis.effect: k for k, c in enumerate(chosen)}
     assert any(is_law_deviation(c) for c in chosen)

@@ -36,7 +36,7 @@ def mixed(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
         (60.0, 1.0, 0.8, KNEE),  # these data exclude the step
     ],
 )
-def test_a_knee_below_every_load_is_backlash_unless_the_data_exclude_it(
+def test_threshold_below_every_load_is_backlash_unless_excluded(
     true_knee: float, softer: float, alike: float, named: str
 ) -> None:
     problem, column = build_synthetic_problem(21, extra=40e-6 * softer)
@@ -59,7 +59,7 @@ def test_a_knee_below_every_load_is_backlash_unless_the_data_exclude_it(
 
 
 @pytest.mark.parametrize(("further", "named"), [(0.05, STEP), (1.0, KNEE)])
-def test_slopes_that_say_much_more_than_a_step_keep_their_name(
+def test_slopes_much_better_than_a_step_keep_their_name(
     further: float, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Pins that meet one after the other were backlash: pairing did not exclude it, at half of the gain."""
@@ -87,7 +87,7 @@ def test_slopes_that_say_much_more_than_a_step_keep_their_name(
 
 
 @pytest.mark.parametrize("longest", [True, False])
-def test_creep_of_which_nothing_fades_is_hysteresis(longest: bool) -> None:
+def test_creep_without_decay_is_hysteresis(longest: bool) -> None:
     problem, column = build_synthetic_problem(22, extra=40e-6)
     rng = np.random.default_rng(2)
     noise = np.tile(rng.standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
@@ -102,7 +102,7 @@ def test_creep_of_which_nothing_fades_is_hysteresis(longest: bool) -> None:
     assert [f.effect for f in d.findings] == ["joint_hysteresis" if longest else "joint_creep"]
 
 
-def test_a_law_that_nothing_built_can_obey_keeps_its_place_and_has_no_name() -> None:
+def test_implausible_law_keeps_its_place_without_a_name() -> None:
     problem, column = build_synthetic_problem(23, extra=40e-6)
     impossible = replace(law(column), is_plausible=lambda x, shape: float(x[0]) < 1e-6)
     d = selection_pipeline.diagnose_problem(
@@ -112,7 +112,7 @@ def test_a_law_that_nothing_built_can_obey_keeps_its_place_and_has_no_name() -> 
     assert any("numbers that nothing built has" in n for n in d.notes)
 
 
-def test_a_drift_has_no_name_where_the_days_differ_by_more_of_something_else() -> None:
+def test_drift_is_unnamed_where_days_differ_by_a_larger_effect() -> None:
     problem, column = build_synthetic_problem(25)
     rng = np.random.default_rng(2)
     first = (problem.session == 0)[:, None, None]
@@ -131,7 +131,7 @@ def test_a_drift_has_no_name_where_the_days_differ_by_more_of_something_else() -
     assert [f.effect for f in d.findings] == ["thermal_drift"]
 
 
-def test_a_balancer_carries_no_hundred_times_the_weight() -> None:
+def test_compensator_torque_is_limited_by_the_weight() -> None:
     cell, r = load_cell(CELLS / CELL), sound()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = load_masses(cell)
@@ -166,7 +166,7 @@ def laws_of_two_forms(one: float, two: float) -> DiagnosisResult:
 
 
 @pytest.mark.parametrize(("one", "two", "both"), [(0.98, 0.977, True), (1.0, 0.97, False)])
-def test_an_interval_holds_the_forms_that_are_as_near_to_what_is_there(one: float, two: float, both: bool) -> None:
+def test_interval_covers_equally_good_forms(one: float, two: float, both: bool) -> None:
     """Where no form is quite the true one; the very law has no doubt of its form."""
     d = laws_of_two_forms(one, two)
     low, high = d.findings[0].parameters["size"].ci95

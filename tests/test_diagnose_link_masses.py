@@ -46,7 +46,7 @@ def diagnosed(masses: RobotMasses, *, inputs: bool = True) -> DiagnosisResult:
     return selection_pipeline.diagnose_problem(problem, catalogue, options, np.random.default_rng(0))
 
 
-def test_columns_are_what_a_mass_moves() -> None:
+def test_columns_equal_finite_differences_of_a_link_mass() -> None:
     """Against finite differences of an equilibrium that is computed without the columns."""
     _, catalogue = build(measure(registration="fixed"))
     inputs = catalogue.uncertain_inputs
@@ -74,14 +74,14 @@ def test_masses_within_their_uncertainty_are_not_named() -> None:
     assert found.verdict == "consistent"
 
 
-def test_a_payload_is_named_beside_them_with_an_interval_that_holds() -> None:
+def test_payload_beside_mass_uncertainty_has_a_covering_interval() -> None:
     found = diagnosed(with_payload(scaled(np.array([0.0, 0.05, -0.05, 0.04, -0.04, 0.0]))))
     assert [f.effect for f in found.findings] == ["payload"]
     low, high = found.findings[0].parameters["mass"].ci95
     assert low <= TOOL <= high
 
 
-def test_masses_far_beyond_it_are_a_mismatch() -> None:
+def test_masses_far_outside_the_uncertainty_are_a_mismatch() -> None:
     found = diagnosed(scaled(np.array([0.0, 0.5, -0.5, 0.0, 0.0, 0.0])))
     assert found.verdict != "consistent"
 

@@ -24,7 +24,7 @@ def timed() -> tuple[StaticReadings, Array, Array]:
     return replace(r, recording=recording, cycle=cycle, histories={}), time, zero
 
 
-def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
+def test_drifting_tracker_is_named_and_not_an_instrument() -> None:
     r, time, zero = timed()
     start = np.where(r.session == 0, 0.0, zero[r.session == 1].min())
     way = np.array([0.4, -0.2, 0.9, 0.0, 0.0, 0.0])
@@ -50,7 +50,7 @@ def test_a_stand_that_drifts_is_named_and_not_an_instrument() -> None:
     assert not still.findings
 
 
-def test_drift_counts_from_the_unloaded_state_and_asks_for_a_clock() -> None:
+def test_drift_is_relative_to_the_unloaded_state_and_requires_time() -> None:
     r, time, zero = timed()
     even = next(
         h for h in thermal_drift.build_thermal_hypotheses(r) if h.law == "the stand shifts evenly over a session"
@@ -65,7 +65,7 @@ def test_drift_counts_from_the_unloaded_state_and_asks_for_a_clock() -> None:
     )
 
 
-def test_castings_do_not_grow_within_a_minute() -> None:
+def test_thermal_growth_needs_more_than_a_minute() -> None:
     r, time, _zero = timed()
     said = {h.law for h in thermal_drift.build_thermal_hypotheses(r)}
     assert any("stand" in law for law in said)

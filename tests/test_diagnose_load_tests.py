@@ -64,7 +64,7 @@ def model(cell: str):
 
 
 @pytest.mark.parametrize("cell", sorted(FORCES))
-def test_the_simulator_stands_where_forward_kinematics_says(cell: str) -> None:
+def test_simulator_agrees_with_forward_kinematics(cell: str) -> None:
     a, rng = arm(cell), np.random.default_rng(1)
     plan = plan_load_tests(a, rng, poses=5, force=FORCES[cell], moment=10.0)
     p, R, J, tau = solve_equilibrium(a, HiddenEffects(np.full(6, 1e15)), plan)  # rigid
@@ -88,7 +88,7 @@ def test_the_simulator_stands_where_forward_kinematics_says(cell: str) -> None:
         ("cutting_cobot", 4, True, "tool"),  # the fourth cell: test_nothing_is_named_without_labels
     ],
 )
-def test_nothing_is_named_in_a_sound_arm(tmp_path: Path, cell: str, seed: int, rotations: bool, frame: str) -> None:
+def test_nothing_is_named_in_an_intact_arm(tmp_path: Path, cell: str, seed: int, rotations: bool, frame: str) -> None:
     recording, _, _ = made(cell, seed, rotations=rotations, frame=frame)
     d = diagnosed(tmp_path, cell, recording)
     assert names(d) == []
@@ -109,7 +109,7 @@ def test_nothing_is_named_without_labels(tmp_path: Path, left_out: tuple[str, ..
     assert (names(d), d.verdict) == ([], "consistent")
 
 
-def test_a_sagging_arm_does_not_turn_the_sensor(tmp_path: Path) -> None:
+def test_sagging_arm_is_no_rotated_sensor(tmp_path: Path) -> None:
     """Weight turns the tool by milliradians against the encoders; a wrench in tool axes turns with it."""
     cell = "kr240_drilling"
     recording, truth, plan = made(cell, 6, frame="tool", poses=24, dirt=NoiseLevels(4e-6, 2e-6, 3e-6, 1e-3, 1e-3, 0.0))
@@ -183,7 +183,7 @@ def _pair(c: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("cell", "effect", "where", "truth", "rotations"), SINGLE, ids=lambda v: v if isinstance(v, str) else ""
 )
-def test_one_fault_is_named_where_it_is(
+def test_single_effect_is_named_at_its_place(
     tmp_path: Path, cell: str, effect: str, where: str, truth, rotations: bool
 ) -> None:
     recording, made_up, plan = made(cell, 20, truth, rotations=rotations, poses=18, loads=4)
@@ -200,7 +200,7 @@ def test_one_fault_is_named_where_it_is(
 
 
 @pytest.mark.slow
-def test_the_width_of_backlash_lies_in_its_interval(tmp_path: Path) -> None:
+def test_backlash_width_lies_in_its_interval(tmp_path: Path) -> None:
     width = 0.4
     recording, _, _ = made(
         "kr500_milling",
@@ -216,7 +216,7 @@ def test_the_width_of_backlash_lies_in_its_interval(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_hysteresis_opens_a_loop_that_is_found(tmp_path: Path) -> None:
+def test_hysteresis_is_found(tmp_path: Path) -> None:
     """Iwan elements on the load's own torque: joint 1 bears no weight."""
     cell = "irb6700_drilling"
     recording, _, _ = made(
@@ -230,7 +230,7 @@ def test_hysteresis_opens_a_loop_that_is_found(tmp_path: Path) -> None:
     assert names(d)[0] == ("joint_hysteresis", "joint:1")
 
 
-def test_what_the_catalogue_lacks_is_said_to_be_there(tmp_path: Path) -> None:
+def test_effect_outside_the_catalogue_is_a_mismatch(tmp_path: Path) -> None:
     """A gear that is soft where another joint stands to one side: no law of the catalogue."""
 
     def truth(a, k, plan):
@@ -245,7 +245,7 @@ def test_what_the_catalogue_lacks_is_said_to_be_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_two_faults_are_both_named(tmp_path: Path) -> None:
+def test_two_effects_are_both_named(tmp_path: Path) -> None:
     def truth(a, k, plan):
         knee = sine_knee(1.4 / k[3], 0.4 * _largest(a, k, plan, 3))
         return HiddenEffects(k, {3: knee}, hinges={0: np.diag([1.0, 1.3, 0.3]) * 0.06 / k[1]})
@@ -255,7 +255,7 @@ def test_two_faults_are_both_named(tmp_path: Path) -> None:
     assert set(names(d)) == {("joint_nonlinear_stiffness", "joint:4"), ("base_compliance", "base")}
 
 
-def test_refitted_springs_are_the_true_ones(tmp_path: Path) -> None:
+def test_refitted_springs_equal_the_true_ones(tmp_path: Path) -> None:
     cell = "kr240_drilling"
     recording, truth, _ = made(cell, 37, dirt=NoiseLevels(gain_session=0.0, gain_cycle=0.0))
     d = diagnosed(tmp_path, cell, recording)
@@ -263,7 +263,7 @@ def test_refitted_springs_are_the_true_ones(tmp_path: Path) -> None:
         assert abs(c.value - 1.0 / k) < 4.0 * c.sigma + 0.02 / k  # the common gain of all forces is not among sigma
 
 
-def test_displacements_are_those_of_springs_in_series() -> None:
+def test_displacements_equal_springs_in_series() -> None:
     """A hinge between base and arm moves the TCP as G C Gᵀ w says, to first order."""
     a = arm("kr240_drilling")
     plan = plan_load_tests(a, np.random.default_rng(2), poses=3, sessions=1, force=10.0)
@@ -276,7 +276,7 @@ def test_displacements_are_those_of_springs_in_series() -> None:
     assert np.abs(d - want).max() < 1e-4 * np.abs(want).max()  # weight turns with the hinge: parts in 1e5
 
 
-def test_sensors_err_through_springs_and_bodies_as_loads_act() -> None:
+def test_sensor_errors_act_through_springs_and_bodies() -> None:
     recording, truth, _ = made("irb6700_drilling", 31, rotations=True)
     robot, T, masses = model("irb6700_drilling")
     tests = build_load_test_experiment(recording, robot, T)

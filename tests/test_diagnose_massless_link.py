@@ -12,7 +12,7 @@ from machopt.dynamics.rigid_body import load_dynamics
 
 
 @pytest.mark.parametrize("tool", [0.0, 5.0])
-def test_a_last_link_without_mass_swings_on_nothing(tmp_path: Path, tool: float) -> None:
+def test_massless_last_link_causes_no_vibration_and_no_error(tmp_path: Path, tool: float) -> None:
     """A flange that the URDF gives no inertia, tool or none: it divided by zero."""
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 3, tool=tool)

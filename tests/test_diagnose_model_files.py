@@ -88,13 +88,13 @@ def case(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return folder
 
 
-def test_another_process_recomputes_both_errors(case: Path) -> None:
+def test_errors_are_recomputed_in_another_process(case: Path) -> None:
     command = [sys.executable, str(SCRIPT), str(CELL), str(case / "out"), str(case / "recording")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_corrected_readings_are_a_recording(case: Path) -> None:
+def test_corrected_readings_are_a_valid_recording(case: Path) -> None:
     again = load_recording(case / "out" / "readings_corrected.yaml")
     recorded = load_recording(case / "recording")
     assert len(again) == len(recorded)
@@ -102,13 +102,13 @@ def test_the_corrected_readings_are_a_recording(case: Path) -> None:
     assert again.used.sum() > 0.9 * len(recorded)
 
 
-def test_the_folds_hold_out_every_pose_once(case: Path) -> None:
+def test_folds_hold_out_every_pose_once(case: Path) -> None:
     assessed = read_assessment(case / "out", load_cell(CELL))
     unseen = np.concatenate([f.unseen_poses for f in assessed.folds])
     assert sorted(unseen.tolist()) == sorted(set(assessed.recording.pose.tolist()))
 
 
-def test_a_number_changed_in_any_file_is_noticed(case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_number_in_any_file_is_detected(case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the model, of one fold, of the readings: the check fails, and so does the script.
 
     The errors of the folds are computed again only where a file is not what they were computed from.
@@ -154,7 +154,7 @@ def test_a_number_changed_in_any_file_is_noticed(case: Path, tmp_path: Path, mon
 
 
 @pytest.mark.proof
-def test_a_form_that_no_file_states_does_not_lower_the_stated_error(tmp_path: Path) -> None:
+def test_unstated_form_does_not_lower_the_stated_error(tmp_path: Path) -> None:
     """Named effects are fitted again without it, and the files alone have the stated error."""
     measured_poses(tmp_path / "recording", wobble=2e-4)
     assert main(["diagnose", str(CELL), str(tmp_path / "recording"), "-o", str(tmp_path / "out"), "--quiet"]) == 0

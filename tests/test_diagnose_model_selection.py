@@ -113,7 +113,7 @@ def test_whitening_makes_shared_errors_independent() -> None:
     assert np.abs(W @ S @ W.T - np.eye(len(S))).max() < 1e-9  # exact but for rounding
 
 
-def test_noise_components_are_found_whatever_the_model_misses() -> None:
+def test_noise_components_do_not_depend_on_the_model_error() -> None:
     found = []
     for seed in range(6):
         problem, _column = build_synthetic_problem(10 + seed, extra=60e-6)
@@ -129,7 +129,7 @@ def test_noise_components_are_found_whatever_the_model_misses() -> None:
     assert gain == pytest.approx(GAIN, abs=0.5 * GAIN)  # a slope over three readings is poorly seen
 
 
-def test_a_load_read_again_and_again_in_a_cycle_shows_no_gain() -> None:
+def test_repeated_load_in_a_cycle_gives_no_gain_error() -> None:
     """What its force is read wrong by moves prediction and residual against each other: a gain of one, it seemed."""
     problem, _ = build_synthetic_problem(5, gain=0.0)
     rng = np.random.default_rng(5)
@@ -151,7 +151,7 @@ def test_exact_readings_do_not_divide_by_zero() -> None:
     assert np.isfinite(w.whiten(problem.base)).all()
 
 
-def test_gain_on_unseen_groups_is_that_of_explicit_refits() -> None:
+def test_cross_validated_gain_equals_explicit_refits() -> None:
     problem, column = build_synthetic_problem(4, extra=20e-6)
     used = np.ones(len(problem), bool)
     w = build_whitening(problem, replicate_noise.estimate_replicate_noise(problem, problem.y, used), used)
@@ -168,7 +168,7 @@ def test_gain_on_unseen_groups_is_that_of_explicit_refits() -> None:
         assert s.heldout[f] == pytest.approx(errors[0] - errors[1], rel=1e-5, abs=1e-4)  # a ridge of 1e-6 is in it
 
 
-def test_held_out_residuals_are_those_of_explicit_refits() -> None:
+def test_held_out_residuals_equal_explicit_refits() -> None:
     problem, _ = build_synthetic_problem(5)
     used = np.ones(len(problem), bool)
     w = build_whitening(problem, ReplicateNoise(np.array([OWN]), np.zeros(1), np.zeros(1), 0.0, True), used)
@@ -182,7 +182,7 @@ def test_held_out_residuals_are_those_of_explicit_refits() -> None:
         assert np.abs(got[inside] - want).max() < 1e-10  # m; a relative ridge of 1e-9 on 1e-4
 
 
-def test_a_single_group_is_not_held_out_against_nothing() -> None:
+def test_single_group_is_not_held_out() -> None:
     problem, _ = build_synthetic_problem(5)
     problem = replace(problem, group=np.zeros(len(problem), np.int64))
     used = np.ones(len(problem), bool)
@@ -204,7 +204,7 @@ def test_bounded_least_squares_agrees_with_another_solver() -> None:
         assert (x >= 0).all()
 
 
-def test_chance_counts_the_whole_search() -> None:
+def test_significance_accounts_for_the_whole_search() -> None:
     """Thirty columns of nothing: the best of them is among the best hundredth once in a hundred recordings."""
     least = []
     for seed in range(40):
@@ -227,7 +227,7 @@ def test_chance_counts_the_whole_search() -> None:
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.004])
-def test_noise_of_the_force_is_no_gain_of_a_cycle(gain: float) -> None:
+def test_force_noise_is_no_gain_error_of_a_cycle(gain: float) -> None:
     """It errs along the displacement of each reading; the parts add up to what twins differ by, and not to more."""
     made, found = [], []
     for seed in range(4):
@@ -249,7 +249,7 @@ def test_noise_of_the_force_is_no_gain_of_a_cycle(gain: float) -> None:
     assert np.mean([p for _, p in found]) == pytest.approx(np.mean(made), rel=0.1)
 
 
-def test_repeatable_power_is_what_twins_share() -> None:
+def test_repeatable_power_is_the_shared_part_of_replicates() -> None:
     problem, column = build_synthetic_problem(8, extra=30e-6)
     used = np.ones(len(problem), bool)
     residual = problem.y - problem.base @ np.full(4, 1e-4)
@@ -297,7 +297,7 @@ def few_poses(seed: int, poses: int = 18, unknowns: int = 20) -> tuple[Diagnosis
     return problem, FittedModel(model, X, unit, y)
 
 
-def test_what_a_prediction_errs_by_is_shared_by_twins_of_a_group() -> None:
+def test_replicates_share_the_prediction_error() -> None:
     problem, fit = few_poses(0)
     own = fit.compute_prediction_noise()
     assert own is not None
@@ -309,7 +309,7 @@ def test_what_a_prediction_errs_by_is_shared_by_twins_of_a_group() -> None:
     assert one @ two == pytest.approx(np.trace(X[of[0]][[0, 2]] @ S @ X[of[1]][[0, 2]].T), rel=1e-6)
 
 
-def test_the_predictions_own_error_is_no_mismatch_that_comes_back() -> None:
+def test_prediction_error_is_no_repeatable_mismatch() -> None:
     """Eighteen poses, twenty unknowns: it comes back in both visits of a pose as if the model missed something."""
     found = []
     for seed in range(20):
@@ -326,7 +326,7 @@ def test_the_predictions_own_error_is_no_mismatch_that_comes_back() -> None:
     assert apart[1] == 0.0
 
 
-def test_without_twins_only_what_the_record_states_speaks_against_the_model() -> None:
+def test_stated_noise_is_the_only_evidence_without_replicates() -> None:
     problem, _ = build_synthetic_problem(9)
     problem = replace(problem, replicate=np.full(len(problem), -1))
     used = np.ones(len(problem), bool)
@@ -339,7 +339,7 @@ def test_without_twins_only_what_the_record_states_speaks_against_the_model() ->
         assert (repeatable_mismatch.measure_repeatable_mismatch(told, residual, used, n, rng).power > 0) is beyond
 
 
-def test_an_effect_is_named_where_it_is_and_its_interval_holds_it() -> None:
+def test_effect_is_named_at_its_place_within_its_interval() -> None:
     inside = 0
     for seed in range(8):
         rng = np.random.default_rng([3, seed])
@@ -356,7 +356,7 @@ def test_an_effect_is_named_where_it_is_and_its_interval_holds_it() -> None:
     assert inside >= 5  # of eight; fewer once in 400 such tests at 90 %
 
 
-def test_nothing_is_named_where_nothing_is() -> None:
+def test_nothing_is_named_without_an_effect() -> None:
     for seed in range(8):
         rng = np.random.default_rng([4, seed])
         problem, column = build_synthetic_problem(300 + seed)
@@ -368,7 +368,7 @@ def test_nothing_is_named_where_nothing_is() -> None:
         assert d.heldout_after == d.heldout_before
 
 
-def test_what_no_law_explains_is_said_to_be_there() -> None:
+def test_unexplained_mismatch_is_reported() -> None:
     rng = np.random.default_rng(5)
     problem, column = build_synthetic_problem(400, extra=40e-6)
     nothing = HypothesisCatalogue(
@@ -381,7 +381,7 @@ def test_what_no_law_explains_is_said_to_be_there() -> None:
     assert d.mismatch_p < 0.005
 
 
-def test_two_columns_that_are_one_are_a_set() -> None:
+def test_two_equal_columns_are_reported_as_one_set() -> None:
     rng = np.random.default_rng(6)
     problem, column = build_synthetic_problem(401, extra=20e-6)
     twin = column + 0.02 * rng.standard_normal(column.shape)
@@ -396,7 +396,7 @@ def test_two_columns_that_are_one_are_a_set() -> None:
     assert ("draught", "hall") in limit.one_of
 
 
-def test_the_detection_limit_is_where_effects_begin_to_be_named() -> None:
+def test_detection_limit_is_where_effects_begin_to_be_named() -> None:
     rng = np.random.default_rng(7)
     problem, column = build_synthetic_problem(500)
     d = selection_pipeline.diagnose_problem(problem, catalogue(column, rng), selection_pipeline.DiagnosisOptions(), rng)
@@ -413,7 +413,7 @@ def test_the_detection_limit_is_where_effects_begin_to_be_named() -> None:
     assert named[1.3] >= 4  # nine of ten at the limit itself, nearly all beyond it
 
 
-def test_the_same_seed_gives_the_same_diagnosis() -> None:
+def test_same_seed_gives_the_same_diagnosis() -> None:
     results = []
     for _ in range(2):
         problem, column = build_synthetic_problem(600, extra=12e-6)
@@ -428,7 +428,7 @@ def test_the_same_seed_gives_the_same_diagnosis() -> None:
     assert np.array_equal(results[0][4], results[1][4])
 
 
-def test_what_a_law_keeps_of_itself_is_of_its_own_readings() -> None:
+def test_finding_is_judged_by_readings_with_its_own_effect_only() -> None:
     """K_C is judged by readings that have it added back: with products of the others it was named at 1e-307."""
     problem, column = build_synthetic_problem(3, extra=40e-6)
     w = build_whitening(
@@ -444,7 +444,7 @@ def test_what_a_law_keeps_of_itself_is_of_its_own_readings() -> None:
         other.with_law(one, 0)
 
 
-def test_models_extended_by_laws_are_cached_and_equal_those_built_step_by_step() -> None:
+def test_cached_extended_models_equal_those_built_stepwise() -> None:
     problem, column = build_synthetic_problem(7, extra=12e-6)
     rng = np.random.default_rng(7)
     n = ReplicateNoise(np.array([OWN]), np.array([CYCLE]), np.array([VISIT]), GAIN, True)
@@ -468,7 +468,7 @@ def test_models_extended_by_laws_are_cached_and_equal_those_built_step_by_step()
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_selected_law_is_the_best_of_all_that_are_supported(seed: int) -> None:
+def test_selected_law_is_the_best_of_all_significant_ones(seed: int) -> None:
     """Against the rule written out: every law cross-validated and tested."""
     rng = np.random.default_rng(seed)
     problem, column = build_synthetic_problem(seed, extra=8e-6)
@@ -494,7 +494,7 @@ def test_the_selected_law_is_the_best_of_all_that_are_supported(seed: int) -> No
 
 
 @pytest.mark.slow
-def test_a_cached_search_is_not_run_again_and_gives_the_result_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cached_search_equals_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, column = build_synthetic_problem(201, extra=12e-6)
     offered = catalogue(column, np.random.default_rng(1), 4)
     cache, runs = SearchCache(), []

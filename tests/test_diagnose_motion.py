@@ -122,7 +122,7 @@ def test_torque_of_a_pendulum(tmp_path: Path) -> None:
     assert dynamics.compute_own_inertia(q) == pytest.approx(np.full((9, 1), MASS * LENGTH**2 + INERTIA), rel=1e-12)
 
 
-def test_regressors_are_what_changing_the_tool_does(tmp_path: Path) -> None:
+def test_regressor_columns_equal_changes_of_the_tool(tmp_path: Path) -> None:
     """More mass at the tool's centre changes torques by the first payload column, exactly linear."""
     rng = np.random.default_rng(1)
     _, q, v, a = excited(3, rng, periods=1, rate=5.0)
@@ -135,7 +135,7 @@ def test_regressors_are_what_changing_the_tool_does(tmp_path: Path) -> None:
     assert L.sum(axis=2) == pytest.approx(light.compute_torque(q, v, a), rel=1e-9, abs=1e-9)
 
 
-def test_gravity_follows_how_the_robot_is_mounted(tmp_path: Path) -> None:
+def test_gravity_follows_the_mounting_of_the_robot(tmp_path: Path) -> None:
     """On a wall the axis stands upright and weight does nothing."""
     turned = np.eye(4)
     turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
@@ -153,7 +153,7 @@ def test_urdf_without_inertias_is_refused(tmp_path: Path) -> None:
         load_dynamics(cell)
 
 
-def test_play_and_presliding() -> None:
+def test_backlash_and_presliding_operators() -> None:
     """Play keeps half its width behind at a turn; presliding turns over exponentially with the way."""
     first = np.array([1, 0, 0, 0, 0], np.int64)
     assert compute_play(np.array([0.0, 1.0, 3.0, 2.5, 0.0]), first, 1.0) == pytest.approx([0.0, 0.0, 2.0, 2.0, 1.0])
@@ -186,7 +186,7 @@ def test_bouc_wen_between_two_loads() -> None:
     assert z[-1] == pytest.approx(expected, abs=1e-12)
 
 
-def test_lag_and_spring_follow_their_closed_forms() -> None:
+def test_lag_and_spring_agree_with_closed_forms() -> None:
     """A step through a lag, and the free swing of a mass on a spring: both exact over a step with held input."""
     n, h = 400, 0.005
     first = np.zeros(n, np.int64)
@@ -206,7 +206,7 @@ def test_lag_and_spring_follow_their_closed_forms() -> None:
     assert np.mean(np.diff(crossings)) * h == pytest.approx(np.pi / w, rel=0.02)
 
 
-def test_periods_groups_and_twins_of_a_repeating_motion(tmp_path: Path) -> None:
+def test_periods_groups_and_replicates_of_a_repeating_motion(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     t, q, v, a = excited(1, rng)
     m = build_motion_signals(recorded(t, q, v), 1)
@@ -225,7 +225,7 @@ def test_periods_groups_and_twins_of_a_repeating_motion(tmp_path: Path) -> None:
     assert np.abs(m.a[inside] - a[inside]).max() < 2e-3 * np.ptp(a)
 
 
-def test_an_offset_of_one_period_is_not_physics(tmp_path: Path) -> None:
+def test_offset_in_one_period_is_not_physics(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     t, q, v, _ = excited(1, rng)
     m = build_motion_signals(recorded(t, q, v), 1)
@@ -233,7 +233,7 @@ def test_an_offset_of_one_period_is_not_physics(tmp_path: Path) -> None:
     assert m.subtract_period_mean(x[:, None]) == pytest.approx(np.full((len(m), 1), x.mean()), abs=1e-9)
 
 
-def test_gaps_split_and_short_records_are_refused() -> None:
+def test_gaps_split_and_short_recordings_are_refused() -> None:
     rng = np.random.default_rng(2)
     t, q, v, _ = excited(1, rng)
     keep = (t < 10.0) | (t > 11.0)
@@ -248,7 +248,7 @@ def test_gaps_split_and_short_records_are_refused() -> None:
         build_motion_signals(recorded(twice, q, v), 1)
 
 
-def test_speeds_in_radians_are_put_right_and_said() -> None:
+def test_speeds_in_radians_are_corrected_and_reported() -> None:
     rng = np.random.default_rng(3)
     t, q, v, _ = excited(2, rng)
     fixed, found = motion_record_checks.correct_motion_units(recorded(t, 20 * q, 20 * v * np.pi / 180.0), 2)
@@ -260,7 +260,7 @@ def test_speeds_in_radians_are_put_right_and_said() -> None:
         motion_record_checks.correct_motion_units(recorded(t, q, -v), 2)
 
 
-def test_torque_before_the_gear_is_refused(tmp_path: Path) -> None:
+def test_motor_side_torque_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 2)
     t, q, v, a = excited(2, rng)
@@ -269,7 +269,7 @@ def test_torque_before_the_gear_is_refused(tmp_path: Path) -> None:
         motion_channels.build_motion_problem(recorded(t, q, v, tau), cell, "torque", rng)
 
 
-def test_channels_follow_the_signals(tmp_path: Path) -> None:
+def test_channels_follow_the_recorded_signals(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 1)
     t, q, v, _ = excited(1, rng)
@@ -279,7 +279,7 @@ def test_channels_follow_the_signals(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("late", [-0.0043, 0.0, 0.0121])
-def test_delay_of_torque_is_found_to_a_millisecond(tmp_path: Path, late: float) -> None:
+def test_torque_delay_is_found_to_one_millisecond(tmp_path: Path, late: float) -> None:
     """Friction must be late together with the rigid bodies; samples every 10 ms, 0.5 N·m of noise on 140."""
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
@@ -301,7 +301,7 @@ def shaken(tmp_path: Path, joints: int, seed: int):
 
 
 @pytest.mark.parametrize("late", [0.005, 0.0121])
-def test_what_a_recorder_brought_together_by_straight_lines_is_late_by_so_much(tmp_path: Path, late: float) -> None:
+def test_interpolation_of_the_recorder_is_part_of_the_delay(tmp_path: Path, late: float) -> None:
     """Half a step of friction stood between two samples, where no late step does: delays came out 14 to 22 % long."""
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
@@ -316,7 +316,7 @@ def test_what_a_recorder_brought_together_by_straight_lines_is_late_by_so_much(t
     assert np.std(left) < 1.1 * 0.2 / np.sqrt(2.0)  # two samples a reading
 
 
-def test_nothing_is_named_where_nothing_is_left_out(tmp_path: Path) -> None:
+def test_nothing_is_named_without_an_effect(tmp_path: Path) -> None:
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     found, notes, first = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
     assert found.verdict == "consistent"
@@ -325,7 +325,7 @@ def test_nothing_is_named_where_nothing_is_left_out(tmp_path: Path) -> None:
     assert "low-pass" in notes[0]
 
 
-def test_friction_that_falls_with_speed_is_named_at_its_joint(tmp_path: Path) -> None:
+def test_stribeck_friction_is_named_at_its_joint(tmp_path: Path) -> None:
     """A Stribeck peak of 6 N·m in 1 N·m of noise; a hyperbola here, an exponential in the catalogue."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
@@ -336,7 +336,7 @@ def test_friction_that_falls_with_speed_is_named_at_its_joint(tmp_path: Path) ->
     assert found.heldout_after < 1.2 * max(found.noise_floor, 0.7)
 
 
-def test_clearance_of_a_gear_is_named_from_link_side_encoders(tmp_path: Path) -> None:
+def test_backlash_is_named_from_link_side_encoders(tmp_path: Path) -> None:
     """Half a step of 0.1 mrad with the sign of the torque, rounded by contact; noise 20 µrad."""
     rng, cell, t, q, v, _ = shaken(tmp_path, 1, 7)
     upright = np.eye(4)
@@ -352,7 +352,7 @@ def test_clearance_of_a_gear_is_named_from_link_side_encoders(tmp_path: Path) ->
     assert width.value == pytest.approx(1e-4 * 10800 / np.pi, rel=0.1)  # arcmin; the knee is tanh here, a ramp there
 
 
-def test_a_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None:
+def test_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None:
     """What of the twist was left at its old time looked like a gear that creeps (delays of 3 to 17 ms)."""
     rng, cell, t, q, v, _ = shaken(tmp_path, 1, 7)
     tau = load_dynamics(cell).compute_torque(q, v, np.gradient(v[:, 0], t)[:, None])
@@ -363,7 +363,7 @@ def test_a_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> No
     assert found.findings[0].parameters["late"].value == pytest.approx(8.0, abs=0.01)  # ms
 
 
-def test_encoders_behind_their_command_are_said(tmp_path: Path) -> None:
+def test_encoders_behind_their_command_are_reported(tmp_path: Path) -> None:
     rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
     asked = q + 0.012 * v
     late = recorded(t, q, v, tau, q_command=asked)
@@ -375,7 +375,7 @@ def test_encoders_behind_their_command_are_said(tmp_path: Path) -> None:
     assert not servo_lag.find_servo_lag(close, build_motion_signals(close, 2))
 
 
-def test_a_slide_is_a_chain_too(tmp_path: Path) -> None:
+def test_prismatic_joint_is_a_valid_chain(tmp_path: Path) -> None:
     """One prismatic joint: force, not torque, and nothing asks for six joints."""
     rng = np.random.default_rng(9)
     cell = arm(tmp_path, 1, "prismatic")
@@ -415,7 +415,7 @@ def slide(folder: Path, force: str = "tau1_N", q: str = "q1_mm") -> tuple[Path, 
 
 
 @pytest.mark.parametrize("force", ["tau1_N", "tau1_Nm"])
-def test_one_slide_goes_through_the_command(tmp_path: Path, force: str) -> None:
+def test_prismatic_joint_goes_through_the_command(tmp_path: Path, force: str) -> None:
     """Millimetres and newtons at the edge; other commands still refuse such a cell."""
     cell, record = slide(tmp_path, force)
     out = tmp_path / "out"
@@ -443,7 +443,7 @@ def test_joints_of_cell_and_recording_must_agree(tmp_path: Path) -> None:
         motion_channels.check_joint_names(recorded(t, q, v, a), loaded)
 
 
-def test_slides_are_written_and_read_again(tmp_path: Path) -> None:
+def test_prismatic_joints_are_written_and_read_back(tmp_path: Path) -> None:
     t, q, v, a = excited(2, np.random.default_rng(1), periods=1)
     before = replace(recorded(t, q, v, a, q_secondary=q), prismatic=(False, True))
     write_recording(tmp_path / "r", before)
@@ -455,7 +455,7 @@ def test_slides_are_written_and_read_again(tmp_path: Path) -> None:
         assert getattr(after, name) == pytest.approx(getattr(before, name), abs=1e-6)  # printed to 1e-6 N·m, 1e-8 deg/s
 
 
-def test_friction_that_turns_at_once_is_not_late() -> None:
+def test_friction_reversal_at_a_sample_is_no_delay() -> None:
     """Its sign is that of the sample; half a part of the interval late, a clock would be named for it."""
     v = np.sin(np.linspace(0.1, 20.0, 4000))
     first = np.zeros(len(v), np.int64)
@@ -463,7 +463,7 @@ def test_friction_that_turns_at_once_is_not_late() -> None:
     assert np.array_equal(compute_presliding_direction(v, 0.004, first, 0.0), np.sign(v))
 
 
-def test_lost_samples_do_not_bend_velocities() -> None:
+def test_lost_samples_do_not_bias_velocities() -> None:
     """Three in ten samples are missing: filters that took the rest as even would be far off."""
     rng = np.random.default_rng(12)
     t, q, v, a = excited(1, rng, rate=250.0, periods=2)
@@ -474,7 +474,7 @@ def test_lost_samples_do_not_bend_velocities() -> None:
     assert np.abs(m.a[inside, 0] - a[keep][m.index][inside, 0]).max() < 0.02 * np.ptp(a)
 
 
-def test_records_that_are_no_motion_are_refused(tmp_path: Path) -> None:
+def test_recordings_without_motion_are_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(13)
     t, q, v, a = excited(2, rng, periods=2)
     cell = arm(tmp_path, 2)
@@ -490,7 +490,7 @@ def test_records_that_are_no_motion_are_refused(tmp_path: Path) -> None:
     assert "qd2_deg_s never changes" in words[0]
 
 
-def test_a_clock_in_milliseconds_and_torques_in_kilo_are_put_right(tmp_path: Path) -> None:
+def test_clock_in_milliseconds_and_torques_in_kilo_units_are_corrected(tmp_path: Path) -> None:
     rng = np.random.default_rng(14)
     cell = arm(tmp_path, 2)
     t, q, v, a = excited(2, rng)
@@ -506,7 +506,7 @@ def test_a_clock_in_milliseconds_and_torques_in_kilo_are_put_right(tmp_path: Pat
 
 
 @pytest.mark.proof
-def test_a_long_motion_in_which_nothing_is_left_out(tmp_path: Path) -> None:
+def test_long_motion_without_an_effect(tmp_path: Path) -> None:
     """A tenth of a hundred thousand samples; dynamics by a recursion of its own, no two periods alike."""
     cell, record = simulated_long_motion.write_long_motion(tmp_path, 10_000, 250.0, 1)
     out = tmp_path / "out"

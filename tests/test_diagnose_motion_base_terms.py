@@ -32,7 +32,7 @@ class Labelled:
         return len(self.visit)
 
 
-def test_a_rotor_that_no_urdf_states_is_told_with_its_joint(tmp_path: Path) -> None:
+def test_rotor_inertia_missing_in_the_urdf_is_reported_with_its_joint(tmp_path: Path) -> None:
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     a = np.gradient(v, t, axis=0)
     noise = rng.normal(size=q.shape)
@@ -46,7 +46,7 @@ def test_a_rotor_that_no_urdf_states_is_told_with_its_joint(tmp_path: Path) -> N
     assert any(n.startswith("refitted in any case") for n in found.notes)
 
 
-def test_friction_that_turns_over_gradually_is_told(tmp_path: Path) -> None:
+def test_gradual_friction_reversal_is_reported(tmp_path: Path) -> None:
     """Over 0.08 rad/s at joint 1, as honey does; samples every 10 ms, between which it turns by some 0.01 rad/s."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     tau[:, 0] += 6.0 * (np.tanh(v[:, 0] / 0.08) - np.sign(v[:, 0]))
@@ -57,7 +57,7 @@ def test_friction_that_turns_over_gradually_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("late", [0.0, 0.01])
-def test_a_clock_counts_where_it_says_something(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float) -> None:
+def test_delay_is_used_only_where_significant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float) -> None:
     """Some delay is always a little better than none, and was read into the reversals, which it smeared."""
     seen, clock = [], torque_delay.estimate_torque_delay
     monkeypatch.setattr(
@@ -74,7 +74,7 @@ def test_a_clock_counts_where_it_says_something(tmp_path: Path, monkeypatch: pyt
     assert [shared for _, shared, _ in seen] == [late > 0.0] * 6
 
 
-def test_a_load_of_twice_its_limit_is_named(tmp_path: Path) -> None:
+def test_load_at_twice_its_detection_limit_is_named(tmp_path: Path) -> None:
     """Where the tool's own is: masses of links, which nobody knows to 5 %, take up much of that, and limits were of any
     load and moment, of which they take up little."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
@@ -91,7 +91,7 @@ def test_a_load_of_twice_its_limit_is_named(tmp_path: Path) -> None:
     assert mass.ci95[0] < 2.0 * limit.value < mass.ci95[1]
 
 
-def test_a_torque_that_comes_back_with_each_period_is_no_outlier(tmp_path: Path) -> None:
+def test_torque_repeated_in_every_period_is_no_outlier(tmp_path: Path) -> None:
     """Late friction stands in single samples about each reversal: as gross ones they hid clocks and small shafts."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     problem, _, _, _ = motion_channels.build_motion_problem(
@@ -109,7 +109,7 @@ def test_a_torque_that_comes_back_with_each_period_is_no_outlier(tmp_path: Path)
 
 
 @pytest.mark.parametrize("channel", ["torque", "position"])
-def test_what_comes_back_is_what_one_look_at_a_time_finds(channel: str) -> None:
+def test_grouped_and_single_searches_find_the_same_repetitions(channel: str) -> None:
     """Grouped once, for a pass over all samples for each that is off took seconds a round."""
     rng = np.random.default_rng(3)
     both, twinless = [0, 0], 0
@@ -138,7 +138,7 @@ def test_what_comes_back_is_what_one_look_at_a_time_finds(channel: str) -> None:
     assert min(*both, twinless) > 50
 
 
-def test_a_gain_is_of_the_load_besides_too(tmp_path: Path) -> None:
+def test_drive_gain_and_payload_are_reported_together(tmp_path: Path) -> None:
     """Half of what a drive's torque is, and 6 kg more at the flange: neither the one nor the other alone says it."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
     a = np.gradient(v, t, axis=0)
@@ -153,7 +153,7 @@ def test_a_gain_is_of_the_load_besides_too(tmp_path: Path) -> None:
     assert found.heldout_after < 1.05 * found.noise_floor
 
 
-def test_the_speed_of_a_peak_of_friction_has_an_interval(tmp_path: Path) -> None:
+def test_speed_of_a_friction_peak_has_an_interval(tmp_path: Path) -> None:
     """Laws of several numbers were looked at on their grid alone, and the interval was one point of it."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.07) + 0.02 * np.sign(v[:, 1]) * np.abs(tau[:, 1])

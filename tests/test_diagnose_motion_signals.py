@@ -37,7 +37,7 @@ def moved(joints: int = 1, seed: int = 3, **more) -> Recording:
     return recorded(t, q, v)
 
 
-def test_what_has_no_running_clock_is_no_motion() -> None:
+def test_recording_without_a_running_clock_is_refused() -> None:
     r = moved(periods=2)
     assert r.time is not None
     still, lone = r.time.copy(), np.arange(len(r.time))
@@ -52,7 +52,7 @@ def test_what_has_no_running_clock_is_no_motion() -> None:
             build_motion_signals(wrong, 1)
 
 
-def test_stretches_too_short_are_left_out_and_velocities_are_differentiated() -> None:
+def test_short_segments_are_left_out_and_positions_differentiated() -> None:
     """The last half second behind a gap is no stretch; q̇ of encoders alone is that of the motion."""
     t, q, v, _ = excited(1, np.random.default_rng(4), periods=2)
     late = t + 3.0 * (np.arange(len(t)) >= len(t) - 20)
@@ -64,7 +64,7 @@ def test_stretches_too_short_are_left_out_and_velocities_are_differentiated() ->
 
 
 @pytest.mark.parametrize("by", [0.0, 0.03, -0.017, 0.2, -0.2, 1e3, -1e3])
-def test_what_is_late_is_moved_by_parts_of_a_sample_its_ends_held(by: float) -> None:
+def test_delays_shift_by_fractional_samples_with_constant_ends(by: float) -> None:
     r = moved(2, periods=2)
     m = build_motion_signals(r, 2)
     x = np.stack([np.sin(0.7 * m.time), np.cos(0.4 * m.time)], axis=1)
@@ -77,7 +77,7 @@ def test_what_is_late_is_moved_by_parts_of_a_sample_its_ends_held(by: float) -> 
     np.testing.assert_allclose(late[beyond], np.broadcast_to(held, late[beyond].shape), atol=1e-12)
 
 
-def test_periods_are_those_of_the_labels_where_these_come_back() -> None:
+def test_periods_follow_repeating_labels() -> None:
     """Labels name the period; those that do not come back, or are uneven, are no periods and the shape decides."""
     r, each = moved(periods=4), 600
     label = np.arange(len(r)) // each
@@ -92,7 +92,7 @@ def test_periods_are_those_of_the_labels_where_these_come_back() -> None:
     assert build_motion_signals(r, 1, repeats=False).length == 0.0
 
 
-def test_a_channel_that_was_not_recorded_is_refused_by_what_it_needs(tmp_path: Path) -> None:
+def test_missing_channel_is_refused_with_its_requirements(tmp_path: Path) -> None:
     cell, r = arm(tmp_path, 2), moved(2)
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match=r"qse1_deg … are needed for the channel link"):
@@ -124,7 +124,7 @@ def test_a_channel_that_was_not_recorded_is_refused_by_what_it_needs(tmp_path: P
     assert correct_torque_side(r, build_motion_signals(r, 2), tau) == (r, [])
 
 
-def test_a_line_through_what_stands_still_has_no_slope() -> None:
+def test_line_through_a_constant_has_no_slope() -> None:
     assert fit_slope(np.ones(9), np.arange(9.0)) == (0.0, 0.0)
     assert fit_slope(np.arange(9.0), 3.0 * np.arange(9.0)) == pytest.approx((3.0, 1.0))
 
@@ -136,7 +136,7 @@ def massless(folder: Path) -> Cell:
     return cell
 
 
-def test_link_side_encoders_without_inertias_are_loaded_by_the_recorded_torque_or_not_at_all(tmp_path: Path) -> None:
+def test_link_side_encoders_without_inertias_use_the_recorded_torque(tmp_path: Path) -> None:
     """Springs of 1e-6 and 2e-6 rad/(N·m) are found from the torque, whose friction has columns of its own."""
     t, q, v, a = excited(2, np.random.default_rng(6))
     tau = load_dynamics(arm(tmp_path, 2)).compute_torque(q, v, a)
@@ -162,7 +162,7 @@ def test_link_side_encoders_without_inertias_are_loaded_by_the_recorded_torque_o
     assert "joint_hysteresis" in {h.effect for h in catalogue.hypotheses}
 
 
-def test_a_second_encoder_that_is_lost_or_stands_still_is_none(tmp_path: Path) -> None:
+def test_lost_or_constant_second_encoder_is_ignored(tmp_path: Path) -> None:
     cell, r = massless(tmp_path), moved(2)
     lost = np.column_stack([r.q[:, 0], np.full(len(r), np.nan)])
     problem, *_ = motion_channels.build_motion_problem(
@@ -175,7 +175,7 @@ def test_a_second_encoder_that_is_lost_or_stands_still_is_none(tmp_path: Path) -
     assert motion_channels.list_testable_channels(replace(r, q_secondary=0.0 * r.q), cell) == ()
 
 
-def test_a_tracked_tool_of_an_arm_whose_loads_nobody_knows(tmp_path: Path) -> None:
+def test_tracked_tcp_without_known_loads_has_no_base_compliance(tmp_path: Path) -> None:
     """Neither inertias nor torques: no compliances in the base, no laws of gears, and both are said."""
     path = CELLS / "kr240_drilling"
     cell = load_cell(path)
@@ -192,7 +192,7 @@ def test_a_tracked_tool_of_an_arm_whose_loads_nobody_knows(tmp_path: Path) -> No
     assert np.abs(problem.y).max() < 1e-9  # it stands where it is expected
 
 
-def test_warming_follows_the_recorded_temperature_or_the_clock(tmp_path: Path) -> None:
+def test_warming_follows_the_recorded_temperature_or_time(tmp_path: Path) -> None:
     cell, r = massless(tmp_path), moved(2)
     m = build_motion_signals(r, 2)
     warm_one = np.linspace(20.0, 30.0, len(r))
@@ -211,7 +211,7 @@ def test_warming_follows_the_recorded_temperature_or_the_clock(tmp_path: Path) -
     )  # type: ignore[arg-type]
 
 
-def test_a_command_that_stands_still_has_no_lag(tmp_path: Path) -> None:
+def test_constant_command_has_no_lag(tmp_path: Path) -> None:
     """One joint 20 ms behind is said; the one that is never asked to move is not."""
     t, q, v, _ = excited(2, np.random.default_rng(7))
     asked = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
@@ -222,7 +222,7 @@ def test_a_command_that_stands_still_has_no_lag(tmp_path: Path) -> None:
     assert next(iter(found.parameters.values())).value == pytest.approx(20.0, rel=0.05)
 
 
-def test_masses_are_as_stated_where_a_balancer_and_gains_say_the_same_with_less_to_pay() -> None:
+def test_stated_masses_are_preferred_where_compensator_and_gains_explain_as_much() -> None:
     """What no payload makes up was left to the links, though it asked three of them for 15 % of their mass."""
     rng = np.random.default_rng(8)
     n, joints = 720, 3

@@ -32,7 +32,7 @@ def spread(r: Recording) -> float:
 
 
 @pytest.mark.parametrize("fit", [True, False])
-def test_a_tracker_put_down_again_has_a_frame_of_its_own(fit: bool) -> None:
+def test_moved_tracker_gets_its_own_frame(fit: bool) -> None:
     cell, robot, _ = arm()
     r, rows = visits(fit=fit)
     x = np.array(r.position)
@@ -56,7 +56,7 @@ def test_a_tracker_put_down_again_has_a_frame_of_its_own(fit: bool) -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_encoder_with_another_zero_is_a_column(sign: float) -> None:
+def test_encoder_with_another_zero_is_a_column(sign: float) -> None:
     cell, robot, _ = arm()
     r, rows = visits(fit=True)
     q = r.q.copy()
@@ -67,7 +67,7 @@ def test_an_encoder_with_another_zero_is_a_column(sign: float) -> None:
     np.testing.assert_allclose(read.q, r.q, atol=2e-5)
 
 
-def test_a_reflector_put_back_otherwise_is_brought_to_where_it_was() -> None:
+def test_replaced_reflector_is_corrected() -> None:
     cell, robot, _ = arm()
     r, rows = visits(fit=True)
     T = cell.tool.T_flange_tcp
@@ -80,7 +80,7 @@ def test_a_reflector_put_back_otherwise_is_brought_to_where_it_was() -> None:
     assert spread(read) < 1.2 * spread(r)
 
 
-def test_noise_and_warm_links_are_left_to_the_catalogue() -> None:
+def test_noise_and_thermal_growth_are_left_to_the_catalogue() -> None:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
     r, rows = visits(fit=True)
@@ -89,7 +89,7 @@ def test_noise_and_warm_links_are_left_to_the_catalogue() -> None:
     assert moved_tracker_or_target.correct_session_changes(grown, robot, T) == (grown, [])
 
 
-def test_a_shift_alone_may_be_warmth_unless_temperatures_say_otherwise() -> None:
+def test_shift_alone_may_be_thermal_unless_temperatures_exclude_it() -> None:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
     r, rows = visits(fit=True)
@@ -103,7 +103,7 @@ def test_a_shift_alone_may_be_warmth_unless_temperatures_say_otherwise() -> None
 
 
 @pytest.mark.parametrize(("drifts", "blamed"), [(0.5, False), (0.1, True)])
-def test_no_tracker_is_blamed_for_a_shift_that_a_drift_makes_within_a_session(drifts: float, blamed: bool) -> None:
+def test_drift_within_a_session_is_no_moved_tracker(drifts: float, blamed: bool) -> None:
     cell, robot, _ = arm()
     r, rows = visits(fit=True)
     up = replace(r, position=np.array(r.position) + 3e-4 * rows[:, None] * [0.0, 0.0, 1.0])

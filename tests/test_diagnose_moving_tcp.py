@@ -52,7 +52,7 @@ def lags(catalogue: HypothesisCatalogue) -> dict[str, EffectHypothesis]:
     return {h.law: h for h in catalogue.hypotheses if h.effect == "servo_lag"}
 
 
-def test_the_base_holds_the_compliances_of_the_arm(driven: tuple[Cell, Recording]) -> None:
+def test_base_model_contains_the_compliances_of_the_arm(driven: tuple[Cell, Recording]) -> None:
     """5 %: 3,000 samples with 20 µm of noise; the tracker's frame and the target are fitted along.
 
     The target lies on axis 6, which therefore is not seen.
@@ -71,7 +71,7 @@ def test_the_base_holds_the_compliances_of_the_arm(driven: tuple[Cell, Recording
     }
 
 
-def test_an_arm_behind_its_command_is_offered_as_the_encoders_show_it(driven: tuple[Cell, Recording]) -> None:
+def test_arm_behind_its_command_is_offered_as_in_the_encoders(driven: tuple[Cell, Recording]) -> None:
     cell, recording = driven
     assert recording.velocity is not None
     asked = recording.q + LATE * recording.velocity  # the TCP is where the encoders are
@@ -85,7 +85,7 @@ def test_an_arm_behind_its_command_is_offered_as_the_encoders_show_it(driven: tu
     assert [f for f in found if f.effect == "time_skew"] == []
 
 
-def test_encoders_with_a_clock_of_their_own_are_told_from_a_late_arm(driven: tuple[Cell, Recording]) -> None:
+def test_encoder_delay_and_arm_delay_are_separated(driven: tuple[Cell, Recording]) -> None:
     cell, recording = driven
     assert recording.velocity is not None
     told = replace(recording, q=recording.q - LATE * recording.velocity, q_command=recording.q)
@@ -96,7 +96,7 @@ def test_encoders_with_a_clock_of_their_own_are_told_from_a_late_arm(driven: tup
     assert late.after < 0.2 * late.before
 
 
-def test_the_channel_needs_a_tracked_position(driven: tuple[Cell, Recording]) -> None:
+def test_channel_requires_a_tracked_position(driven: tuple[Cell, Recording]) -> None:
     cell, recording = driven
     with pytest.raises(InputError, match="the channel tip needs x_mm, y_mm, z_mm"):
         built(cell, replace(recording, position=None))

@@ -122,7 +122,7 @@ def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[WhitenedModel
     return found, whiten_hypotheses(found, laws)
 
 
-def test_exactly_what_was_planted_is_found() -> None:
+def test_exactly_the_planted_effects_are_found() -> None:
     base, laws = model(MANY, 1)
     among, found = search_stages.search_effects(base, laws, 3, np.random.default_rng(0), 1.0)
     assert {c.whitened.hypothesis.name for c in found} == set(MANY)
@@ -131,20 +131,20 @@ def test_exactly_what_was_planted_is_found() -> None:
     assert {t.hypothesis.name for t in among} == {t.hypothesis.name for t in laws}  # rivals stay
 
 
-def test_fewer_than_three_effects_asked_for_are_no_more_than_that() -> None:
+def test_requested_limit_of_effects_is_respected() -> None:
     base, laws = model(MANY, 1)
     assert len(search_stages.search_effects(base, laws, 2, np.random.default_rng(0), 1.0)[1]) == 2
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_nothing_is_found_in_noise_and_few_effects_are_left_to_the_search_one_by_one(seed: int) -> None:
+def test_nothing_is_found_in_noise_and_few_effects_are_left_to_the_stepwise_search(seed: int) -> None:
     base, laws = model({}, seed)
     assert sparse_effect_selection.select_many_effects(base, laws, 1.0) == []
     few = dict(list(MANY.items())[:3])
     assert sparse_effect_selection.select_many_effects(*model(few, seed), 1.0) == []
 
 
-def test_other_channels_and_small_recordings_are_not_searched_so() -> None:
+def test_other_channels_and_small_recordings_are_not_searched() -> None:
     base, laws = model(MANY, 1)
     assert (
         sparse_effect_selection.select_many_effects(base, [t for t in laws if t.hypothesis.effect != "geometry"], 1.0)
@@ -154,7 +154,7 @@ def test_other_channels_and_small_recordings_are_not_searched_so() -> None:
     assert sparse_effect_selection.select_many_effects(base.with_columns(wide), laws, 1.0) == []
 
 
-def test_sums_are_those_of_explicit_refits() -> None:
+def test_sums_equal_explicit_refits() -> None:
     base, laws = model(MANY, 2)
     found = normal_equation_sums.CachedSums(base, laws).sum_all
     taken, more = found.groups[3], found.groups[10]
@@ -173,7 +173,7 @@ def test_sums_are_those_of_explicit_refits() -> None:
     assert sparse_effect_selection._compute_holdout_squares(found, columns) == pytest.approx(unseen, rel=1e-6)
 
 
-def test_sums_beside_some_laws_are_those_of_explicit_products() -> None:
+def test_sums_beside_laws_equal_explicit_products() -> None:
     base, laws = model(MANY, 2)
     first = [(next(t for t in laws if t.hypothesis.name == ("payload", "tool")), 0), (laws[0], len(laws[0].shapes) - 1)]
     found = normal_equation_sums.CachedSums(base, laws).select_groups(
@@ -190,7 +190,7 @@ def test_sums_beside_some_laws_are_those_of_explicit_products() -> None:
     np.testing.assert_allclose(found.total, A.T @ A + np.diag(known), rtol=1e-9, atol=1e-8)
 
 
-def test_what_is_written_is_the_fit_of_the_whole_sum() -> None:
+def test_written_result_is_the_fit_of_the_whole_sum() -> None:
     """Two frames that move alike but for 7 in 1000, half a ten-thousandth of a square: what tells them is needed."""
     base, laws = model(MANY, 3)
     one, other = (next(t for t in laws if t.hypothesis.name == ("geometry", f"joint:{j}")) for j in (3, 5))
@@ -218,7 +218,7 @@ def test_gains_beside_few_columns_need_no_products_between_groups() -> None:
         )
 
 
-def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_leading() -> None:
+def test_laws_of_weight_without_a_clear_gain_are_not_leading() -> None:
     """As many loads as are looked at in a step, each a little of everything: 1.2 times the gain of the best frame."""
     base, laws = model(MANY, 1)
     among = [t for t in laws if t.hypothesis.family == "kinematic"]
@@ -241,7 +241,7 @@ def test_laws_of_weight_that_do_not_gain_clearly_more_take_no_place_among_the_le
     assert found >= {name for name in MANY if name[0] != "payload"}
 
 
-def test_the_fit_that_chance_is_judged_by_is_the_one_that_unseen_folds_are_held_against() -> None:
+def test_in_sample_and_held_out_fits_are_the_same_model() -> None:
     base, laws = model({("geometry", "joint:3"): (), ("transmission_error", "joint:2"): (5.0,)}, 3)
     for alone, whole in zip(fit_hypotheses(base, laws), score_hypotheses(base, laws), strict=True):
         assert (alone.whitened, alone.shape, alone.gain, alone.visible) == (
@@ -277,7 +277,7 @@ def offsets_in_frames(
     return planted, whiten_hypotheses(planted, offered)
 
 
-def test_offsets_that_frames_hold_among_their_directions_are_told_as_offsets() -> None:
+def test_offsets_within_frame_directions_are_reported_as_offsets() -> None:
     """Frames of joints 2 and 4 hold offsets 2 to 5 and gain more at each step: six numbers where four are enough."""
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
     greedy = select_effects(base, [t for t in laws if t.hypothesis.effect == "geometry"], 6, np.random.default_rng(0))
@@ -288,7 +288,7 @@ def test_offsets_that_frames_hold_among_their_directions_are_told_as_offsets() -
     assert len(kept) <= 2  # never more than are asked for
 
 
-def test_a_frame_whose_own_direction_shows_stays_a_frame() -> None:
+def test_frame_with_its_own_direction_remains_a_frame() -> None:
     base, laws = offsets_in_frames(8, (3,), (5,))
     found = description_length.find_shortest_description(
         base, select_effects(base, laws, 6, np.random.default_rng(0)), normal_equation_sums.CachedSums(base, laws), 6
@@ -297,7 +297,7 @@ def test_a_frame_whose_own_direction_shows_stays_a_frame() -> None:
 
 
 @pytest.mark.parametrize(("varies", "named"), [(0.25, "gravity_compensator"), (0.0, "joint_zero_offset")])
-def test_a_number_counts_by_the_noise_however_loud_the_effect_is(varies: float, named: str) -> None:
+def test_coefficient_is_judged_by_the_noise_not_by_the_effect_size(varies: float, named: str) -> None:
     """Five standard deviations of a second number seemed nothing by what a law ten times the noise leaves unfitted."""
     rng = np.random.default_rng(4)
     base, _ = model({}, 4)
@@ -314,7 +314,7 @@ def test_a_number_counts_by_the_noise_however_loud_the_effect_is(varies: float, 
 
 
 @pytest.mark.parametrize(("varies", "named"), [(0.6, "gravity_compensator"), (0.2, "joint_zero_offset")])
-def test_an_offset_that_a_torque_at_its_joint_says_clearly_better_is_that_torque(varies: float, named: str) -> None:
+def test_offset_explained_better_by_a_joint_torque_is_that_torque(varies: float, named: str) -> None:
     rng = np.random.default_rng(4)
     base, _ = model({}, 4)
     constant, part = (again(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
@@ -339,7 +339,7 @@ def test_an_offset_that_a_torque_at_its_joint_says_clearly_better_is_that_torque
     assert [c.whitened for c in kept] == [first]  # an unnamed form takes no name's place
 
 
-def test_forms_without_a_name_are_made_once_and_only_those_of_few_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unnamed_forms_are_built_once_and_have_few_coefficients(monkeypatch: pytest.MonkeyPatch) -> None:
     base, laws = model({}, 3)
     forms, calls = [made("unnamed", "tool", lambda s, p=p: np.ones((N, 3, p)), ((),), "unnamed") for p in (3, 12)], []
     wide = whiten_hypotheses(base, [made("geometry", "joint:3", lambda s: np.ones((N, 3, 6)), ((1.0,),), "kinematic")])
@@ -355,7 +355,7 @@ def test_forms_without_a_name_are_made_once_and_only_those_of_few_numbers(monkey
     assert [[t.hypothesis for t in some] for some in few] == [[forms[0]], [forms[0]], []]
 
 
-def test_what_was_found_is_the_first_groups_a_wave_and_its_double_too() -> None:
+def test_sum_of_waves_and_its_groups_keep_their_coefficients() -> None:
     """A sum of waves has the same name: left out for it, the numbers of all groups behind it were another law's."""
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
     q, lever = np.random.default_rng(9).uniform(-2.5, 2.5, (2, POSES, 1))
@@ -416,7 +416,7 @@ LINK, BASE = ("link_compliance", "link:2"), ("base_compliance", "base")
         (BASE, "joint_zero_offset", "joint:4", 50.0, True),
     ],
 )
-def test_what_the_law_of_a_soft_body_leaves_of_it_is_no_second_effect(
+def test_law_error_of_a_soft_body_is_no_second_effect(
     body: tuple[str, str], effect: str, where: str, gain: float, named: bool
 ) -> None:
     columns = again(np.random.default_rng(11).normal(size=(POSES, 3, 1)))
@@ -425,7 +425,7 @@ def test_what_the_law_of_a_soft_body_leaves_of_it_is_no_second_effect(
     assert ((effect, where) in {c.whitened.hypothesis.name for c in found}) == named
 
 
-def test_products_with_a_model_are_worked_out_once_for_each_of_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_products_with_a_model_are_computed_once_per_part(monkeypatch: pytest.MonkeyPatch) -> None:
     base, laws = model(MANY, 4)
     laws = whiten_hypotheses(base, [t.hypothesis for t in laws])
     worked: list[int] = []
@@ -451,7 +451,7 @@ def test_products_with_a_model_are_worked_out_once_for_each_of_its_parts(monkeyp
 
 
 @pytest.mark.parametrize("lengths", [(7, 7, 7), (8, 7, 6), (30, 1, 2), (5,), (9, 0, 9)])
-def test_products_by_fold_are_those_of_each_fold(lengths: tuple[int, ...]) -> None:
+def test_products_by_fold_equal_those_of_each_fold(lengths: tuple[int, ...]) -> None:
     rng = np.random.default_rng(sum(lengths))
     rows = np.split(rng.permutation(sum(lengths)), np.cumsum(lengths)[:-1])
     x, y = rng.normal(size=(sum(lengths), 3, 2)), rng.normal(size=(sum(lengths), 4))

@@ -34,7 +34,7 @@ def sound(*, fit: bool) -> Recording:
 @pytest.mark.parametrize(
     ("angle", "length"), [*((a, "") for a in ANGLES), *(("", n) for n in LENGTHS), ("turns", "inches")]
 )
-def test_a_unit_is_known_by_what_fits_the_arm(fit: bool, hit: tuple[int, ...], angle: str, length: str) -> None:
+def test_unit_is_identified_by_the_best_fit(fit: bool, hit: tuple[int, ...], angle: str, length: str) -> None:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
     right = sound(fit=fit)
@@ -60,7 +60,7 @@ def test_a_unit_is_known_by_what_fits_the_arm(fit: bool, hit: tuple[int, ...], a
 @pytest.mark.parametrize("fit", [True, False])
 @pytest.mark.parametrize("hit", [(0, 1, 2), (2,)])
 @pytest.mark.parametrize(("joint", "angle"), [(4, "radians"), (0, "radians"), (3, "turns")])
-def test_one_joint_from_another_list(fit: bool, hit: tuple[int, ...], joint: int, angle: str) -> None:
+def test_single_joint_with_another_unit_is_identified(fit: bool, hit: tuple[int, ...], joint: int, angle: str) -> None:
     cell, robot, _ = arm()
     right = sound(fit=fit)
     q = right.q.copy()
@@ -71,7 +71,7 @@ def test_one_joint_from_another_list(fit: bool, hit: tuple[int, ...], joint: int
     assert f"the column q{joint + 1}_deg holds {angle}" in finding.note
 
 
-def test_a_sound_record_and_a_wrong_tcp_are_left_alone() -> None:
+def test_correct_recording_and_wrong_tcp_remain() -> None:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp.copy()
     for wrong in (0.0, 0.15):
@@ -80,7 +80,7 @@ def test_a_sound_record_and_a_wrong_tcp_are_left_alone() -> None:
         assert pose_units.correct_pose_units(right, robot, T) == (right, [])
 
 
-def test_what_poses_leave_is_written_with_the_angles_it_holds_for() -> None:
+def test_residual_pose_errors_are_written_with_their_joint_ranges() -> None:
     """Of readings that took part; a coordinate; nothing of too few poses."""
     r = sound(fit=False)
     used = np.arange(len(r)) != 7

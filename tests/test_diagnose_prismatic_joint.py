@@ -114,7 +114,7 @@ def diagnosed(cell: Path, recording: Path, out: Path) -> dict:
     return json.loads((out / "diagnosis.json").read_text())
 
 
-def test_poses_slopes_and_weights_are_those_of_pinocchio(cell: Path) -> None:
+def test_poses_derivatives_and_weights_equal_pinocchio(cell: Path) -> None:
     loaded = load_cell(cell, any_chain=True)
     robot, masses, rng = load_robot(loaded), load_masses(loaded), np.random.default_rng(1)
     model = pin.buildModelFromXML(urdf())
@@ -137,9 +137,7 @@ def test_poses_slopes_and_weights_are_those_of_pinocchio(cell: Path) -> None:
         assert np.abs(slope[m] + turned).max() < 1e-7
 
 
-def test_a_frame_that_is_elsewhere_is_found_behind_a_joint_that_slides_and_its_file_puts_it_right(
-    cell: Path, tmp_path: Path
-) -> None:
+def test_shifted_frame_behind_a_prismatic_joint_is_found_and_corrected(cell: Path, tmp_path: Path) -> None:
     recording = record(tmp_path / "recording", np.random.default_rng(2), moved=TWIST)
     said = diagnosed(cell, recording, tmp_path / "out")
     (finding,) = said["findings"]
@@ -155,18 +153,18 @@ def test_a_frame_that_is_elsewhere_is_found_behind_a_joint_that_slides_and_its_f
     assert not again["findings"]
 
 
-def test_nothing_is_named_where_springs_alone_bend(cell: Path, tmp_path: Path) -> None:
+def test_nothing_is_named_where_only_springs_deflect(cell: Path, tmp_path: Path) -> None:
     said = diagnosed(cell, record(tmp_path / "recording", np.random.default_rng(3)), tmp_path / "out")
     assert said["verdict"] == "consistent"
     assert not said["findings"]
 
 
-def test_a_slide_that_is_written_in_metres_is_a_wrong_unit(cell: Path, tmp_path: Path) -> None:
+def test_prismatic_joint_in_metres_is_a_wrong_unit(cell: Path, tmp_path: Path) -> None:
     said = diagnosed(cell, record(tmp_path / "recording", np.random.default_rng(4), slide=1.0), tmp_path / "out")
     assert [(f["effect"], f["location"]) for f in said["findings"]] == [("units", "column:q1_mm")]
 
 
-def test_joints_that_are_not_the_cells_and_load_tests_are_refused(
+def test_wrong_joints_and_load_tests_are_refused(
     cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = record(tmp_path / "recording", np.random.default_rng(5))

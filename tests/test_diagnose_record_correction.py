@@ -75,7 +75,7 @@ def mend(r: Recording, cell: str = CELL, **options) -> tuple[Recording, list[Fin
     return static_record_correction.correct_static_record(r, arm_, T, prior, **options)
 
 
-def test_a_sound_record_is_left_as_it_is() -> None:
+def test_correct_recording_remains_unchanged() -> None:
     for r in (sound(), sound(rotations=True), sound(frame="tool")):
         mended, findings, _ = mend(r)
         assert findings == []
@@ -105,7 +105,7 @@ UNITS = [
 
 
 @pytest.mark.parametrize(("group", "factor", "rotations"), UNITS)
-def test_another_unit_is_named_by_its_columns_and_put_right(group: str, factor: float, rotations: bool) -> None:
+def test_wrong_unit_is_named_by_its_columns_and_corrected(group: str, factor: float, rotations: bool) -> None:
     r = sound(rotations)
     mended, findings, _ = mend(scaled(r, group, factor))
     assert [(f.effect, f.location) for f in findings] == [("units", f"column:{group}")]
@@ -115,7 +115,7 @@ def test_another_unit_is_named_by_its_columns_and_put_right(group: str, factor: 
         assert np.allclose(getattr(mended, name), getattr(r, name), rtol=1e-12, atol=0.0)
 
 
-def test_kilograms_throughout_are_mended_throughout() -> None:
+def test_kilograms_in_all_rows_are_corrected_in_all() -> None:
     r = sound(rotations=True)
     kilograms = scaled(scaled(r, "fx_N", 1 / 9.80665), "mx_Nm", 1 / 9.80665)
     mended, findings, _ = mend(kilograms)
@@ -123,7 +123,7 @@ def test_kilograms_throughout_are_mended_throughout() -> None:
     assert np.allclose(mended.wrench, r.wrench)  # type: ignore[arg-type]
 
 
-def test_a_million_is_one_finding() -> None:
+def test_factor_of_a_million_is_one_finding() -> None:
     r = sound()
     mended, findings, _ = mend(scaled(r, "dx_mm", 1e6))
     assert [f.location for f in findings] == ["column:dx_mm"]
@@ -132,7 +132,7 @@ def test_a_million_is_one_finding() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.3, 3.0])
-def test_springs_three_times_off_the_cell_are_no_unit(factor: float) -> None:
+def test_springs_three_times_off_the_cell_are_no_unit_error(factor: float) -> None:
     arm_, T, prior = robot()
     r = sound()
     mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, prior * factor)
@@ -140,7 +140,7 @@ def test_springs_three_times_off_the_cell_are_no_unit(factor: float) -> None:
     assert mended is r
 
 
-def test_a_joint_ten_times_softer_is_no_unit() -> None:
+def test_joint_ten_times_softer_is_no_unit_error() -> None:
     """The displacement per load is many times the cell's then, too, and most joints are as they should be."""
     arm_, T, prior = robot()
     r = sound()
@@ -151,7 +151,7 @@ def test_a_joint_ten_times_softer_is_no_unit() -> None:
         assert mended is r
 
 
-def test_displacements_that_scatter_as_stated_are_in_the_unit_that_is_stated() -> None:
+def test_displacements_with_the_stated_scatter_have_the_stated_unit() -> None:
     """An arm seven times stiffer than its cell says looks like centimetres, but its tracker is no ten times better."""
     arm_, T, prior = robot()
     r = sound()
@@ -170,7 +170,7 @@ def test_displacements_that_scatter_as_stated_are_in_the_unit_that_is_stated() -
     ] == ["units"]
 
 
-def test_a_guessed_stiffness_does_not_tell_pounds_from_a_soft_arm() -> None:
+def test_estimated_stiffness_does_not_separate_pounds_from_a_soft_arm() -> None:
     arm_, T, prior = robot()
     pounds = scaled(sound(), "fx_N", 1 / 4.44822)
     assert [f.location for f in static_record_correction.correct_static_record(pounds, arm_, T, prior)[1]] == [
@@ -183,14 +183,14 @@ def test_a_guessed_stiffness_does_not_tell_pounds_from_a_soft_arm() -> None:
     ] == ["column:fx_N"]
 
 
-def test_what_the_user_accepts_is_not_mended() -> None:
+def test_accepted_values_are_not_corrected() -> None:
     r = scaled(sound(), "dx_mm", 1 / 25.4)
     mended, findings, _ = mend(r, accept=("units",))
     assert findings == []
     assert mended is r
 
 
-def test_other_frames_and_signs_are_named_and_put_right() -> None:
+def test_wrong_frames_and_signs_are_named_and_corrected() -> None:
     r, tool = sound(), sound(frame="tool")
     assert r.wrench is not None
     cases = [
@@ -206,7 +206,7 @@ def test_other_frames_and_signs_are_named_and_put_right() -> None:
         assert (mended.wrench_frame, mended.displacement_frame) == (frame, "base")
 
 
-def test_moments_about_the_flange_are_named_and_put_right() -> None:
+def test_moments_about_the_flange_are_named_and_corrected() -> None:
     r = sound(rotations=True)
     arm_, T, _ = robot()
     assert r.wrench is not None
@@ -219,7 +219,7 @@ def test_moments_about_the_flange_are_named_and_put_right() -> None:
     assert np.abs(told.wrench - want.wrench).max() < 1e-9
 
 
-def test_copies_are_told_from_repeats() -> None:
+def test_duplicates_are_separated_from_replicates() -> None:
     r = sound()
     assert r.displacement is not None
     assert not outlier_rows.find_copied_rows(r).any()
@@ -231,7 +231,7 @@ def test_copies_are_told_from_repeats() -> None:
     assert not outlier_rows.find_copied_rows(coarse).any()
 
 
-def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
+def test_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     """The simulator's sensor stands where weight puts it; the encoders do not know."""
     arm_, T, _ = robot()
     base, tool = sound(), sound(frame="tool")
@@ -249,7 +249,7 @@ def test_a_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
 
 
 @pytest.mark.parametrize("weight_only", [False, True])
-def test_displacements_in_axes_of_the_sagged_tool_are_turned_back(weight_only: bool) -> None:
+def test_displacements_in_sagged_tool_axes_are_corrected(weight_only: bool) -> None:
     """A soft arm: the tool's axes turn by milliradians, and displacements of millimetres with them."""
     arm_, T, _ = robot()
     a, rng = arm(CELL), np.random.default_rng(31)
@@ -269,7 +269,7 @@ def test_displacements_in_axes_of_the_sagged_tool_are_turned_back(weight_only: b
 
 
 @pytest.mark.parametrize("offset_N", [(7.0, 19.0, -2.0), (48.0, 19.0, 31.0)])
-def test_a_zero_of_the_force_does_not_hide_that_the_tool_sags(offset_N: tuple[float, float, float]) -> None:
+def test_force_offset_does_not_hide_the_tool_sag(offset_N: tuple[float, float, float]) -> None:
     """K_C and a zero are as large as what the sag turns; a turned sensor was then named as axes of the tracker."""
     arm_, T, _ = robot()
     tool = sound(frame="tool")
@@ -284,7 +284,7 @@ def test_a_zero_of_the_force_does_not_hide_that_the_tool_sags(offset_N: tuple[fl
     )
 
 
-def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() -> None:
+def test_weights_in_encoder_tool_axes_remain() -> None:
     """The springs tell it from a sensor that sags with the arm."""
     arm_, T, _ = robot()
     base = sound()
@@ -298,7 +298,7 @@ def test_weights_turned_into_tool_axes_by_the_encoders_stay_where_these_say() ->
     assert kept is told
 
 
-def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
+def test_spring_far_from_the_cell_is_reported() -> None:
     def joint(number: int, value: float, sigma: float) -> BaseCoefficient:
         return BaseCoefficient(
             BaseUnknown(name=f"joint {number}", unit="rad/(N·m)", key=build_joint_spring_key(number)),
@@ -315,7 +315,7 @@ def test_a_spring_that_the_cell_misses_by_far_is_said() -> None:
     assert describe_deviating_springs(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
 
 
-def test_every_word_of_the_check_has_its_mend_or_none() -> None:
+def test_every_check_has_its_correction_or_none() -> None:
     """What a check says goes through :func:`static_record_correction._mended`; what it has no rule for is left and
     said."""
     arm_, T, _ = robot()
@@ -344,7 +344,7 @@ def test_every_word_of_the_check_has_its_mend_or_none() -> None:
     np.testing.assert_allclose(scaled_back.wrench, r.wrench, rtol=1e-12)
 
 
-def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_uncorrectable_error_is_reported_first(monkeypatch: pytest.MonkeyPatch) -> None:
     arm_, T, prior = robot()
     odd = Problem(code="something new", severity="error", message="nobody has seen this before")
     monkeypatch.setattr(static_record_correction, "check_experiment", lambda *_: [odd])
@@ -358,7 +358,7 @@ def test_an_error_that_nothing_mends_is_said_first(monkeypatch: pytest.MonkeyPat
     ]
 
 
-def test_nothing_was_measured_nothing_is_a_copy() -> None:
+def test_no_measurement_is_no_duplicate() -> None:
     r = sound()
     assert not outlier_rows.find_copied_rows(replace(r, displacement=None)).any()
     arm_, T, _ = robot()

@@ -79,13 +79,13 @@ def first(recording: Recording) -> tuple[NominalPoseModel, Array]:
     return model, np.concatenate([frame.target, [model.residual(frame, p, R).std(axis=0)]])
 
 
-def test_stands_and_places_come_out_where_they_are() -> None:
+def test_tracker_stations_and_reflector_places_are_recovered() -> None:
     _, found = first(recorded())
     np.testing.assert_allclose(found[:3], BESIDE, atol=2e-6)  # the prior of nominal places holds next to nothing
     assert found[3].max() < 1e-6  # m: nothing else is left
 
 
-def test_base_and_notes_hold_every_frame_and_place() -> None:
+def test_base_and_notes_contain_every_frame_and_place() -> None:
     cell, robot, masses = arm()
     recording, said = reflectors_and_tracker_frames.transform_to_base(recorded(), robot, cell.tool.T_flange_tcp)
     problem, catalogue, notes = measured_pose_channel.build_measured_pose_problem(
@@ -108,7 +108,7 @@ def _fit(problem: measured_pose_channel.DiagnosisProblem) -> Array:
     return np.asarray(np.linalg.lstsq(A / size, problem.y.reshape(-1), rcond=1e-12)[0] / size)
 
 
-def test_twelve_poses_of_three_reflectors_see_turned_axes_far_sharper_than_those_of_one() -> None:
+def test_three_reflectors_observe_axis_rotations_better_than_one() -> None:
     """1 sigma of each joint's turn, all frames of joints fitted beside the base, maker's priors on them."""
     cell, robot, masses = arm()
     whole, _ = reflectors_and_tracker_frames.transform_to_base(recorded(stands=1), robot, cell.tool.T_flange_tcp)
@@ -143,7 +143,7 @@ def _of(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
     return replace(recording, **{name: getattr(recording, name)[rows] for name in names})
 
 
-def test_a_wrong_place_is_a_fault_of_the_record() -> None:
+def test_wrong_reflector_place_is_a_record_fault() -> None:
     cell, robot, masses = arm()
     wrong = np.zeros((3, 3))
     wrong[1] = [0.02, -0.01, 0.015]
@@ -156,7 +156,7 @@ def test_a_wrong_place_is_a_fault_of_the_record() -> None:
     assert finding.after < 0.1 * finding.before
 
 
-def test_exchanged_names_are_put_right() -> None:
+def test_exchanged_reflector_names_are_corrected() -> None:
     cell, robot, masses = arm()
     wrong = PLACES[[1, 0, 2]] - PLACES
     recording, _ = reflectors_and_tracker_frames.transform_to_base(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
@@ -165,7 +165,7 @@ def test_exchanged_names_are_put_right() -> None:
     np.testing.assert_allclose([t.place for t in mended.targets], PLACES)
 
 
-def test_a_plate_that_is_turned_as_a_whole_is_none() -> None:
+def test_reflector_plate_rotated_as_a_whole_is_no_fault() -> None:
     cell, robot, masses = arm()
     turned = PLACES @ convert_vector_to_rotation(np.array([0.0, 0.0, 0.3])).T
     recording, _ = reflectors_and_tracker_frames.transform_to_base(
@@ -174,7 +174,7 @@ def test_a_plate_that_is_turned_as_a_whole_is_none() -> None:
     assert misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)[1] == []
 
 
-def test_a_stand_without_points_enough_is_refused() -> None:
+def test_station_without_enough_points_is_refused() -> None:
     cell, robot, _ = arm()
     recording = recorded()
     assert recording.frame is not None
@@ -184,14 +184,14 @@ def test_a_stand_without_points_enough_is_refused() -> None:
         reflectors_and_tracker_frames.transform_to_base(replace(recording, frame=frame), robot, cell.tool.T_flange_tcp)
 
 
-def test_one_frame_near_the_base_is_left_to_the_fit() -> None:
+def test_single_frame_near_the_base_is_left_to_the_fit() -> None:
     cell, robot, _ = arm()
     recording = measure()
     assert reflectors_and_tracker_frames.transform_to_base(recording, robot, cell.tool.T_flange_tcp) == (recording, ())
     assert len(poses())
 
 
-def test_three_poses_of_three_reflectors_are_no_twelve_poses() -> None:
+def test_three_poses_of_three_reflectors_are_too_few() -> None:
     """Their places are refitted too: nine readings of three poses hold them and the frame, and nothing else."""
     cell, _, _ = arm()
     few = recorded(stands=1)

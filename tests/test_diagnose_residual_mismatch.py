@@ -26,7 +26,7 @@ def nearest(like: float, extra: float = 40e-6) -> DiagnosisResult:
 
 
 @pytest.mark.parametrize(("like", "named"), [(0.97, True), (0.6, False)])
-def test_the_nearest_law_is_named_only_where_it_outweighs_what_is_left(like: float, named: bool) -> None:
+def test_nearest_law_is_named_only_where_it_exceeds_the_residual(like: float, named: bool) -> None:
     d = nearest(like)
     assert [f.effect for f in d.findings] == (["wind"] if named else [])
     assert (d.verdict == "unexplained") is not named
@@ -37,21 +37,21 @@ def test_the_nearest_law_is_named_only_where_it_outweighs_what_is_left(like: flo
 
 
 @pytest.mark.parametrize(("like", "said"), [(0.985, False), (0.92, True)])
-def test_what_comes_back_beside_an_explanation_is_said(like: float, said: bool) -> None:
+def test_repeatable_residual_beside_an_explanation_is_reported(like: float, said: bool) -> None:
     """Two thirds of the noise came back without a word: a hose that passed for a balancer, say."""
     d = nearest(like)
     assert ([f.effect for f in d.findings], d.verdict) == (["wind"], "explained")
     assert ("still comes back in repeats" in d.sentence) is said
 
 
-def test_a_true_law_is_named_however_small_beside_the_noise() -> None:
+def test_true_law_is_named_however_small() -> None:
     problem, column = build_synthetic_problem(208, extra=6e-6)
     rng = np.random.default_rng(3)
     d = selection_pipeline.diagnose_problem(problem, catalogue(column, rng), selection_pipeline.DiagnosisOptions(), rng)
     assert [f.effect for f in d.findings] == ["wind"]
 
 
-def test_readings_that_cannot_tell_noise_from_mismatch_are_not_consistent() -> None:
+def test_undecidable_readings_are_not_consistent() -> None:
     problem, column = build_synthetic_problem(300)
     rng = np.random.default_rng(4)
     alone = replace(problem, replicate=np.full(len(problem), -1))
@@ -73,7 +73,7 @@ def test_readings_that_cannot_tell_noise_from_mismatch_are_not_consistent() -> N
         assert words in d.sentence
 
 
-def test_what_was_never_measured_twice_is_explained_in_part() -> None:
+def test_recording_without_replicates_is_partly_explained() -> None:
     problem, column = build_synthetic_problem(400, extra=40e-6)
     alone = replace(problem, replicate=np.full(len(problem), -1))
     found = selection_pipeline.diagnose_problem(
@@ -86,7 +86,7 @@ def test_what_was_never_measured_twice_is_explained_in_part() -> None:
     assert told.sentence.startswith("Partly explained: ")
 
 
-def test_a_law_whose_size_may_be_none_is_no_name() -> None:
+def test_law_of_uncertain_size_is_no_name() -> None:
     """A hose was a gravity compensator with a variation of −10 … 12 %: one number of it is sure, and not the size."""
     rng = np.random.default_rng(6)
     problem, column = build_synthetic_problem(400, extra=40e-6)
@@ -106,7 +106,7 @@ def test_a_law_whose_size_may_be_none_is_no_name() -> None:
             assert low > 0.0 or high < 0.0
 
 
-def test_a_law_is_told_by_a_size_that_is_sure() -> None:
+def test_law_is_identified_by_a_certain_size() -> None:
     """A balancer is known by its torque where poses do not tell how much its joint's stiffness varies."""
     problem, column = build_synthetic_problem(400, extra=40e-6)
     idle = np.tile(np.random.default_rng(6).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
@@ -124,7 +124,7 @@ def test_a_law_is_told_by_a_size_that_is_sure() -> None:
     assert f.parameters["peak_torque"].ci95[0] > 0.0
 
 
-def test_the_size_of_a_body_is_of_what_holds_it() -> None:
+def test_size_of_a_body_comes_from_its_observed_coefficients() -> None:
     """One spring at the tool of several coefficients: its largest was the one that nothing holds, 0.33 with −4 … 4."""
     problem, column = build_synthetic_problem(400, extra=40e-6)
     hardly = np.tile(np.random.default_rng(7).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))

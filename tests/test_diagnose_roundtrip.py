@@ -71,7 +71,7 @@ class _Bare:
         self.base = np.zeros((n, 6, 1))
 
 
-def test_what_poses_find_is_what_a_cell_with_it_explains() -> None:
+def test_pose_finding_equals_the_written_stiffness_term() -> None:
     """Every elastic law in its every shape: column times coefficient, and the term that is written of them."""
     cell = load_cell(CELL)
     q = poses()[:20]
@@ -112,7 +112,7 @@ def upright(folder: Path) -> tuple[Recording, Array, object]:
     return recorded(t, q, v), load, cell
 
 
-def test_what_a_motion_finds_is_what_a_cell_with_it_explains(tmp_path: Path) -> None:
+def test_motion_finding_equals_the_written_stiffness_term(tmp_path: Path) -> None:
     """Every law of one joint's torque, memory included."""
     recording, load, cell = upright(tmp_path)
     other = replace(recording, q_secondary=recording.q + load / 2e6)
@@ -134,7 +134,7 @@ def test_what_a_motion_finds_is_what_a_cell_with_it_explains(tmp_path: Path) -> 
     assert {"play", "Bouc–Wen", "cubic"} <= seen
 
 
-def test_an_effect_of_one_file_and_one_line_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
+def test_user_effect_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
     """From link-side encoders, written as a term, and known it leaves nothing."""
     recording, load, cell = upright(tmp_path)
     law, shape = TOY.joint_laws[0], np.array([0.3 * np.abs(load).max()])
@@ -161,7 +161,7 @@ def test_an_effect_of_one_file_and_one_line_is_found_in_a_motion(toy: object, tm
     assert "count as known: joint_jelly joint:1" in again.notes[-1]
 
 
-def test_terms_that_a_channel_does_not_count_are_said_apart() -> None:
+def test_terms_not_used_by_a_channel_are_reported() -> None:
     """A link's term in a motion, a balancer's in poses: nobody may read that they were taken off.
 
     What a balancer carries no gear and no motor of a motion does.
@@ -208,7 +208,7 @@ def moving() -> Recording:
 
 
 @pytest.mark.parametrize("channel", ["link", "tip", "torque"])
-def test_what_any_motion_names_is_taken_off_where_the_cell_holds_it(channel: motion_channels.MotionChannel) -> None:
+def test_motion_findings_are_compensated_by_a_cell_that_contains_them(channel: motion_channels.MotionChannel) -> None:
     """Over the registry: what goes into a file moves the readings of a cell that holds it as the law's columns do."""
     cell, recording = load_cell(CELL), moving()
     assert cell.stiffness is not None
@@ -283,7 +283,7 @@ def swung() -> Recording:
 @pytest.mark.parametrize(
     ("make", "cell", "found"), [(angled, TRACKED, "joint_pose_dependent_stiffness"), (swung, CELL, "joint_hysteresis")]
 )
-def test_finding_file_cell_and_nothing_is_left(make: object, cell: Path, found: str, tmp_path: Path) -> None:
+def test_written_finding_in_the_cell_leaves_nothing(make: object, cell: Path, found: str, tmp_path: Path) -> None:
     """Through the commands: diagnose, its stiffness.yaml into the cell, map takes it, diagnose names nothing more."""
     write_recording(tmp_path / "rec", make())  # type: ignore[operator]
     shutil.copytree(cell, tmp_path / "cell")

@@ -103,7 +103,7 @@ def test_every_input_changes_the_key(name: str) -> None:
     assert list_changed_inputs()[name](build_diagnosis()) != key
 
 
-def test_no_input_is_forgotten() -> None:
+def test_every_input_field_is_covered() -> None:
     """A new field needs a changed input above, or a reason here."""
     tried = set(list_changed_inputs())
     assert {f.name for f in fields(LoadTestDiagnosis)} - RESULTS - {"recording"} <= tried
@@ -128,21 +128,21 @@ def test_every_channel_and_label_of_the_recording_changes_the_key(name: str) -> 
     assert build_key(replace(d, recording=replace(d.recording, **{name: new}))) != build_key(d)
 
 
-def test_what_is_only_written_or_shown_leaves_the_key() -> None:
+def test_output_options_do_not_change_the_key() -> None:
     d = build_diagnosis()
     other = {"progress": print, "searches": SearchCache(), "predicted": "load tests", "is_static": True}
     options = replace(d.options, **other, unstated=frozenset({("link_compliance", "link:2")}))
     assert build_key(replace(d, options=options)) == build_key(d)
 
 
-def test_an_input_without_content_is_never_stored() -> None:
+def test_input_without_content_is_never_stored() -> None:
     d = build_diagnosis()
     unknown = replace(d.recording, notes=object())
     assert build_key(replace(d, recording=unknown)) is None
 
 
 @pytest.mark.slow
-def test_a_repeated_diagnosis_reads_the_stored_search(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_repeated_diagnosis_reads_the_stored_search(monkeypatch: pytest.MonkeyPatch) -> None:
     runs: list[int] = []
     search = selection_pipeline.search_iteratively
 

@@ -87,7 +87,7 @@ FAULTS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], str, str]] = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_session_written_otherwise_is_read_like_the_other(name: str) -> None:
+def test_session_in_another_convention_is_corrected(name: str) -> None:
     column, change, effect, where = FAULTS[name]
     for frame in ("base", "tool") if effect == "columns" else ("base",):
         r = sound(frame=frame)
@@ -101,7 +101,7 @@ def test_a_session_written_otherwise_is_read_like_the_other(name: str) -> None:
 
 
 @pytest.mark.parametrize(("length", "force"), [(25.4, 4.44822), (10.0, 4.44822)])
-def test_a_session_in_other_lengths_and_other_forces_is_read_in_both(length: float, force: float) -> None:
+def test_session_in_other_length_and_force_units_is_corrected(length: float, force: float) -> None:
     """An imperial lab writes inches and pounds: neither alone brings the session to the others."""
     r = sound(concealed=False)
     rows = r.session == 1
@@ -114,7 +114,7 @@ def test_a_session_in_other_lengths_and_other_forces_is_read_in_both(length: flo
 
 
 @pytest.mark.parametrize(("share", "said"), [(1.0, False), (1.02, False), (1.12, True), (0.9, True)])
-def test_a_session_whose_forces_are_off_is_told_with_the_share(share: float, said: bool) -> None:
+def test_session_with_a_force_gain_is_reported_with_its_size(share: float, said: bool) -> None:
     """12 % passed for scatter of the force, in silence: "consistent", "explained"."""
     cell = load_cell(CELLS / CELL)
     r = sound(concealed=False)
@@ -131,21 +131,21 @@ def test_a_session_whose_forces_are_off_is_told_with_the_share(share: float, sai
 
 @pytest.mark.parametrize("frame", ["base", "tool"])
 @pytest.mark.parametrize("concealed", [False, True])
-def test_sound_sessions_are_left_as_they_are(frame: str, concealed: bool) -> None:
+def test_correct_sessions_remain_unchanged(frame: str, concealed: bool) -> None:
     for r in (sound(frame=frame, concealed=concealed), sound(3, concealed=concealed)):
         out, findings = mended(r)
         assert findings == []
         assert out is r
 
 
-def test_a_wrong_record_throughout_is_not_a_session_s_fault() -> None:
+def test_fault_in_the_whole_recording_is_not_a_session_fault() -> None:
     r = sound()
     assert r.displacement is not None
     _, findings = mended(replace(r, displacement=r.displacement / 25.4))
     assert findings == []
 
 
-def test_two_sessions_of_three_are_mended_and_what_the_user_accepts_is_not() -> None:
+def test_two_of_three_sessions_are_corrected_and_accepted_ones_are_not() -> None:
     r = sound(3)
     bad = spoilt(r, "displacement", lambda v: v / 25.4, r.session == 2)
     bad = spoilt(bad, "wrench", lambda v: v * [1, 1, -1, 1, 1, -1], r.session == 0)
@@ -155,7 +155,7 @@ def test_two_sessions_of_three_are_mended_and_what_the_user_accepts_is_not() -> 
     assert {f.effect for f in mended(bad, ("units",))[1]} <= {"columns"}
 
 
-def test_a_pose_in_inches_is_read_like_the_others() -> None:
+def test_single_pose_in_inches_is_corrected() -> None:
     r = sound()
     out, findings = mended(spoilt(r, "displacement", lambda v: v / 25.4, r.pose == 3))
     assert [(f.effect, f.location) for f in findings] == [("units", "column:dx_mm")]
@@ -173,7 +173,7 @@ def test_a_pose_in_inches_is_read_like_the_others() -> None:
         (lambda v: np.roll(v, 1, axis=0), "columns"),
     ],
 )
-def test_a_session_of_poses_is_read_like_the_others(
+def test_session_of_poses_in_another_convention_is_corrected(
     registration: str, change: Callable[[np.ndarray], np.ndarray], effect: str
 ) -> None:
     cell, robot, _ = measured_arm()
@@ -198,7 +198,7 @@ THROUGHOUT: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], str]] = {
 
 
 @pytest.mark.parametrize("name", THROUGHOUT)
-def test_columns_exchanged_in_the_whole_record_are_put_right(name: str) -> None:
+def test_columns_exchanged_in_the_whole_recording_are_corrected(name: str) -> None:
     column, change, where = THROUGHOUT[name]
     cell, r = load_cell(CELLS / CELL), sound()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
@@ -210,7 +210,7 @@ def test_columns_exchanged_in_the_whole_record_are_put_right(name: str) -> None:
     assert swapped_columns.correct_swapped_columns(bad, robot, T, ("columns",)) == (bad, [])
 
 
-def test_a_tracker_turned_far_is_a_frame_and_a_mirrored_one_is_not() -> None:
+def test_far_rotated_tracker_is_a_frame_and_a_mirrored_one_is_not() -> None:
     cell, robot, _ = measured_arm()
     T = cell.tool.T_flange_tcp
     r = measure(noise=25e-6)
@@ -253,7 +253,7 @@ def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) 
     )
 
 
-def test_few_rows_are_outliers_and_most_of_a_session_or_what_comes_back_is_none() -> None:
+def test_few_rows_are_outliers_but_repeated_deviations_are_not() -> None:
     p, rng = small(), np.random.default_rng(0)
     e = 1e-5 * rng.standard_normal((24, 3))
     assert outlier_rejection.find_inlier_readings(p, e).all()
@@ -274,7 +274,7 @@ def test_few_rows_are_outliers_and_most_of_a_session_or_what_comes_back_is_none(
 # loads ---------------------------------------------------------------------------------------------------------
 
 
-def test_load_columns_of_noise_count_as_zero_and_no_others() -> None:
+def test_load_columns_of_noise_count_as_zero() -> None:
     rng = np.random.default_rng(1)
     r = sound(moment=200.0)
     assert r.wrench is not None
@@ -303,7 +303,7 @@ def test_load_columns_of_noise_count_as_zero_and_no_others() -> None:
     assert load_resolution.discard_noise_components(loaded)[0] is loaded
 
 
-def test_a_hung_weight_s_sideways_noise_is_no_load() -> None:
+def test_sideways_noise_of_a_hanging_weight_is_no_load() -> None:
     """Without a stated uncertainty the repeats of a pose show that nothing but noise stands in a column."""
     rng = np.random.default_rng(2)
     r = sound()
@@ -318,7 +318,7 @@ def test_a_hung_weight_s_sideways_noise_is_no_load() -> None:
     assert heard.wrench[:, 2].all()
 
 
-def test_loads_that_the_sensor_cannot_tell_apart_are_the_same() -> None:
+def test_loads_within_sensor_noise_are_equal() -> None:
     apart = load_resolution.compute_load_tolerance(
         np.array([1000.0, 3.0]), 0.08, StandardUncertainty(displacement=None, rotation=None, force=5.0, moment=2.0)
     )
@@ -330,7 +330,7 @@ def test_loads_that_the_sensor_cannot_tell_apart_are_the_same() -> None:
 # what is said --------------------------------------------------------------------------------------------------
 
 
-def test_what_no_such_instrument_makes_is_not_all_well() -> None:
+def test_impossible_instrument_readings_are_reported() -> None:
     p, used = small(), np.ones(24, bool)
     noise = ReplicateNoise(np.array([1e-5]), np.zeros(1), np.zeros(1), 0.0, True)
     fine, poor = np.full((24, 3), 3e-5), np.full((24, 3), 5e-4)
@@ -353,7 +353,7 @@ def test_what_no_such_instrument_makes_is_not_all_well() -> None:
     )  # a soft arm: 1 % of 50 mm
 
 
-def test_no_body_is_made_infinitely_soft_by_an_entry_below_zero() -> None:
+def test_negative_matrix_entry_does_not_make_a_body_infinitely_soft() -> None:
     C = np.diag([1e-8, 2e-8, 1e-8, 1e-7, 1e-7, -1e-9])
     C[1, 5] = C[5, 1] = 3e-8
     out = project_to_semidefinite(C)

@@ -44,7 +44,7 @@ def test_kinematics_and_gravity_of_seven_joints_agree_with_pinocchio(tmp_path: P
         np.testing.assert_allclose(weight[n], expected, rtol=1e-9, atol=1e-9)
 
 
-def test_zero_offsets_of_seven_joints_are_named_and_the_files_put_back_explain_the_poses(tmp_path: Path) -> None:
+def test_zero_offsets_of_seven_joints_are_named_and_their_files_explain_the_poses(tmp_path: Path) -> None:
     """The written files are the judged model: a cell with them leaves the stated error and names nothing."""
     cell = write_seven_joint_cell(tmp_path / "cell")
     arm = SevenJointArm(SPRINGS, np.radians(OFFSETS_DEG))
@@ -86,7 +86,7 @@ def test_springs_of_seven_joints_are_identified_from_load_tests(tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_payload_is_weighed_from_the_torques_of_seven_joints(tmp_path: Path) -> None:
+def test_payload_is_estimated_from_torques_of_seven_joints(tmp_path: Path) -> None:
     cell = write_seven_joint_cell(tmp_path / "cell")
     arm = SevenJointArm(SPRINGS, STRAIGHT, payload=2.5)
     found = diagnose(cell, record_motion(arm, tmp_path / "motion", np.random.default_rng(4)), tmp_path / "out")
@@ -106,7 +106,7 @@ def test_dry_run_reads_seven_joints(kind: str, tmp_path: Path, capsys: pytest.Ca
     assert "q7_deg" in capsys.readouterr().out
 
 
-def test_an_arm_of_seven_joints_is_not_planned_for_with_one_message(
+def test_planning_for_seven_joints_is_refused_with_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cell = write_seven_joint_cell(tmp_path / "cell")
@@ -148,7 +148,7 @@ def test_init_writes_a_cell_for_diagnosis_on_request(tmp_path: Path, capsys: pyt
         ),
     ],
 )
-def test_a_file_of_another_number_of_joints_is_refused(file: str, text: str, where: str, tmp_path: Path) -> None:
+def test_file_with_another_number_of_joints_is_refused(file: str, text: str, where: str, tmp_path: Path) -> None:
     cell = write_seven_joint_cell(tmp_path / "cell")
     (cell / file).write_text(text)
     if file == "kinematics.yaml":
@@ -166,9 +166,7 @@ def test_torques_of_a_real_arm_of_seven_joints_are_diagnosed(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
-def test_a_column_of_a_joint_that_the_arm_does_not_have_is_refused(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_column_of_a_missing_joint_is_refused(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Seven columns for an arm of six joints, and six for one of seven."""
     seven = write_seven_joint_cell(tmp_path / "seven")
     recording = record_load_tests(SevenJointArm(SPRINGS, STRAIGHT), tmp_path / "loads", np.random.default_rng(3), 4)

@@ -93,7 +93,7 @@ def stepped(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedMode
 
 
 @pytest.mark.parametrize("true", [0.83, 0.87, 0.97, 1.03])
-def test_an_interval_reaches_both_steps_that_a_leap_may_lie_between(true: float) -> None:
+def test_interval_of_a_step_reaches_both_neighbouring_readings(true: float) -> None:
     """Readings stand at every twentieth: of what lies between two of them nothing says more."""
     x = np.repeat(np.arange(0.0, 2.0, 0.05), 30)
     value, said = settled(x, true, 1)
@@ -103,7 +103,7 @@ def test_an_interval_reaches_both_steps_that_a_leap_may_lie_between(true: float)
     assert low + 0.01 < value < high - 0.01
 
 
-def test_shapes_of_a_smooth_law_reach_to_where_another_is_as_likely_no_more() -> None:
+def test_interval_of_a_smooth_shape_ends_at_equal_likelihood() -> None:
     """Readings everywhere: the interval is as wide as a reading or two, the truth in it."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
     _, said = settled(x, 0.9, 2)
@@ -112,7 +112,7 @@ def test_shapes_of_a_smooth_law_reach_to_where_another_is_as_likely_no_more() ->
 
 
 @pytest.mark.parametrize("true", [0.6, 0.97, 1.4])
-def test_an_interval_ends_where_a_shape_is_not_as_likely_not_where_the_last_one_was_looked_at(true: float) -> None:
+def test_interval_ends_by_likelihood_not_by_the_grid(true: float) -> None:
     """Of a step of four tenths of the noise hardly anything is known to better than a step of the grid."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 400)
     for seed in range(30):
@@ -135,7 +135,7 @@ def test_an_interval_ends_where_a_shape_is_not_as_likely_not_where_the_last_one_
         assert gain[22:].min() <= least, seed
 
 
-def test_an_interval_that_is_cut_where_its_law_ends_says_so() -> None:
+def test_interval_truncated_by_the_law_range_is_marked() -> None:
     """No reading lies below a third of the largest x: of what is beyond nothing tells."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
     _, found = stepped(np.where(x < 0.7, 0.2, x), 0.4, 1, 8.0)
@@ -143,21 +143,21 @@ def test_an_interval_that_is_cut_where_its_law_ends_says_so() -> None:
     assert min(found.whitened.shapes)[0] == pytest.approx(0.5 / 1.5)
 
 
-def test_shapes_are_alike_by_what_they_lose_however_large_the_gain_is() -> None:
+def test_equivalent_shapes_are_judged_by_absolute_loss() -> None:
     """A millionth of a gain of ten millions is more than another shape may be worse."""
     seen = {(1.0,): 1e7, (1.1,): 1e7 - 9.0, (1.2,): 1e7 - 9.5}
     assert max(seen.values()) * GAIN_ROUNDING > 9.5
     assert _select_middle_shape(list(seen), seen) == (1.0,)
 
 
-def test_waves_of_angles_asked_over_and_over_are_those_asked_once() -> None:
+def test_cached_waves_equal_computed_ones() -> None:
     angle = np.random.default_rng(1).uniform(-6.0, 6.0, 500)
     turning = HarmonicSeries(angle)
     for orders in ((1.0,), (7.0, 14.0), (200.0,), (2.5,), (0.5, 1.0)):
         np.testing.assert_allclose(turning.compute(orders), compute_harmonics(angle, orders), atol=1e-12)
 
 
-def test_a_bump_of_two_numbers_is_settled_between_those_of_its_grid_and_its_intervals_hold_the_truth() -> None:
+def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
     """A soft sector: its grid knew five places and three widths, and intervals had no width at all."""
     grid = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 5) for w in (0.15, 0.3, 0.6))
     finer = build_two_number_refinement(grid)
@@ -180,7 +180,7 @@ def test_a_bump_of_two_numbers_is_settled_between_those_of_its_grid_and_its_inte
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_a_bump_at_the_end_of_few_angles_stays_a_bump(seed: int) -> None:
+def test_shape_at_the_end_of_the_joint_range_is_valid(seed: int) -> None:
     """The width of a soft sector went through zero, as one of −w looks alike; its centre left the joint's range."""
     rng = np.random.default_rng(seed)
     poses = rng.uniform(-1.2, 1.2, 14)
@@ -204,7 +204,7 @@ def test_a_bump_at_the_end_of_few_angles_stays_a_bump(seed: int) -> None:
     assert (CUT_INTERVAL_NOTE in found.whitened.hypothesis.note) or not at_end
 
 
-def test_a_grid_that_is_no_product_of_two_is_left_alone() -> None:
+def test_nonproduct_grid_is_not_refined() -> None:
     assert build_two_number_refinement(((1.0, 2.0),)) is None
     assert build_two_number_refinement(((1.0, 2.0), (2.0, 3.0), (3.0, 4.0))) is None
     assert build_two_number_refinement(((1.0,), (2.0,))) is None

@@ -35,7 +35,7 @@ def moved(r: Recording, first: int, last: int, by: int) -> Recording:
 
 
 @pytest.mark.parametrize(("first", "last", "by"), [(70, 110, 1), (95, 115, -1), (4, 40, 1)])
-def test_a_stretch_of_slipped_rows_is_put_back_and_told_by_its_rows(first: int, last: int, by: int) -> None:
+def test_shifted_rows_are_corrected_and_listed(first: int, last: int, by: int) -> None:
     r = sound()
     out, (finding,) = at_arm(moved(r, first, last, by))
     assert (finding.effect, finding.location) == ("columns", "column:dx_mm")
@@ -52,9 +52,7 @@ def test_a_stretch_of_slipped_rows_is_put_back_and_told_by_its_rows(first: int, 
 
 @pytest.mark.parametrize("sessions", [1, 2])
 @pytest.mark.parametrize("deleted", [5, 20, 60, 90])
-def test_a_cell_that_was_deleted_anywhere_shifts_all_that_follow_and_its_own_reading_is_lost(
-    sessions: int, deleted: int
-) -> None:
+def test_deleted_cell_shifts_all_following_rows(sessions: int, deleted: int) -> None:
     """Most rows are wrong then, and only the moved record says what fits."""
     r = sound(sessions=sessions)
     values = r.displacement.copy()
@@ -70,7 +68,7 @@ def test_a_cell_that_was_deleted_anywhere_shifts_all_that_follow_and_its_own_rea
     assert (wrong > noise).sum() <= 1  # of two neighbours that are alike either may be the one
 
 
-def test_a_slip_over_two_sessions_is_told_by_its_rows_and_a_whole_session_as_that() -> None:
+def test_shift_over_two_sessions_is_reported_by_rows() -> None:
     r = sound()
     values = r.displacement.copy()
     values[120:] = np.roll(r.displacement[120:], -1, axis=0)
@@ -92,7 +90,7 @@ def test_a_slip_over_two_sessions_is_told_by_its_rows_and_a_whole_session_as_tha
     assert finding.parameters["session"].value == r.session.max()
 
 
-def test_nothing_of_the_arm_is_named_where_a_cell_was_deleted_early() -> None:
+def test_deleted_cell_does_not_lead_to_a_named_effect() -> None:
     r = sound(sessions=1, concealed=False)
     values = r.displacement.copy()
     values[20:] = np.roll(r.displacement[20:], -1, axis=0)
@@ -104,7 +102,7 @@ def test_nothing_of_the_arm_is_named_where_a_cell_was_deleted_early() -> None:
     assert d.verdict in ("consistent", "explained", "insufficient")
 
 
-def test_a_slip_of_measured_poses_is_put_back() -> None:
+def test_shifted_rows_of_measured_poses_are_corrected() -> None:
     cell, robot, _ = measured_arm()
     r = measure(noise=25e-6, registration="fit")
     values = r.position.copy()
@@ -114,7 +112,7 @@ def test_a_slip_of_measured_poses_is_put_back() -> None:
     assert np.array_equal(out.position[21:32], r.position[21:32])
 
 
-def test_sound_records_with_backlash_and_what_the_user_accepts_stay() -> None:
+def test_correct_records_with_backlash_and_accepted_ones_remain() -> None:
     r = sound()
     assert at_arm(r)[0] is r
     wrong = moved(r, 70, 110, 1)
@@ -124,7 +122,7 @@ def test_sound_records_with_backlash_and_what_the_user_accepts_stay() -> None:
     assert shifted_rows.correct_shifted_rows(poses, robot, cell.tool.T_flange_tcp)[0] is poses
 
 
-def test_a_load_of_other_size_at_every_row_is_no_slip() -> None:
+def test_different_load_in_every_row_is_no_shift() -> None:
     r = sound()
     rng = np.random.default_rng(3)
     noisy = replace(r, displacement=r.displacement * (1.0 + rng.normal(0.0, 0.5, (len(r), 1))))
@@ -132,7 +130,7 @@ def test_a_load_of_other_size_at_every_row_is_no_slip() -> None:
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN·m"), (1.0 / 9.80665, "kgf·m")])
-def test_moments_in_another_unit_than_forces_are_read_as_they_were_meant(factor: float, unit: str) -> None:
+def test_moments_in_another_unit_than_forces_are_corrected(factor: float, unit: str) -> None:
     r = sound(moment=400.0)
     wrench = r.wrench.copy()
     wrench[:, 3:] *= factor
@@ -143,7 +141,7 @@ def test_moments_in_another_unit_than_forces_are_read_as_they_were_meant(factor:
     assert np.allclose(out.wrench, r.wrench)
 
 
-def test_moments_as_stated_and_moments_of_noise_stay() -> None:
+def test_stated_moments_and_moments_of_noise_remain() -> None:
     r = sound(moment=400.0)
     assert at_arm(r, swapped_columns.correct_moment_units)[0] is r
     plain = sound()

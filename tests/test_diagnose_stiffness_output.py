@@ -53,7 +53,7 @@ def diagnosed(joints: dict[int, float], terms: tuple[StiffnessTerm, ...], sigma:
     return cast("DiagnosisResult", SimpleNamespace(coefficients=(other, *springs), findings=tuple(found), unwritten=()))
 
 
-def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> None:
+def test_observed_joints_are_written_and_the_others_come_from_the_cell() -> None:
     assert CELL.stiffness is not None
     made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (LINK,)))
     before, after = made.before, made.after
@@ -72,7 +72,7 @@ def test_joints_that_are_shown_are_written_and_the_others_are_the_cell_s() -> No
 
 
 @pytest.mark.parametrize("joints", [{2: 1e-6}, {}])
-def test_what_the_file_says_of_external_joints_is_kept(joints: dict[int, float]) -> None:
+def test_stiffness_of_external_joints_is_preserved(joints: dict[int, float]) -> None:
     assert CELL.stiffness is not None
     rail = ExternalJointSpring(
         joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3), mass=900.0
@@ -84,7 +84,7 @@ def test_what_the_file_says_of_external_joints_is_kept(joints: dict[int, float])
     assert made.before is None or made.before.external == (rail,)
 
 
-def test_a_term_is_written_where_no_joint_is_shown_and_replaces_its_own() -> None:
+def test_term_is_written_without_an_observed_joint_and_replaces_the_old_one() -> None:
     assert CELL.stiffness is not None
     old = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 5e7})
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(old,)))
@@ -104,7 +104,7 @@ def test_keys_name_single_joints() -> None:
         _ = ParameterKey("joint_coupling", "joint:4-5", "ratio").joint
 
 
-def test_a_beam_that_gives_nothing_stays_one(tmp_path: Path) -> None:
+def test_rigid_beam_remains_rigid(tmp_path: Path) -> None:
     """Zero is a finding; it must not come back as a term that is still to be fitted."""
     robot, tool = load_robot(CELL), CELL.tool.T_flange_tcp
     beam = build_fitted_term("link_compliance", "link:2", robot, tool).with_values(np.zeros(2))
@@ -125,7 +125,7 @@ DRAG = StiffnessTerm(
 
 
 @pytest.mark.parametrize("soft", [KNEE, DRAG], ids=lambda t: str(t.parameters["law"]))
-def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word(soft: StiffnessTerm) -> None:
+def test_finding_that_moves_against_its_load_is_not_written(soft: StiffnessTerm) -> None:
     """What is written the planner takes: the joint keeps the spring that fits without it, other findings stay."""
     made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (soft, LINK)))
     assert made.after is not None
@@ -145,7 +145,7 @@ def test_a_finding_that_turns_its_joint_against_the_load_is_withheld_with_a_word
     assert (made.after.terms, made.withheld) == ((fits,), ())
 
 
-def test_a_body_that_would_push_back_is_withheld_and_the_cell_s_own_stays() -> None:
+def test_matrix_with_a_negative_eigenvalue_is_not_written() -> None:
     """A matrix fitted to noise may have a negative eigenvalue: no file may hold it; the diagnosis is told."""
     C = np.diag([1e-9, 1e-9, 0.0, 1e-6, -1e-6, 0.0]).tolist()
     wrong = StiffnessTerm("tool_compliance", "tool", {"compliance": C})
@@ -162,7 +162,7 @@ def test_a_body_that_would_push_back_is_withheld_and_the_cell_s_own_stays() -> N
     assert "deflects against the load" in said
 
 
-def test_terms_that_are_too_much_together_are_withheld_one_after_the_other() -> None:
+def test_terms_with_negative_total_compliance_are_not_written_together() -> None:
     """Two findings at a joint, then one beside a term of the cell's own, which stays."""
     half = replace(KNEE, parameters={**KNEE.parameters, "extra_rad_per_Nm": -1.5e-6})
     drag = replace(DRAG, parameters={**DRAG.parameters, "drag_arcmin": 0.5})
@@ -177,7 +177,7 @@ def test_terms_that_are_too_much_together_are_withheld_one_after_the_other() -> 
     assert len(made.withheld) == 1
 
 
-def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
+def test_unwritten_finding_remains_in_the_diagnosis() -> None:
     made = ExtendedStiffness(None, None, (KNEE,), ("said",))
     f = Finding(
         effect="e",
@@ -201,7 +201,7 @@ def test_a_withheld_finding_says_that_it_stays_in_the_diagnosis() -> None:
     assert told.warnings == ("said",)
 
 
-def test_a_joint_softer_than_a_file_may_say_is_not_shown() -> None:
+def test_unobserved_joint_stiffness_comes_from_the_cell() -> None:
     """Weight hardly turns joint 6: whatever its fit, the cell's value stands; without one the softest that is read."""
     assert CELL.stiffness is not None
     made = build_extended_stiffness(CELL, diagnosed({6: 0.09}, ()))
@@ -214,7 +214,7 @@ def test_a_joint_softer_than_a_file_may_say_is_not_shown() -> None:
     assert alone.after.joints == pytest.approx([1e6] * 5 + [1e2])
 
 
-def test_a_spring_far_from_the_cell_s_is_not_taken_from_poses_under_weight_alone() -> None:
+def test_implausible_spring_from_poses_without_load_is_not_written() -> None:
     """Joint 4 thirty times softer is geometry that is left; joint 2 within a factor of two is a spring."""
     assert CELL.stiffness is not None
     k = CELL.stiffness.joints

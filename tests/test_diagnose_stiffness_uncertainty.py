@@ -25,7 +25,7 @@ PLAY = StiffnessTerm(
 )
 
 
-def test_a_plan_foresees_loads_that_only_history_explained() -> None:
+def test_plan_uncertainty_includes_loads_explained_by_history() -> None:
     """A law fitted the readings by what had been before each; a plan has no before, was sure and 25 % off."""
     cell, robot, T = made.cell()
     masses, rng = read_load_test_masses(cell), np.random.default_rng(8)

@@ -53,7 +53,7 @@ def split(r: Recording) -> tuple[replicate_noise.ReplicateNoise, DiagnosisProble
     return replicate_noise.estimate_replicate_noise(problem, left, np.ones(len(problem), bool)), problem
 
 
-def test_a_load_that_stays_the_same_tells_no_gain() -> None:
+def test_constant_load_shows_no_gain_error() -> None:
     found, problem = split(held(0.0))
     moved = float(np.abs(problem.y).max())
     assert found.replicated
@@ -62,7 +62,7 @@ def test_a_load_that_stays_the_same_tells_no_gain() -> None:
     assert moved > 20.0 * WHITE  # a gain that is wrong by its size would be far more than this noise
 
 
-def test_what_creeps_while_a_load_rests_is_no_noise() -> None:
+def test_creep_at_constant_load_is_no_noise() -> None:
     still, _ = split(held(0.0))
     crept, problem = split(held(6.0 * WHITE))
     assert crept.reading[0] < 1.5 * still.reading[0]

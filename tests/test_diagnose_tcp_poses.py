@@ -165,7 +165,7 @@ def gains(problem: DiagnosisProblem, catalogue: HypothesisCatalogue) -> dict[tup
 
 
 @pytest.mark.parametrize("six", [False, True])
-def test_base_takes_up_springs_frame_and_target_exactly(six: bool) -> None:
+def test_base_model_contains_springs_frame_and_target_exactly(six: bool) -> None:
     """A tracker 3 mm and 1 mrad off, a target 2 mm off, springs a quarter softer: 0.2 µm of the first fit are left."""
     cell = arm()[0]
     assert cell.stiffness is not None
@@ -181,7 +181,7 @@ def test_base_takes_up_springs_frame_and_target_exactly(six: bool) -> None:
     assert [f.name for f in problem.families] == ["translation", "rotation"][: 1 + six]
 
 
-def test_outliers_and_a_foreign_unit_do_not_break_the_first_fit() -> None:
+def test_outliers_and_a_wrong_unit_do_not_break_the_first_fit() -> None:
     recording = measure(noise=1e-5)
     assert recording.position is not None
     bad = recording.position.copy()
@@ -196,14 +196,14 @@ def test_outliers_and_a_foreign_unit_do_not_break_the_first_fit() -> None:
     assert np.isfinite(metres.base).all()
 
 
-def test_known_corrections_of_the_cell_are_counted() -> None:
+def test_known_corrections_of_the_cell_are_applied() -> None:
     known = KinematicCorrections((KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.05}),))
     recording = measure(delta=lambda q: np.radians(0.05) * np.eye(6)[2] + 0 * q)
     assert np.abs(fitted(build(recording)[0])[1]).max() > 2e-5
     assert np.abs(fitted(build(recording, kinematics=known)[0])[1]).max() < 2e-7
 
 
-def test_arrivals_and_repeats_are_labelled() -> None:
+def test_arrival_directions_and_replicates_are_labelled() -> None:
     N = POSES * VISITS
     load = np.zeros((N, 6))
     load[::2, 2] = -800.0  # every other pose hangs a mass
@@ -218,7 +218,7 @@ def test_arrivals_and_repeats_are_labelled() -> None:
     assert (build(mixed)[0].replicate == -1).all()
 
 
-def test_refusals() -> None:
+def test_invalid_input_is_refused() -> None:
     cell, robot, masses = arm()
     for bad in (replace(measure(), kind="deflection"), replace(measure(), position=None)):
         with pytest.raises(InputError, match="absolute"):
@@ -232,7 +232,7 @@ def names(catalogue: HypothesisCatalogue, effect: str) -> set[str]:
     return {h.location for h in catalogue.hypotheses if h.effect == effect}
 
 
-def test_what_the_frame_or_the_target_takes_up_is_not_offered() -> None:
+def test_directions_absorbed_by_frame_or_target_are_not_offered() -> None:
     three, six = build(measure())[1], build(measure(six=True))[1]
     fixed = build(measure(registration="fixed"))[1]
     assert names(three, "joint_zero_offset") == {f"joint:{j}" for j in (2, 3, 4, 5)}
@@ -252,7 +252,7 @@ def test_what_the_frame_or_the_target_takes_up_is_not_offered() -> None:
     )
 
 
-def test_a_zero_offset_leaves_nothing_of_itself_but_a_wave_may() -> None:
+def test_zero_offset_law_is_exact_and_a_wave_is_not() -> None:
     """6 % of the offset's gain, which a wave may leave for its form, hid a payload beside it (yard 21, several05)."""
     exact = {h.effect: h.is_exact for h in build(measure())[1].hypotheses if h.family == "kinematic"}
     assert exact["joint_zero_offset"]
@@ -260,7 +260,7 @@ def test_a_zero_offset_leaves_nothing_of_itself_but_a_wave_may() -> None:
     assert not exact["transmission_error"]
 
 
-def test_without_masses_weight_is_unknown() -> None:
+def test_weight_is_unknown_without_masses() -> None:
     cell, robot, _ = arm()
     problem, catalogue, notes = measured_pose_channel.build_measured_pose_problem(
         measure(), cell, robot, None, np.random.default_rng(0)
@@ -272,7 +272,7 @@ def test_without_masses_weight_is_unknown() -> None:
     assert any("masses" in n for n in notes)
 
 
-def test_poses_without_masses_in_a_known_frame_have_nothing_to_refit_and_are_diagnosed() -> None:
+def test_poses_without_masses_in_a_known_frame_are_diagnosed() -> None:
     cell, robot, _ = arm()
     recording = measure(registration="fixed", noise=1e-5)
     problem, catalogue, _ = measured_pose_channel.build_measured_pose_problem(
@@ -288,7 +288,7 @@ def test_poses_without_masses_in_a_known_frame_have_nothing_to_refit_and_are_dia
     assert d.verdict != "consistent"  # what weight bends is there, and no column for it
 
 
-def test_heat_needs_a_clock_or_a_thermometer() -> None:
+def test_thermal_effects_require_time_or_temperature() -> None:
     recording = replace(measure(), time=None, temperature=None)
     catalogue = build(recording)[1]
     assert not names(catalogue, "thermal_drift")
@@ -300,7 +300,7 @@ def test_heat_needs_a_clock_or_a_thermometer() -> None:
     } == {"session"}
 
 
-def test_orders_follow_what_the_angles_can_show() -> None:
+def test_wave_orders_follow_the_covered_angles() -> None:
     cell, robot, masses = arm()
     q = poses()
 
@@ -386,7 +386,7 @@ CASES: list[Case] = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{c[0]}@{c[1]}" for c in CASES])
-def test_the_right_law_is_found_and_measured(case: Case) -> None:
+def test_true_law_is_found_with_its_size(case: Case) -> None:
     """Own columns close the mismatch to a few percent of it and give the size back; nothing else gains as much."""
     effect, where, law, put, shape, size = case
     put = dict(put)
@@ -411,7 +411,7 @@ def test_the_right_law_is_found_and_measured(case: Case) -> None:
     assert double.value == pytest.approx(2 * first.value)  # limits are stated in it
 
 
-def test_a_gear_finer_than_its_angles_are_many_is_found_where_nothing_else_takes_what_is_left() -> None:
+def test_fine_gear_order_is_found_where_nothing_else_explains_the_residual() -> None:
     """60 angles let 20 orders be tried on noise; a tooth's order lies above, and was left unexplained."""
     problem, catalogue = build(measure(delta=wave(3, 37.0, 30.0, 0.0), noise=2e-5))
 
@@ -429,7 +429,7 @@ def test_a_gear_finer_than_its_angles_are_many_is_found_where_nothing_else_takes
     assert found.findings[0].parameters["amplitude"].value == pytest.approx(30.0, rel=0.1)
 
 
-def test_findings_compensate_what_was_put_in() -> None:
+def test_written_findings_compensate_the_planted_effect() -> None:
     """The correction of a finding, as the cell's kinematics, takes the mismatch away."""
     delta = wave(5, 3.0, 9.0, -4.0)
     problem, catalogue = build(measure(delta=delta))
@@ -445,7 +445,7 @@ def test_findings_compensate_what_was_put_in() -> None:
     assert np.abs(fitted(build(measure(delta=delta), kinematics=known)[0])[1]).max() < 0.02 * before
 
 
-def test_a_compensator_bends_joint_2_by_its_angle() -> None:
+def test_compensator_deflects_joint_2_by_its_angle() -> None:
     """Spring between two pivots made from its geometry: no other law of as few coefficients leaves as little."""
     cell = arm()[0]
     assert cell.stiffness is not None
@@ -471,7 +471,7 @@ def test_a_compensator_bends_joint_2_by_its_angle() -> None:
 # weight on bodies -----------------------------------------------------------------------------------------------
 
 
-def test_a_plate_on_uneven_bolts_is_a_base_and_no_tracker_that_stands_elsewhere() -> None:
+def test_plate_on_uneven_bolts_is_a_base_not_a_tracker_frame() -> None:
     """It sinks and leans under a weight that is always the same: a rigid frame, which was named beside it."""
     problem, catalogue = build(measure(noise=2e-5, registration="fixed"))
     plate = only(catalogue, "base_compliance", "base", "tilts and sinks")
@@ -486,7 +486,7 @@ def test_a_plate_on_uneven_bolts_is_a_base_and_no_tracker_that_stands_elsewhere(
     assert size.ci95[0] < 28e-9 < size.ci95[1]
 
 
-def test_a_plate_that_sinks_is_not_offered_where_the_tracker_s_frame_is_fitted() -> None:
+def test_sinking_plate_is_not_offered_with_a_fitted_tracker_frame() -> None:
     laws = {h.law for h in build(measure())[1].hypotheses if h.effect == "base_compliance"}
     assert "tilts" in laws
     assert "tilts and sinks" not in laws
@@ -513,7 +513,7 @@ def readings(masses: RobotMasses | None, load: Array, q: Array) -> StaticReading
 
 
 @pytest.mark.parametrize("link", [2, 4])
-def test_a_beam_under_load_alone_is_the_term_of_stiffness_yaml(link: int) -> None:
+def test_beam_under_load_equals_the_term_of_stiffness_yaml(link: int) -> None:
     q = poses()[:8]
     load = np.random.default_rng(1).normal(size=(8, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
     r = readings(None, load, q)
@@ -538,7 +538,7 @@ def test_a_beam_under_load_alone_is_the_term_of_stiffness_yaml(link: int) -> Non
     np.testing.assert_allclose(both.columns(()) @ x, d, rtol=1e-9, atol=1e-12 * np.abs(d).max())
 
 
-def test_a_link_bends_under_its_own_weight_as_a_beam_does() -> None:
+def test_link_under_its_own_weight_deflects_as_a_beam() -> None:
     """w L⁴/8EI and w L³/6EI at the end of the horizontal forearm, carried to the TCP along it."""
     _, robot, own = arm()
     start, end = robot.point[3], robot.point[4]
@@ -559,7 +559,7 @@ def test_a_link_bends_under_its_own_weight_as_a_beam_does() -> None:
     np.testing.assert_allclose(column, [*sag, 0.0, turn, 0.0], rtol=1e-9, atol=1e-9)
 
 
-def test_weight_of_everything_is_the_torque_of_gravity() -> None:
+def test_weight_wrenches_give_the_gravity_torque() -> None:
     """The wrench of all bodies beyond joint i, through J_i, is the torque that gravity.py says."""
     _, robot, masses = arm()
     r = readings(masses, np.zeros((8, 6)), poses()[:8])
@@ -569,7 +569,7 @@ def test_weight_of_everything_is_the_torque_of_gravity() -> None:
         np.testing.assert_allclose(np.einsum("nc,nc->n", r.state.J[:, :, i], w), torque[:, i], atol=1e-8)
 
 
-def test_orientations_count_in_base_axes() -> None:
+def test_orientations_are_in_base_axes() -> None:
     """6-D, registration fixed: a tracker turned by 1 mrad about base z shows as (0, 0, 1) mrad beside the springs."""
     recording = measure(six=True, registration="fixed", frame=(np.zeros(3), np.array([0, 0, 1e-3]), np.zeros(3)))
     problem, catalogue = build(recording)
@@ -582,7 +582,7 @@ def test_orientations_count_in_base_axes() -> None:
     )
 
 
-def test_about_what_was_found_the_equations_hold_to_the_micrometre() -> None:
+def test_relinearised_equations_are_exact_to_the_micrometre() -> None:
     """Offsets of a milliradian sag otherwise (1 in 50 at joint 2) and turn each other; linear laws miss that once."""
     true = np.radians([0.0, 0.06, -0.05, 0.04, 0.06, 0.0])
     recording = measure(delta=lambda q: np.broadcast_to(true, q.shape), registration="fixed")
@@ -605,7 +605,7 @@ def test_about_what_was_found_the_equations_hold_to_the_micrometre() -> None:
     assert left_by_the_truth(found) < 1e-6  # what the springs' own curvature leaves
 
 
-def test_geometry_that_was_found_is_counted_as_its_columns_state_it() -> None:
+def test_found_geometry_enters_as_its_columns_state() -> None:
     """Without noise or error: the model about a frame that is not there differs by the frame, to second order."""
     recording = measure(registration="fixed")
     twist = {"shift_mm": [0.3, -0.2, 0.4], "turn_mrad": [0.4, 0.3, -0.5]}

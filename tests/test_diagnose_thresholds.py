@@ -33,7 +33,7 @@ CELLS = Path(__file__).resolve().parents[1] / "cells"
 
 
 @pytest.mark.parametrize(("like", "frame", "body"), [(0.95, True, True), (0.72, True, False), (0.5, False, False)])
-def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float, frame: bool, body: bool) -> None:
+def test_frame_with_law_error_may_leave_more_than_a_body(like: float, frame: bool, body: bool) -> None:
     """An effect that explains less than what remains is not named; a frame may leave more than another effect."""
     named = []
     for effect in ("geometry", "wind"):
@@ -49,7 +49,7 @@ def test_a_frame_that_is_not_quite_right_may_leave_more_than_a_body(like: float,
 
 
 @pytest.mark.parametrize(("left", "better"), [(0.6, True), (0.8, False)])
-def test_few_groups_are_better_where_the_error_falls_by_half_its_power(left: float, better: bool) -> None:
+def test_few_groups_suffice_where_the_error_falls_by_half(left: float, better: bool) -> None:
     """Three groups that disagree are no evidence, unless the error falls to half the power."""
     problem, _ = build_synthetic_problem(1)
     used = problem.group < 3
@@ -74,7 +74,7 @@ def hung(share: float) -> Recording:
 
 
 @pytest.mark.parametrize(("share", "said"), [(1.0, True), (0.8, False)])
-def test_what_moves_against_its_load_is_said_where_nearly_all_does(share: float, said: bool) -> None:
+def test_displacement_against_the_load_is_reported_for_a_large_majority(share: float, said: bool) -> None:
     """Most readings oppose their load with either sign of it."""
     cell = load_cell(CELLS / "kr240_drilling")
     _, found = correct_inconsistent_loads(hung(share), load_robot(cell), cell.tool.T_flange_tcp)
@@ -83,7 +83,7 @@ def test_what_moves_against_its_load_is_said_where_nearly_all_does(share: float,
 
 
 @pytest.mark.parametrize(("rubs", "accepted"), [(40.0, True), (0.02, False)])
-def test_a_balancer_may_outweigh_the_masses_where_friction_points_forward(
+def test_balancer_may_exceed_the_masses_where_friction_has_the_correct_sign(
     tmp_path: Path, rubs: float, accepted: bool
 ) -> None:
     """Without friction, torque that opposes the masses has the wrong sign."""
@@ -102,7 +102,7 @@ def test_a_balancer_may_outweigh_the_masses_where_friction_points_forward(
 
 
 @pytest.mark.parametrize(("size", "column"), [(1e-3, "q"), (1.0, "velocity")])
-def test_slides_within_a_few_millimetres_were_metres(size: float, column: str) -> None:
+def test_prismatic_values_within_a_few_millimetres_were_metres(size: float, column: str) -> None:
     """Of two columns with a ratio of 1000, the one within a few millimetres is wrong."""
     t, q, v, a = excited(1, np.random.default_rng(1))
     scale = size / np.abs(q).max()
@@ -111,7 +111,7 @@ def test_slides_within_a_few_millimetres_were_metres(size: float, column: str) -
     assert [f.location for f in found] == [f"column:{motion_record_checks.format_column_name(r, column, 0)}"]
 
 
-def test_springs_that_no_cell_states_are_usual_ones_and_weights_are_seen_through_stiff_ones() -> None:
+def test_generic_springs_are_assumed_where_no_cell_states_them() -> None:
     """``unit_checks.GENERIC_STIFFNESS`` and ``ratios.implausible``."""
     cell, robot, masses = posed_arm()
     bare = replace(cell, stiffness=None)

@@ -57,7 +57,7 @@ def fitted(
     return estimate_parameters(base, [SelectedEffect(score_hypotheses(base, [found])[0], 0.0)], 0, [found])
 
 
-def test_what_no_reading_holds_has_no_upper_end_and_is_not_negative() -> None:
+def test_unobserved_compliance_has_no_upper_bound_and_is_not_negative() -> None:
     said = told("body", 1e-9, nearly=True)
     assert np.isfinite(said["shift"].ci95).all()
     assert np.isinf(said["tilt"].ci95[1])
@@ -66,7 +66,7 @@ def test_what_no_reading_holds_has_no_upper_end_and_is_not_negative() -> None:
     assert said["tilt"].ci90[0] >= 0.0
 
 
-def test_what_readings_hold_keeps_its_ends() -> None:
+def test_observed_compliance_keeps_its_bounds() -> None:
     both = told("body", 1.0)
     assert all(np.isfinite(e.ci95).all() for e in both.values())
     signed = told("joint", 1.0)
@@ -76,7 +76,7 @@ def test_what_readings_hold_keeps_its_ends() -> None:
 @pytest.mark.parametrize(
     ("constrained", "signal", "named"), [(True, 5.0, True), (False, 5.0, False), (True, 0.0, False)]
 )
-def test_a_compliance_is_of_no_size_only_if_it_has_no_coefficient(
+def test_collinear_compliance_coefficients_are_significant_together(
     constrained: bool, signal: float, named: bool
 ) -> None:
     """Each size of a soft tool of 390 sigma had an interval around zero: its coefficients were collinear."""
@@ -101,7 +101,7 @@ def test_a_compliance_is_of_no_size_only_if_it_has_no_coefficient(
     assert is_size_significant(base, [effect], 0) is named
 
 
-def test_a_size_that_is_sure_suffices_where_no_coefficient_is() -> None:
+def test_certain_size_suffices_without_certain_coefficients() -> None:
     """Two nearly collinear columns: their sum is known, and neither of them."""
     rng = np.random.default_rng(4)
     x = rng.uniform(-1.2, 1.2, 400)

@@ -32,7 +32,7 @@ def catalogue(r: StaticReadings) -> HypothesisCatalogue:
 @pytest.mark.parametrize(
     "law", [unmodelled_slip_and_external_forces.SLIP_LAW, unmodelled_slip_and_external_forces.JUMP_LAW]
 )
-def test_what_has_no_name_is_said_with_its_place_and_not_named(law: str) -> None:
+def test_unnamed_effect_is_reported_with_its_place(law: str) -> None:
     r, _, _ = timed()
     true = next(h for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r) if h.law == law)
     size = np.eye(9)[2] if law == unmodelled_slip_and_external_forces.JUMP_LAW else np.ones(1)
@@ -47,7 +47,7 @@ def test_what_has_no_name_is_said_with_its_place_and_not_named(law: str) -> None
     assert not {x.effect for x in found.limits} & {true.effect}
 
 
-def test_a_law_of_the_catalogue_is_named_beside_it() -> None:
+def test_catalogue_effect_is_named_beside_an_unnamed_one() -> None:
     r, _, _ = timed()
     turned = next(h for h in sensor_errors.build_load_test_sensor_hypotheses(r) if h.effect == "force_sensor_offset")
     slips = next(
@@ -63,7 +63,7 @@ def test_a_law_of_the_catalogue_is_named_beside_it() -> None:
     assert found.verdict == "partly_explained"
 
 
-def test_a_slip_begins_beyond_its_load_and_stays_for_the_cycle() -> None:
+def test_slip_begins_above_its_load_and_remains_in_the_cycle() -> None:
     along = np.array([[1.0, 0, 0]] * 4 + [[0, 1.0, 0]] * 3)
     share = np.array([0.3, 0.8, 1.0, 0.2, 0.3, 0.5, 0.2])
     slipped = unmodelled_slip_and_external_forces._compute_slip_direction(
@@ -72,7 +72,7 @@ def test_a_slip_begins_beyond_its_load_and_stays_for_the_cycle() -> None:
     np.testing.assert_array_equal(slipped, [[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], *np.zeros((3, 3))])
 
 
-def test_friction_of_a_jack_holds_back_until_the_load_falls() -> None:
+def test_friction_of_a_jack_delays_unloading() -> None:
     share, cycle = np.array([0.5, 1.0, 0.5, 1.0, 0.4]), np.array([0, 0, 0, 1, 1])
     np.testing.assert_array_equal(
         unmodelled_slip_and_external_forces._compute_load_direction(share, cycle), [-1, -1, 1, -1, 1]
@@ -92,7 +92,7 @@ def rest(r: StaticReadings, wrench: np.ndarray, pull: np.ndarray, spring: float,
     return r.robot.compute_state(r.state.q + theta, r.T_flange_tcp).T_base_tool[:, :3, 3]
 
 
-def test_a_pull_from_outside_changes_what_a_load_moves_as_the_arm_at_rest_says() -> None:
+def test_external_pull_changes_displacements_as_in_equilibrium() -> None:
     r, _, _ = timed()
     pulled = next(
         h
@@ -109,7 +109,7 @@ def test_a_pull_from_outside_changes_what_a_load_moves_as_the_arm_at_rest_says()
 
 
 @pytest.mark.parametrize("where", ["link:4", "tool"])
-def test_a_hose_is_told_at_its_place_and_is_no_gear_and_no_balancer(where: str) -> None:
+def test_hose_is_located_and_is_no_gear_or_compensator(where: str) -> None:
     r, _, _ = timed()
     pulled = next(
         h
@@ -136,7 +136,7 @@ def test_a_hose_is_told_at_its_place_and_is_no_gear_and_no_balancer(where: str) 
     assert [n for n in found.notes if "hose or a cable" in n]
 
 
-def test_a_floor_that_sinks_on_one_day_is_no_heat() -> None:
+def test_sinking_floor_on_one_day_is_no_thermal_drift() -> None:
     r, _, _ = timed()
     share = np.linalg.norm(r.wrench[:, :3], axis=1)
     moved = np.zeros((len(r), 6))
@@ -155,7 +155,7 @@ def test_a_floor_that_sinks_on_one_day_is_no_heat() -> None:
     assert [n for n in found.notes if "in one session" in n]
 
 
-def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
+def test_named_effect_beside_an_unnamed_form_must_be_large() -> None:
     """A hose hangs loose in some poses: what the form left there was a joint's stiffness by its angle."""
     r, _, _ = timed()
     forms = {
@@ -177,7 +177,7 @@ def test_beside_a_form_without_a_name_a_law_has_to_be_large() -> None:
     assert least == pytest.approx([150.0, 36.0])
 
 
-def test_a_hose_that_hangs_loose_in_some_poses_is_no_joint() -> None:
+def test_hose_slack_in_some_poses_is_no_joint_effect() -> None:
     r, _, _ = timed()
     pulled = next(
         h
@@ -204,7 +204,7 @@ def test_a_hose_that_hangs_loose_in_some_poses_is_no_joint() -> None:
 
 
 @pytest.mark.parametrize(("off", "kept"), [(0.0, True), (0.3, False)])
-def test_a_law_that_a_likeness_beats_has_no_name(off: float, kept: bool) -> None:
+def test_law_with_a_better_unnamed_form_has_no_name(off: float, kept: bool) -> None:
     """A hose between column and forearm was a gravity compensator: the pull from outside left no more of it."""
     r, _, _ = timed()
     pulled = next(

@@ -23,7 +23,7 @@ def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int, joint:
     return diagnosed(recorded(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")[0]
 
 
-def test_a_hose_that_tightens_is_no_ripple_of_a_gear(tmp_path: Path) -> None:
+def test_tightening_hose_is_no_gear_ripple(tmp_path: Path) -> None:
     """Slack within a third of a radian, then tauter and tauter: two slow waves are near enough and took its place."""
     found = left_open(tmp_path, lambda q: 60.0 * np.sign(q) * np.maximum(np.abs(q) - 0.15, 0.0) ** 1.7, 7)
     assert not found.findings
@@ -31,13 +31,13 @@ def test_a_hose_that_tightens_is_no_ripple_of_a_gear(tmp_path: Path) -> None:
     assert [n for n in found.notes if "joint:1" in n and "a hose or a cable" in n]
 
 
-def test_a_ripple_of_two_orders_keeps_its_name(tmp_path: Path) -> None:
+def test_ripple_of_two_orders_keeps_its_name(tmp_path: Path) -> None:
     found = left_open(tmp_path, lambda q: 3.0 * np.sin(24.0 * q) + 1.5 * np.cos(57.0 * q), 8)
     assert [(f.effect, f.location) for f in found.findings] == [("transmission_error", "joint:1")]
     assert found.verdict == "explained"
 
 
-def test_a_hose_at_joint_2_is_no_gravity_compensator(tmp_path: Path) -> None:
+def test_hose_at_joint_2_is_no_gravity_compensator(tmp_path: Path) -> None:
     """It has the place and a torque by angle as one has, and was named so; slack in the middle it is no spring's."""
 
     def hose(q: Array) -> Array:
@@ -49,7 +49,7 @@ def test_a_hose_at_joint_2_is_no_gravity_compensator(tmp_path: Path) -> None:
     assert [n for n in found.notes if "joint:2" in n]
 
 
-def test_a_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
+def test_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
     def balancer(q: Array) -> Array:
         """Two pivots, 0.2 and 1.1 m from the joint; 0.5 kN and 2.5 kN/m."""
         s = np.sqrt(0.2**2 + 1.1**2 + 2 * 0.2 * 1.1 * np.cos(q + 2.0))
@@ -61,9 +61,7 @@ def test_a_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("late", "shared"), [((0,), False), ((0, 1), True)])
-def test_a_clock_that_one_joint_alone_asks_for_is_not_of_the_record(
-    tmp_path: Path, late: tuple[int, ...], shared: bool
-) -> None:
+def test_delay_of_a_single_joint_is_no_clock_error(tmp_path: Path, late: tuple[int, ...], shared: bool) -> None:
     """It is made up of that joint's friction or balancer, and read back by it every reversal came out smoothed, which
     outweighed what was there."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 10)

@@ -42,7 +42,7 @@ def sagging() -> Array:
     return np.asarray(-1.2e-4 * far[:, None] ** 3 * unit(3)[:3])
 
 
-def test_a_beam_that_warm_air_bends_is_no_frame_that_stands_elsewhere() -> None:
+def test_beam_bent_by_warm_air_is_no_displaced_frame() -> None:
     """Most of it is a rigid frame, which was named; the rest follows no frame."""
     found = diagnosed(moved(sagging()))
     assert not found.findings
@@ -51,7 +51,7 @@ def test_a_beam_that_warm_air_bends_is_no_frame_that_stands_elsewhere() -> None:
     assert next(s.axis for s in found.mismatch if s.kind == "machine") == "sensor:displacement"
 
 
-def test_a_frame_that_stands_elsewhere_keeps_its_name() -> None:
+def test_displaced_frame_keeps_its_name() -> None:
     seen = measure().position
     assert seen is not None
     turn = np.radians(0.006) * np.array([0.6, 0.0, 0.8])
@@ -66,21 +66,21 @@ def nodding(q: Array) -> Array:
     return np.asarray(40 * ARCSEC * (np.sin(twice) * unit(2) - 0.6 * np.cos(twice) * unit(3)))
 
 
-def test_an_axis_that_nods_is_not_named_geometry_nor_a_wave() -> None:
+def test_tilting_axis_is_neither_geometry_nor_a_wave() -> None:
     found = diagnosed(measure(delta=nodding, noise=NOISE))
     assert not found.findings
     assert found.verdict == "unexplained"
     assert [n for n in found.notes if "something at joint:1" in n]
 
 
-def test_a_wave_is_named_beside_an_axis_that_nods() -> None:
+def test_wave_is_named_beside_a_tilting_axis() -> None:
     gear = wave(4, 5.0, 90.0, 0.0)
     found = diagnosed(measure(delta=lambda q: nodding(q) + gear(q), noise=NOISE))
     assert [(f.effect, f.location) for f in found.findings] == [("transmission_error", "joint:4")]
     assert found.verdict == "partly_explained"
 
 
-def test_a_hose_is_not_named_as_the_payload_that_it_carries_a_part_of() -> None:
+def test_hose_is_not_named_as_a_payload() -> None:
     """A pull at the end of link 4 that follows its place; 600 N up in the middle, a spring of 200 N/m."""
     problem, catalogue = build(measure(noise=NOISE))
     hose = next(h for h in catalogue.uncatalogued_hypotheses if h.name[1] == "link:4")
@@ -97,7 +97,7 @@ def test_a_hose_is_not_named_as_the_payload_that_it_carries_a_part_of() -> None:
     assert [n for n in found.notes if "something at link:4" in n]
 
 
-def test_a_taut_hose_is_not_named_as_a_payload_and_a_frame() -> None:
+def test_taut_hose_is_not_named_as_payload_and_frame() -> None:
     """A spring between the end of link 4 and a place in the hall: stiff along itself, by its tension across."""
     problem, catalogue = build(measure(noise=NOISE))
     _, robot, _ = arm()
@@ -130,7 +130,7 @@ def test_a_taut_hose_is_not_named_as_a_payload_and_a_frame() -> None:
     assert [n for n in found.notes if "something at link:4" in n]
 
 
-def test_a_frame_that_a_form_of_as_few_numbers_beats_has_no_name() -> None:
+def test_frame_has_no_name_where_a_form_of_equal_size_fits_better() -> None:
     """An axis that nods twice a turn was a tracker's frame that stands elsewhere: that left no more than noise may."""
     problem, catalogue = build(measure(noise=NOISE))
     nods = next(
@@ -163,7 +163,7 @@ def bowed(course: Array) -> Recording:
     return replace(seen, position=seen.position + by)
 
 
-def test_what_the_sun_bows_for_an_hour_is_no_frame_that_stands_elsewhere() -> None:
+def test_bow_by_one_hour_of_sun_is_no_displaced_frame() -> None:
     """Half of it is a mean, which is as good a frame as any; the same all day keeps its name."""
     time = measure().time
     assert time is not None
@@ -175,7 +175,7 @@ def test_what_the_sun_bows_for_an_hour_is_no_frame_that_stands_elsewhere() -> No
     assert stays.verdict == "explained"
 
 
-def test_a_hall_that_warms_moves_the_stand_and_lets_the_arm_grow() -> None:
+def test_warming_hall_is_one_drift_of_tracker_and_arm() -> None:
     """One drift: what the law of either left was a payload."""
     time = measure().time
     assert time is not None
@@ -187,7 +187,7 @@ def test_a_hall_that_warms_moves_the_stand_and_lets_the_arm_grow() -> None:
     assert found.verdict == "explained"
 
 
-def test_a_pull_acts_through_the_joints_before_it() -> None:
+def test_external_pull_acts_through_the_joints_before_it() -> None:
     """By finite differences: the work of a force at a link's end along the twist of the joints before it."""
     cell, robot, _ = arm()
     catalogue = build(measure())[1]
@@ -213,7 +213,7 @@ def test_a_pull_acts_through_the_joints_before_it() -> None:
         assert (c[1:] > 0.0).all()  # nothing tells the spring of joint 1, which no weight turns
 
 
-def test_forms_without_a_name_take_nothing_of_what_has_one() -> None:
+def test_unnamed_forms_do_not_replace_named_effects() -> None:
     """Two waves and an offset: three parts, held against every form, keep their names."""
     parts = (wave(3, 4.0, 30.0, 10.0), wave(5, 3.0, 40.0, 0.0))
     found = diagnosed(
@@ -226,7 +226,7 @@ def test_forms_without_a_name_take_nothing_of_what_has_one() -> None:
     }
 
 
-def test_every_form_is_offered_where_its_joint_turns() -> None:
+def test_every_form_is_offered_where_its_joint_moves() -> None:
     catalogue = build(measure())[1]
     offered = {(h.location, h.law) for h in catalogue.uncatalogued_hypotheses}
     assert {(f"joint:{j}", unmodelled_pose_errors.AXIS_WOBBLE_LAW) for j in range(1, 7)} <= offered

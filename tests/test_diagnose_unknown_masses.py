@@ -47,7 +47,7 @@ def heavy():  # type: ignore[no-untyped-def]
     return a, 0.5 * a.nominal, plan, load_robot(cell), cell.tool.T_flange_tcp, load_masses(cell)
 
 
-def test_weight_stiffens_and_sags_as_its_columns_say() -> None:
+def test_weight_columns_equal_the_nonlinear_equilibrium() -> None:
     """The weight's own part of every displacement, by an arm that stands where it really stands."""
     a, k, plan, robot, T, _ = heavy()
     bare = replace(a, mass=0.0 * a.mass)
@@ -67,7 +67,7 @@ def test_weight_stiffens_and_sags_as_its_columns_say() -> None:
     assert 0.5 * borne < upper_arm < 2.0 * borne
 
 
-def test_no_balancer_is_named_for_weight_that_no_file_tells() -> None:
+def test_unknown_weight_is_not_named_a_compensator() -> None:
     a, k, plan, robot, T, masses = heavy()
     quiet = NoiseLevels(2e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     r = load_tests(a, HiddenEffects(k), plan, np.random.default_rng(1), quiet)
@@ -94,7 +94,7 @@ def test_no_balancer_is_named_for_weight_that_no_file_tells() -> None:
     assert any(h.effect == "gravity_compensator" for h in known[1].hypotheses)
 
 
-def test_a_tool_alone_does_not_make_an_arm_weigh(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_tool_mass_alone_gives_no_arm_weight(tmp_path) -> None:  # type: ignore[no-untyped-def]
     bare = tmp_path / "cell"
     shutil.copytree(CELLS / CELL, bare, ignore=shutil.ignore_patterns("recordings"))
     urdf = (bare / "robot.urdf").read_text(encoding="utf-8")
@@ -119,7 +119,7 @@ def without_mass(name: str, at: Path, *links: int) -> Cell:
 
 
 @pytest.mark.parametrize("links", [(2,), (2, 3)])
-def test_poses_keep_the_weight_that_is_stated(tmp_path: Path, links: tuple[int, ...]) -> None:
+def test_poses_use_the_stated_weight(tmp_path: Path, links: tuple[int, ...]) -> None:
     """An arm that really has no mass there is sound: the weight of all else, tool included, still bends it."""
     cell = without_mass(poses.CELL.name, tmp_path, *links)
     stated = read_stated_masses(cell)
@@ -142,9 +142,7 @@ def test_poses_keep_the_weight_that_is_stated(tmp_path: Path, links: tuple[int, 
 
 
 @pytest.mark.parametrize(("links", "opened"), [((2,), {"link:2"}), ((3,), {"link:2", "link:3"})])
-def test_load_tests_leave_open_what_a_link_weighs_and_keep_the_rest(
-    tmp_path: Path, links: tuple[int, ...], opened: set[str]
-) -> None:
+def test_load_tests_leave_link_weight_open(tmp_path: Path, links: tuple[int, ...], opened: set[str]) -> None:
     a, k, plan, robot, T, masses = heavy()
     cell = without_mass(CELL, tmp_path, *links)
     known = read_load_test_masses(cell)

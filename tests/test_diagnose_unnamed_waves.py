@@ -64,7 +64,7 @@ def angles(*parts: Finding | None) -> Array:
         ([1.0, 4.0, 12.0], [250.0, 250.0, 250.0], [12.0]),  # a worn gear of which five periods are seen
     ],
 )
-def test_only_waves_of_a_period_and_plausible_size_are_named(
+def test_only_waves_of_a_full_period_and_plausible_size_are_named(
     orders: list[float], sizes: list[float], named: list[float]
 ) -> None:
     whole = finding(orders, [0.6 * v for v in sizes], [-0.8 * v for v in sizes])
@@ -81,13 +81,13 @@ def test_only_waves_of_a_period_and_plausible_size_are_named(
     np.testing.assert_allclose(angles(parts.named, parts.unnamed), angles(whole), atol=1e-15)
 
 
-def test_waves_that_state_a_gravity_compensator_keep_its_name() -> None:
+def test_waves_of_a_gravity_compensator_keep_its_name() -> None:
     slow = replace(finding([1.0, 2.0, 3.0], [900.0, -120.0, 40.0], [80.0, 300.0, -6.0]), effect="gravity_compensator")
     assert split_waves(slow).named is slow
     assert split_waves(slow).unnamed is None
 
 
-def test_nothing_is_named_where_all_waves_are_slow() -> None:
+def test_slow_waves_are_not_named() -> None:
     parts = split_waves(finding([1.0, 2.0], [30.0, 10.0], [0.0, 5.0]))
     assert parts.named is None
     assert parts.unnamed is not None

@@ -38,7 +38,7 @@ def diagnosed(offset: np.ndarray) -> DiagnosedRecording:
     return diagnose_static_recording(cell, recorded(), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0)
 
 
-def test_the_tool_is_measured_and_nothing_is_named_for_what_its_length_does() -> None:
+def test_tool_length_is_corrected_and_nothing_else_is_named() -> None:
     d = diagnosed(OFFSET).diagnosis
     (finding,) = (f for f in d.findings if f.effect != "geometric_stiffness")
     assert (finding.effect, finding.location, finding.record) == ("load_geometry", "sensor:force", True)
@@ -54,7 +54,7 @@ def test_the_tool_is_measured_and_nothing_is_named_for_what_its_length_does() ->
 
 
 @pytest.mark.parametrize("never", [True, False])
-def test_a_tcp_that_is_no_better_or_never_ends_is_left_where_the_cell_has_it(never: bool) -> None:
+def test_tcp_correction_without_improvement_or_convergence_is_rejected(never: bool) -> None:
     """The law stays a finding like others."""
     first = diagnosed(OFFSET * 0.1).diagnosis  # a small one, from which the law names itself
     law = Finding(
@@ -85,7 +85,7 @@ def test_a_tcp_that_is_no_better_or_never_ends_is_left_where_the_cell_has_it(nev
     assert len(looks) == (4 if never else 2)
 
 
-def test_a_tool_as_the_cell_says_is_looked_at_once() -> None:
+def test_correct_tool_is_diagnosed_once() -> None:
     d = diagnosed(np.zeros(3)).diagnosis
     assert not [w for w in d.warnings if "tool.tcp" in w]
     assert not [f for f in d.findings if f.effect != "geometric_stiffness"]

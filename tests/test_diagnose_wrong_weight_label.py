@@ -55,7 +55,7 @@ def mended(r: Recording) -> tuple[Recording, list]:
 
 
 @pytest.mark.parametrize(("share", "factor"), [(0.75, 0.8), (1.0, 1.15), (0.25, 0.8), (0.5, 1.12)])
-def test_a_weight_mislabelled_in_one_session_is_read_as_the_others_have_it(share: float, factor: float) -> None:
+def test_weight_mislabelled_in_one_session_is_corrected(share: float, factor: float) -> None:
     """Its rows were ``outliers``, and the verdict was consistent."""
     r = recorded()
     bad = mislabelled(r, of_size(r, share) & (r.session == r.session.max()), factor)
@@ -67,7 +67,7 @@ def test_a_weight_mislabelled_in_one_session_is_read_as_the_others_have_it(share
     assert "wrong label" in findings[0].note
 
 
-def test_a_weight_mislabelled_throughout_is_told_where_lighter_and_heavier_ones_agree() -> None:
+def test_weight_mislabelled_everywhere_is_reported_where_others_agree() -> None:
     r = recorded()
     out, findings = mended(mislabelled(r, of_size(r, 0.5), 1.12))
     assert len(findings) == 2  # one a session
@@ -79,7 +79,7 @@ def test_a_weight_mislabelled_throughout_is_told_where_lighter_and_heavier_ones_
 
 @pytest.mark.parametrize("concealed", [False, True])
 @pytest.mark.parametrize("loads", [2, 4])
-def test_sound_weights_are_left_as_they_are(concealed: bool, loads: int) -> None:
+def test_correct_weights_remain_unchanged(concealed: bool, loads: int) -> None:
     r = recorded(concealed=concealed, loads=loads)
     out, findings = mended(r)
     assert (findings, out) == ([], r)
@@ -87,7 +87,7 @@ def test_sound_weights_are_left_as_they_are(concealed: bool, loads: int) -> None
     assert mended(whole)[1] == []
 
 
-def test_loads_of_every_size_have_no_labels() -> None:
+def test_continuous_load_sizes_have_no_labels() -> None:
     r = recorded()
     rng = np.random.default_rng(1)
     assert r.wrench is not None
@@ -96,7 +96,7 @@ def test_loads_of_every_size_have_no_labels() -> None:
     assert mended(replace(r, wrench=any_size * r.wrench, displacement=any_size * r.displacement))[1] == []
 
 
-def test_a_diagnosis_names_the_weight_and_nothing_else() -> None:
+def test_diagnosis_names_the_weight_and_nothing_else() -> None:
     r = recorded()
     bad = mislabelled(r, of_size(r, 0.75) & (r.session == r.session.max()), 0.8)
     d = diagnose_static_recording(

@@ -87,7 +87,7 @@ def test_no_offset_is_selected_in_noise(seed: int) -> None:
     assert predictive_score.select_zero_offsets(base, laws) == []
 
 
-def test_an_unnecessary_effect_is_dropped() -> None:
+def test_unnecessary_effect_is_removed() -> None:
     base, laws = with_zeros({"joint:2": 1.0, "joint:5": 1.0}, 31)
     three = [t for t in laws if t.hypothesis.effect == "joint_zero_offset" and t.hypothesis.location[-1] in "256"]
     found = [search_stages.SelectedEffect(s, 1.0) for s in search_stages.score_hypotheses(base, three)]

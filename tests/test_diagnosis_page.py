@@ -140,7 +140,7 @@ def specs(html: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_page_stands_alone(name: str, tmp_path: Path) -> None:
+def test_page_is_self_contained(name: str, tmp_path: Path) -> None:
     """One file: tags balanced, nothing fetched, every menu entry leads somewhere, every chart has its place."""
     write_diagnosis_page(tmp_path / "report.html", page(name))
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -157,7 +157,7 @@ def test_page_stands_alone(name: str, tmp_path: Path) -> None:
         assert not re.search(rf"\b{word}\b", seen.text)
 
 
-def test_finding_says_size_place_law_and_rivals() -> None:
+def test_finding_shows_size_place_law_and_alternatives() -> None:
     text = read("explained").text
     assert "Hysteresis of joint 3: 0.90 arcmin (0.82 … 0.98), on load reversal" in text
     assert "play operator on the joint torque" in text
@@ -172,7 +172,7 @@ def test_finding_says_size_place_law_and_rivals() -> None:
     assert "410" in text  # N·m/arcmin of 1.41e6 N·m/rad: 1.41e6 · π/10800
 
 
-def test_sets_are_said_in_words_and_drawn() -> None:
+def test_alternative_sets_are_listed_and_drawn() -> None:
     text = read("three").text
     assert "These data cannot tell it from coupling of joints 4 and 5 or compliance of the tool." in text
     assert "These data cannot tell it from misalignment of the tracker." in text
@@ -184,7 +184,7 @@ def test_sets_are_said_in_words_and_drawn() -> None:
     assert strip.count("stroke-dasharray") == 3
 
 
-def test_strip_gathers_what_concerns_the_record() -> None:
+def test_data_strip_collects_record_findings() -> None:
     """Rows and columns are one place; two findings of one joint stand side by side."""
     d = made_up.three()
     spoilt = replace(made_up.frame(), effect="outliers", location="rows:1,2", one_of=(("outliers", "rows:1,2"),))
@@ -207,7 +207,7 @@ def of_the_record(explained: float) -> DiagnosisResult:
     return apply_verdict_rules(replace(d, mismatch_p=np.nan))
 
 
-def test_a_corrected_record_that_closes_nothing_is_not_called_an_explanation() -> None:
+def test_record_correction_without_improvement_is_no_explanation() -> None:
     d = of_the_record(0.0)
     assert d.verdict == "unexplained"
     assert d.sentence.startswith("Unexplained, with the record corrected")
@@ -221,7 +221,7 @@ def test_a_corrected_record_that_closes_nothing_is_not_called_an_explanation() -
     assert "no reading was repeated, so part of it may be noise" in text
 
 
-def test_where_only_the_record_is_found_charts_show_one_state_not_two_that_are_the_same() -> None:
+def test_charts_show_one_state_where_only_record_faults_are_found() -> None:
     d = of_the_record(0.6)
     assert d.sentence.startswith("Partly explained: ")
     text = read(d).text
@@ -237,7 +237,7 @@ def test_where_only_the_record_is_found_charts_show_one_state_not_two_that_are_t
     assert not {"with what was found", "model as it was, refitted", "rms, after"} & names
 
 
-def test_nothing_found_says_what_would_have_been_seen() -> None:
+def test_page_without_findings_states_detection_limits() -> None:
     text = read("consistent").text
     assert "CONSISTENT" in text
     assert "Nothing is missing that these data could show" in text
@@ -247,7 +247,7 @@ def test_nothing_found_says_what_would_have_been_seen() -> None:
     assert "the recording has neither time nor temperature" in text
 
 
-def test_unexplained_says_where_and_how_much() -> None:
+def test_unexplained_mismatch_states_place_and_size() -> None:
     text = read("unexplained").text
     assert "NOT EXPLAINED" in text
     assert "57 µm rms come back in every repeat and no law of the catalogue predicts them" in text
@@ -256,13 +256,13 @@ def test_unexplained_says_where_and_how_much() -> None:
     assert "single it out" not in text
 
 
-def test_a_broken_record_is_not_a_green_page() -> None:
+def test_broken_record_has_no_success_page() -> None:
     d = replace(made_up.explained(), findings=(made_up.frame(),))
     assert "CHECK THE RECORD" in read(d).text
     assert "Stays in the diagnosis, the robot's model is not touched by it" in read(d).text
 
 
-def test_law_is_drawn_through_what_the_readings_show() -> None:
+def test_law_is_drawn_with_the_readings() -> None:
     data = page("explained")
     f = data.diagnosis.findings[0]
     spec = build_law_chart(data, 1, f)
@@ -282,13 +282,13 @@ def test_law_is_drawn_through_what_the_readings_show() -> None:
     assert np.median(up["y"]) > 0.3 > -0.3 > np.median(down["y"])
 
 
-def test_window_keeps_the_law_whole() -> None:
+def test_axis_range_shows_the_whole_law() -> None:
     low, high = compute_value_range(np.array([0.0, 0.1, -0.1, 0.05, 500.0]), np.array([-3.0, 2.0]))
     assert low <= -3.0
     assert 2.0 <= high < 500.0
 
 
-def test_bins_lose_no_power() -> None:
+def test_bins_preserve_the_power() -> None:
     rng = np.random.default_rng(2)
     x, r = np.sort(rng.integers(0, 40, 500)).astype(float), rng.normal(size=500)
     at, mean = compute_binned_rms(x, np.abs(r), few=True)
@@ -300,7 +300,7 @@ def test_bins_lose_no_power() -> None:
     assert (half > 0).all()
 
 
-def test_groups_worst_first_and_named_as_the_recording_names_them() -> None:
+def test_groups_are_sorted_worst_first_with_recorded_names() -> None:
     data = page("explained")
     spec = build_group_chart(data)
     assert spec is not None
@@ -312,7 +312,7 @@ def test_groups_worst_first_and_named_as_the_recording_names_them() -> None:
     assert np.isclose(before[0], 1e3 * data.diagnosis.errors.by_group[worst, 0], rtol=1e-5)
 
 
-def test_motion_shows_the_joint_that_carries_it() -> None:
+def test_motion_page_shows_the_affected_joint() -> None:
     spec = build_axis_chart(page("torque"), "qd2", "a")
     assert spec is not None
     assert spec["title"] == "Size of the residual of joint 2 over velocity of joint 2"
@@ -335,7 +335,7 @@ def test_axis_without_numbers_is_not_drawn() -> None:
     assert build_axis_chart(data, "session", "a") is None
 
 
-def test_json_is_what_the_contract_says() -> None:
+def test_json_agrees_with_the_contract() -> None:
     d = replace(made_up.three(), explained=np.nan, repeatable_after=np.inf)
     got = build_diagnosis_document(
         CELL, made_up.recording(), d, kinematics="kinematics.yaml", effect_on_job=made_up.job()
@@ -366,7 +366,7 @@ def test_json_is_what_the_contract_says() -> None:
     assert got["effect_on_job"]["deflection_after_mm"][-1] is None
 
 
-def test_the_named_one_stands_first_in_its_set() -> None:
+def test_named_effect_is_first_in_its_set() -> None:
     """Even where an engine leaves it out or puts it last."""
     f = replace(made_up.link(), one_of=(("tool_compliance", "tool"), ("link_compliance", "link:4")))
     got = build_diagnosis_document(
@@ -376,7 +376,7 @@ def test_the_named_one_stands_first_in_its_set() -> None:
     assert "cannot tell it from compliance of the tool." in read(replace(made_up.explained(), findings=(f,))).text
 
 
-def test_json_takes_numpy_inside_corrections(tmp_path: Path) -> None:
+def test_json_accepts_numpy_inside_corrections(tmp_path: Path) -> None:
     f = made_up.frame()
     assert f.correction is not None
     f = replace(f, correction=replace(f.correction, parameters={"R": np.eye(2), "n": np.int64(3), "bad": np.nan}))
@@ -389,14 +389,14 @@ def test_json_takes_numpy_inside_corrections(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8")) == got
 
 
-def test_outlier_rows_as_a_location() -> None:
+def test_outlier_rows_are_a_location() -> None:
     assert format_rows_location([12, 3, 7]) == "rows:3,7,12"
     assert format_place("rows:3,7,12") == "rows 3, 7 and 12"
     assert format_place("rows:" + ",".join(map(str, range(1, 41)))) == "40 rows (1, 2, 3, 4 …)"
 
 
 @pytest.mark.parametrize("name", ["three", "torque"])
-def test_residuals_come_back_from_the_table(name: str, tmp_path: Path) -> None:
+def test_residuals_are_read_back_from_the_table(name: str, tmp_path: Path) -> None:
     d: DiagnosisResult = getattr(made_up, name)()
     final = d.errors.final.copy()
     final[5, 1] = np.nan
@@ -414,7 +414,7 @@ def test_residuals_come_back_from_the_table(name: str, tmp_path: Path) -> None:
     assert [int(r["line"]) for r in rows] == made_up.recording().line.tolist()
 
 
-def test_several_files_say_which_one() -> None:
+def test_file_name_is_shown_with_several_files() -> None:
     d = made_up.explained()
     r = made_up.recording()
     two = replace(r, files=("monday.csv", "tuesday.csv"), file=(r.session > 0).astype(np.int64))
@@ -424,7 +424,7 @@ def test_several_files_say_which_one() -> None:
     assert build_diagnosis_page_data(CELL, apart, d, ()).recording == "a, b"
 
 
-def test_text_from_outside_cannot_end_the_page() -> None:
+def test_foreign_text_is_escaped() -> None:
     bad = "</script><b onclick=x>"
     d = made_up.three()
     f = replace(d.findings[0], law=bad, note=bad, equation=bad)
@@ -459,13 +459,13 @@ def test_every_word_of_the_vocabulary_has_a_name() -> None:
         (2.0, np.nan, np.nan, ("2", "–", "–")),
     ],
 )
-def test_numbers_carry_the_digits_their_interval_deserves(
+def test_numbers_have_the_digits_of_their_interval(
     value: float, low: float, high: float, texts: tuple[str, str, str]
 ) -> None:
     assert format_interval_parts(value, low, high) == texts
 
 
-def test_compliances_read_in_small_units() -> None:
+def test_compliances_have_small_units() -> None:
     assert (
         format_estimate(EstimatedValue(2.4e-7, "rad/(N·m)", (2.0e-7, 2.8e-7), (1.9e-7, 2.9e-7)))
         == "0.24 µrad/(N·m) (0.20 … 0.28)"
@@ -475,7 +475,7 @@ def test_compliances_read_in_small_units() -> None:
     assert format_error(np.nan, "mm") == "–"
 
 
-def test_notes_on_the_data_leave_si() -> None:
+def test_data_notes_use_display_units() -> None:
     def told(axis: str, low: float, high: float, readings: float) -> tuple[str, str]:
         there = AxisInterval(low, high, readings)
         return there.words, describe_share(MismatchShare(axis, 0.5, there.words, "data", there))
@@ -502,13 +502,13 @@ def test_limits_name_sets_and_reasons() -> None:
     assert build_limits_html(replace(made_up.explained(), limits=(), untestable=())) == ""
 
 
-def test_shares_of_the_data_are_bars_in_order() -> None:
+def test_shares_of_the_mismatch_are_sorted_bars() -> None:
     bars = build_share_bars([s for s in made_up.explained().mismatch if s.kind == "data"])
     assert [float(w) for w in re.findall(r'style="width:([\d.]+)%"', bars)] == [71.0, 22.0, 11.0, 2.0]
     assert build_share_bars([]) == ""
 
 
-def test_the_machine_of_narrow_pages_says_the_same_as_the_strip() -> None:
+def test_narrow_page_shows_the_same_as_the_wide_one() -> None:
     """Every part, share and mark of the strip stands on the column, too, and no two of its lines overlap."""
     for d in (made_up.three(), made_up.explained(), made_up.unexplained()):
         strip, column = build_machine_strip(d), build_machine_column(d)
@@ -538,7 +538,7 @@ def test_terminal_summary() -> None:
 
 
 @pytest.mark.parametrize("verdict", CASES[:5])
-def test_command_passes_its_options_on_and_every_verdict_is_success(
+def test_command_passes_options_on_and_every_verdict_is_success(
     verdict: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @dataclass(frozen=True)
@@ -595,7 +595,7 @@ def test_command_passes_its_options_on_and_every_verdict_is_success(
     assert json.loads(capsys.readouterr().out)["verdict"] == getattr(made_up, verdict)().verdict
 
 
-def test_residuals_stand_at_the_arm_before_and_after() -> None:
+def test_residuals_are_drawn_at_the_arm_before_and_after() -> None:
     scene, _ = build_cell_scene(CELL)
     data = page("explained", scene=scene)
     recording = made_up.recording()

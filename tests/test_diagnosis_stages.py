@@ -27,7 +27,7 @@ def pages() -> ModuleType:
     return module
 
 
-def test_the_page_of_the_stages_is_current(pages: ModuleType) -> None:
+def test_stages_page_is_current(pages: ModuleType) -> None:
     assert pages.PAGE.read_text(encoding="utf-8") == pages.page(), "run python docs/make_diagnosis_stages.py"
 
 
@@ -50,7 +50,7 @@ def test_every_stage_has_its_ablation_figures(pages: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("name", ["gain", "unseen groups", "significance"])
-def test_the_engine_executes_the_table_of_checks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engine_executes_the_table_of_checks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is selected where one check rejects everything, and no other place asks in its stead."""
     base, laws = model({("transmission_error", "joint:2"): (2.0,)}, 51)
     some = [t for t in laws if t.hypothesis.name == ("transmission_error", "joint:2")]

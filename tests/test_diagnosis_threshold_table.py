@@ -16,7 +16,7 @@ from machopt.measurement import thresholds
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def test_every_threshold_says_what_it_is_and_where_its_number_comes_from() -> None:
+def test_every_threshold_has_meaning_and_origin() -> None:
     rows = list(thresholds.list_thresholds())
     assert len({(r.concern, r.name) for r in rows}) == len(rows)
     assert 50 < len(rows) <= 80
@@ -30,7 +30,7 @@ def test_every_threshold_says_what_it_is_and_where_its_number_comes_from() -> No
             assert len(row.origin.date) == len("2026-11-21")
 
 
-def test_statistics_are_what_their_words_come_to() -> None:
+def test_statistical_thresholds_are_recomputed() -> None:
     """Whatever else is a choice, and says so."""
     follows = {
         "levels.gain_two_sigma": 2.0**2,
@@ -50,7 +50,7 @@ def test_statistics_are_what_their_words_come_to() -> None:
     assert said == pytest.approx(follows, rel=2e-3)
 
 
-def test_the_script_prints_the_table_again() -> None:
+def test_script_prints_the_table() -> None:
     said = subprocess.run(
         [sys.executable, str(ROOT / "benchmarks" / "diagnosis_thresholds.py")],
         capture_output=True,
@@ -104,7 +104,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
 }
 
 
-def test_a_number_that_decides_stands_in_the_table() -> None:
+def test_module_constants_that_decide_are_thresholds() -> None:
     """A float of a module is a threshold, of ``thresholds.py``, unless this list says that it decides nothing."""
     folder = ROOT / "machopt" / "measurement" / "diagnosis"
     found = set()
@@ -135,7 +135,7 @@ IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's 
 }
 
 
-def test_no_line_compares_with_a_number_of_its_own() -> None:
+def test_comparisons_use_named_thresholds() -> None:
     """What decides has a name and a row in the table; zero, one and a factor two are no thresholds."""
     folder = ROOT / "machopt" / "measurement" / "diagnosis"
     found = set()
@@ -163,7 +163,7 @@ def _float(value: ast.expr) -> bool:
     return any(isinstance(n, ast.Constant) and isinstance(n.value, float) for n in ast.walk(value))
 
 
-def test_a_threshold_is_set_for_a_block_and_put_back() -> None:
+def test_threshold_is_set_for_a_block_and_restored() -> None:
     code = (
         "import diagnosis_thresholds as t\n"
         "from machopt.measurement import thresholds\n"

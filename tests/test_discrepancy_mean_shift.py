@@ -57,7 +57,7 @@ def doubt(*, counted: bool = True) -> ModelDiscrepancy:
     )
 
 
-def test_the_shift_is_the_sum_of_the_suspects_columns() -> None:
+def test_shift_equals_the_sum_of_candidate_columns() -> None:
     _, robot, T = made.cell()
     rng = np.random.default_rng(5)
     q, w = made.CENTRE + rng.normal(0, 0.4, (7, 6)), np.hstack([rng.normal(0, 500, (7, 3)), rng.normal(0, 50, (7, 3))])
@@ -80,7 +80,7 @@ def test_the_shift_is_the_sum_of_the_suspects_columns() -> None:
     assert suspects.ways[0].any()
 
 
-def test_weight_counts_beside_a_file_that_counts_the_load_on_levers() -> None:
+def test_loaded_weight_and_geometric_stiffness_count_once() -> None:
     """K_C of the load alone and ``loaded`` are what the equilibrium under weight and load is, each counted once."""
     _, robot, T = made.cell()
     rng = np.random.default_rng(6)
@@ -114,7 +114,7 @@ def test_weight_counts_beside_a_file_that_counts_the_load_on_levers() -> None:
     assert off[1, True] < 1.2 * off[0, True]
 
 
-def test_a_file_may_keep_it_out(tmp_path: Path) -> None:
+def test_stiffness_file_may_exclude_the_shift(tmp_path: Path) -> None:
     write_stiffness(
         tmp_path / "stiffness.yaml", ArmStiffness(joints=made.TRUE_K, terms=(LINK,), discrepancy=doubt(counted=False))
     )
@@ -125,7 +125,7 @@ def test_a_file_may_keep_it_out(tmp_path: Path) -> None:
     assert ArmElasticity(robot, T, read, counted=True).shift is None
 
 
-def test_what_is_counted_in_is_compensated_and_said(tmp_path: Path) -> None:
+def test_included_shift_is_compensated_and_reported(tmp_path: Path) -> None:
     options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0), compensation_max=0.01)
     found = ModelDiscrepancy(
         parts=("base ry",),

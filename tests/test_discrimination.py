@@ -93,13 +93,13 @@ def small(rng: np.random.Generator) -> tuple[list[ModelContest], np.ndarray, np.
     return contests, np.broadcast_to(np.eye(R), (N, R, R)), np.zeros((R, R)), np.repeat(np.arange(6), 2)
 
 
-def test_needed_noncentrality_is_the_textbook_value() -> None:
+def test_required_noncentrality_equals_the_textbook_value() -> None:
     # (2.576 + 1.282)²: two-sided 1 %, power 90 %; tables of Pearson & Hartley give 14.88
     assert compute_required_noncentrality() == pytest.approx(14.88, abs=0.005)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_least_separation_is_near_the_best_of_all_designs(seed: int) -> None:
+def test_minimum_separation_is_near_the_best_of_all_designs(seed: int) -> None:
     contests, own, shared, pose = small(np.random.default_rng(seed))
 
     def least(blocks: Any) -> float:
@@ -115,7 +115,7 @@ def test_least_separation_is_near_the_best_of_all_designs(seed: int) -> None:
     assert least(found) >= 0.9 * best
 
 
-def test_noncentrality_is_what_the_rival_leaves_on_average() -> None:
+def test_noncentrality_equals_the_mean_residual_of_the_rival() -> None:
     rng = np.random.default_rng(7)
     contests, own, shared, _ = small(rng)
     pose = np.arange(12)
@@ -156,7 +156,7 @@ def even(size: float, poses: int) -> tuple[ModelContest, np.ndarray, tuple[tuple
 
 
 @pytest.mark.parametrize("size", [0.35, 0.6])
-def test_rounds_until_a_rival_is_excluded_are_those_that_a_simulation_needs(size: float) -> None:
+def test_number_of_rounds_agrees_with_a_simulation(size: float) -> None:
     contest, own, blocks = even(size, 20)
     rounds = compute_rounds_to_exclude([contest], own, blocks, contest.columns[:, :, :2])
     assert rounds is not None
@@ -164,7 +164,7 @@ def test_rounds_until_a_rival_is_excluded_are_those_that_a_simulation_needs(size
     assert rounds == 1 or share_excluded(max(rounds // 2, 1), size) < 0.85
 
 
-def test_a_rival_that_few_poses_tell_is_not_excluded_by_rounds() -> None:
+def test_rival_seen_in_few_poses_is_not_excluded_by_repetition() -> None:
     contest, own, blocks = even(1.0, 20)
     alone = contest.signal.copy()
     alone[2:] = 3.0 * contest.columns[2:, :, 2]
@@ -174,7 +174,7 @@ def test_a_rival_that_few_poses_tell_is_not_excluded_by_rounds() -> None:
     assert combine_required_rounds([12], [None]) == 10
 
 
-def test_a_plan_has_more_poses_where_diagnoses_test_asks_for_them() -> None:
+def test_plan_has_more_poses_where_the_test_requires_them() -> None:
     contest, own, _ = even(0.35, 60)
     base, none = contest.columns[:, :, :2], np.zeros((3, 3))
     size = MeasurementPlanSize(poses=4, loads=1, candidates=60, starts=1)
@@ -251,7 +251,7 @@ def fewer(cases: LoadCases, keep: np.ndarray) -> LoadCases:
         ("joint_pose_dependent_stiffness", "soft sector"),
     ],
 )
-def test_a_law_is_the_same_beside_other_readings(
+def test_law_is_the_same_in_other_readings(
     cell: Cell, tests: tuple[LoadCases, np.ndarray], effect: str, law: str
 ) -> None:
     cases, q = tests
@@ -279,7 +279,7 @@ def test_a_law_is_the_same_beside_other_readings(
     np.testing.assert_allclose(everywhere.signal[light], alone.signal, atol=2e-3 * np.abs(alone.signal).max())
 
 
-def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
+def test_forearm_twist_equals_joint_4_in_every_experiment(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
     own, shared = compute_case_noise(cases, ReadingNoise(displacement=1e-5), (1.0,))
@@ -291,7 +291,7 @@ def test_twist_of_the_forearm_is_joint_4_for_every_experiment(cell: Cell, tests:
     assert not impossible
 
 
-def test_the_noise_of_a_plan_is_what_the_diagnosis_saw_or_what_was_typed() -> None:
+def test_plan_noise_comes_from_the_diagnosis_or_the_option() -> None:
     typed = ReadingNoise(displacement=3e-5, targets=0.4)
     asked = DiscriminationOptions(typed, has_stated_noise=False, targets=0.2)
     three, six = open_(), replace(open_(), coordinates=6, turn=1e-4)
@@ -306,7 +306,7 @@ def test_the_noise_of_a_plan_is_what_the_diagnosis_saw_or_what_was_typed() -> No
         assert compute_planning_noise(found, replace(by, coordinates=3), 2).targets is None
 
 
-def test_what_would_split_two_laws_is_said_by_what_they_are() -> None:
+def test_experiment_advice_follows_from_the_laws() -> None:
     for one, two, said in (
         ("force_sensor_gain", "link_compliance", "second force sensor"),
         ("displacement_frame", "base_compliance", "register the displacement's axes"),
@@ -321,9 +321,7 @@ def test_what_would_split_two_laws_is_said_by_what_they_are() -> None:
     assert format_hypothesis_name(CandidateLaw(effect="", location="link:3")) == "something at link:3"
 
 
-def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
-    cell: Cell, tests: tuple[LoadCases, np.ndarray]
-) -> None:
+def test_law_with_only_a_size_moves_the_tool_by_it(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
     unsized = CandidateLaw(effect="link_compliance", location="link:3")
@@ -346,7 +344,7 @@ def test_a_law_of_which_only_the_size_is_known_moves_the_tool_by_it(
     assert predict_law(replace(unsized, size=1.0), still, 1.0) is None  # it shows nowhere in these poses
 
 
-def test_of_many_laws_only_the_nearest_are_separated(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
+def test_only_the_nearest_of_many_laws_are_separated(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
     at = predicted(cell, cases, q, (1.0,))
     own, shared = compute_case_noise(cases, ReadingNoise(displacement=1e-5), (1.0,))
@@ -463,7 +461,7 @@ def finding(own: CandidateLaw, *rivals: CandidateLaw, open_too: bool = True) -> 
     return as_fitted(own) | told | {"one_of": names, "rivals": [as_fitted(r) | rest for r in rivals]}
 
 
-def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
+def test_open_rivals_are_read_from_the_diagnosis(tmp_path: Path) -> None:
     sets = read_diagnosis(diagnosis(tmp_path / "a", [finding(LINK_4, LINK_3, TWIST_4)]))
     assert sets.rival_sets[0].pairs == ((0, 1), (0, 2), (1, 2))
     assert sets.scatter == (1.7e-5, 1e-5)
@@ -488,7 +486,7 @@ def test_what_is_open_is_read_from_the_diagnosis(tmp_path: Path) -> None:
     assert lost.rival_sets[0].candidate_laws[0].rms == pytest.approx(5e-5)
 
 
-def test_a_spring_that_readings_do_not_tell_is_the_cells(tmp_path: Path) -> None:
+def test_unobserved_spring_comes_from_the_cell(tmp_path: Path) -> None:
     folder = diagnosis(tmp_path / "a", [finding(LINK_4, LINK_3, TWIST_4)])
     data = json.loads((folder / "diagnosis.json").read_text())
     data["coefficients"][2] |= {"value": -5e-8, "sigma": 5e-8}  # no arm gives way against its load
@@ -501,7 +499,7 @@ def test_a_spring_that_readings_do_not_tell_is_the_cells(tmp_path: Path) -> None
     assert select_planning_compliance(found, stiffness)[0] == pytest.approx(COMPLIANCE[0])
 
 
-def test_what_cannot_be_planned_for_is_refused(tmp_path: Path) -> None:
+def test_unplannable_rivals_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="diagnosis of a motion"):
         read_diagnosis(diagnosis(tmp_path / "m", [], channel="torque"))
     with pytest.raises(InputError, match="machopt diagnose wrote"):
@@ -539,7 +537,7 @@ def plan(folder: Path, *stands: CandidateLaw) -> PlanPosesResult:
 
 
 @pytest.mark.proof
-def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
+def test_command_plans_the_separation_of_two_links(tmp_path: Path) -> None:
     done = plan(tmp_path, LINK_4, LINK_3)
     folder = done.report.parent
     assert sorted(p.name for p in folder.iterdir()) == [
@@ -563,7 +561,7 @@ def test_command_plans_what_tells_two_links_apart(tmp_path: Path) -> None:
     assert "1 of 1 pairs" in done.message
 
 
-def test_cycles_are_stepped_where_a_law_remembers(tmp_path: Path) -> None:
+def test_load_cycles_have_steps_where_a_law_has_memory(tmp_path: Path) -> None:
     play = CandidateLaw(
         effect="joint_hysteresis", location="joint:3", law="play", coefficients=(1.5e-7,), shape=(0.3, 0.0)
     )

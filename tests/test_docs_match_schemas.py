@@ -24,11 +24,11 @@ def reference() -> ModuleType:
     return module
 
 
-def test_the_reference_is_current(reference: ModuleType) -> None:
+def test_reference_is_current(reference: ModuleType) -> None:
     assert reference.PAGE.read_text(encoding="utf-8") == reference.page(), "run python docs/make_reference.py"
 
 
-def test_every_key_says_what_it_is(reference: ModuleType) -> None:
+def test_every_key_is_described(reference: ModuleType) -> None:
     silent = [
         f"{title}: {name}"
         for title, _, model in reference.FILES
@@ -38,7 +38,7 @@ def test_every_key_says_what_it_is(reference: ModuleType) -> None:
     assert silent == []
 
 
-def test_every_page_is_listed_once_where_the_pages_are_built_from() -> None:
+def test_every_page_is_listed_once_in_the_contents() -> None:
     """`make docs` fails on the same, and on anchors too; here it takes no Sphinx."""
     folder = DOCS / "site"
     listed: list[Path] = []

@@ -17,7 +17,7 @@ PER_SAMPLE = 1.1e-3  # MiB of a sample of the motion
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("holes", "feed_mm_min"), [(200, 500.0), (20, 10.0)])
-def test_memory_follows_the_holes(tmp_path: Path, holes: int, feed_mm_min: float) -> None:
+def test_peak_memory_grows_slowly_with_the_holes(tmp_path: Path, holes: int, feed_mm_min: float) -> None:
     code, peak, _, _ = measure(holes, feed_mm_min, tmp_path)
     assert code == 0
     (table,) = tmp_path.glob("out_*/trajectory.csv")

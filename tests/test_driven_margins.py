@@ -58,7 +58,7 @@ def job(cell: Cell, options: PlanOptions) -> JobPlan:
     )
 
 
-def test_driving_takes_more_of_the_margin_than_verify_allows(on_the_margin: tuple[Cell, Plan]) -> None:
+def test_driven_path_uses_more_margin_than_verify_allows(on_the_margin: tuple[Cell, Plan]) -> None:
     cell, planned = on_the_margin
     timeline = plan_motion(planned, toolpath(ROWS), OPTIONS, StageTimings())
     assert timeline is not None
@@ -71,7 +71,7 @@ def test_driving_takes_more_of_the_margin_than_verify_allows(on_the_margin: tupl
     assert np.degrees(short) > 10 * MARGIN_TOLERANCE_DEG
 
 
-def test_such_a_plan_is_made_again_and_keeps_the_margin_as_driven(on_the_margin: tuple[Cell, Plan]) -> None:
+def test_such_a_plan_is_repeated_with_a_larger_margin(on_the_margin: tuple[Cell, Plan]) -> None:
     cell, _ = on_the_margin
     done = job(cell, OPTIONS)
     assert done.timeline is not None
@@ -82,7 +82,7 @@ def test_such_a_plan_is_made_again_and_keeps_the_margin_as_driven(on_the_margin:
     assert margin.min() > np.degrees(OPTIONS.limit_margin) - MARGIN_TOLERANCE_DEG
 
 
-def test_one_that_cannot_be_made_again_is_no_plan_and_says_why(
+def test_plan_that_cannot_be_repeated_is_infeasible_with_a_reason(
     on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, _ = on_the_margin
@@ -95,9 +95,7 @@ def test_one_that_cannot_be_made_again_is_no_plan_and_says_why(
     assert "point 3" in done.plan.conflict
 
 
-def test_a_place_is_held_to_what_is_driven_too(
-    on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_placement_uses_the_driven_margin(on_the_margin: tuple[Cell, Plan], monkeypatch: pytest.MonkeyPatch) -> None:
     cell, _ = on_the_margin
     carried = MovedBodies(False, frozenset(), np.zeros(3))
     placed = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)

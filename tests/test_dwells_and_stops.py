@@ -44,7 +44,7 @@ def toolpath(*events: ToolpathEvent, n: int = 4) -> Toolpath:
     )
 
 
-def test_samples_of_every_rest() -> None:
+def test_samples_of_every_dwell() -> None:
     t = toolpath(
         ToolpathEvent(0, "dwell", "G4 a", 0.1),
         ToolpathEvent(2, "dwell", "G4 b", 0.024),
@@ -58,7 +58,7 @@ def test_samples_of_every_rest() -> None:
         count_rest_samples(toolpath(ToolpathEvent(1, "dwell", "G4 P700000", 700.0)), H)
 
 
-def test_a_run_comes_to_rest_at_its_point_and_goes_on() -> None:
+def test_run_stops_at_its_point_and_continues() -> None:
     run = make([[0.0, 0, 0], [0.006, 0, 0], [0.013, 0.001, 0], [0.02, 0, 0]], feed=0.05)
     through, done = retime_run(run), retime_run(replace(run, rests=(2,)))
     assert isinstance(through, RunTrajectory)
@@ -72,7 +72,7 @@ def test_a_run_comes_to_rest_at_its_point_and_goes_on() -> None:
     assert np.abs(np.diff(done.q[n - 1 : n + 2], axis=0)).max() < 1e-5
 
 
-def test_a_leg_stands() -> None:
+def test_joint_segment_may_dwell() -> None:
     rows = np.arange(3.0)
     leg = MotionSegment(
         name="run",
@@ -91,7 +91,7 @@ def test_a_leg_stands() -> None:
     assert leg.standing(-1, 1).q[:, 5].tolist() == [0, 1, 2, 2]
 
 
-def test_a_dwell_is_at_the_point_and_what_follows_behind_the_lift() -> None:
+def test_dwell_is_at_the_point_and_later_events_after_the_lift() -> None:
     """Point 3 is left by a lift that the file has no move for: M5 alone waits for it, the dwell does not."""
     index = np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 3.0, np.nan])
     drawn = np.array([False, False, False, False, False, True, False])
@@ -132,7 +132,7 @@ def driven(stand: int) -> np.ndarray[Any, Any]:
     return np.concatenate([[0.0], np.cumsum(np.concatenate([up, np.zeros(stand), on]))])
 
 
-def test_the_verification_sees_where_and_how_long() -> None:
+def test_verification_checks_place_and_duration() -> None:
     dwell, stop = ToolpathEvent(2, "dwell", "G4", 0.6), ToolpathEvent(2, "stop", "M0")
     x = driven(50)
     assert verified(x / 0.01, x, dwell) == (True, "none")
@@ -151,13 +151,13 @@ def test_the_verification_sees_where_and_how_long() -> None:
     assert "before the first point" in why
 
 
-def test_nothing_is_asked_where_the_file_neither_dwells_nor_stops() -> None:
+def test_no_check_without_dwells_and_stops() -> None:
     t = toolpath(ToolpathEvent(2, "spindle", "M3", 100.0))
     none: Any = None
     assert check_dwells_and_stops(none, t, none, none, none, none) == []
 
 
-def test_a_dwell_between_moves_to_where_the_tool_stands(tmp_path: Path) -> None:
+def test_dwell_between_moves_without_displacement(tmp_path: Path) -> None:
     """G0, G1 to the same place, a dwell, again such a move, and on: where it stands is told."""
     folder, job = external_folder(tmp_path, rail=True), tmp_path / "job.nc"
     job.write_text("G21 G90 G17\nG0 X60 Y0 Z0\nG1 X60 F1200\nG4 P0.5\nG1 X60\nG1 X90\nG0 Z20\nM30\n")

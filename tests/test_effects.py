@@ -75,7 +75,7 @@ def made(law: JointLaw, sign: float = 1.0) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_tangent_is_the_difference(effect: Effect, law: JointLaw) -> None:
+def test_tangent_equals_finite_differences(effect: Effect, law: JointLaw) -> None:
     """Central differences; of what remembers far out, where the slope no longer grows."""
     _, shape = made(law)
     at = 1e5 * np.sign(TORQUES) + TORQUES if law.has_memory else TORQUES
@@ -87,7 +87,7 @@ def test_tangent_is_the_difference(effect: Effect, law: JointLaw) -> None:
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_many_states_are_single_ones_and_histories_can_be_cut(effect: Effect, law: JointLaw) -> None:
+def test_batches_equal_single_states_and_histories_can_be_split(effect: Effect, law: JointLaw) -> None:
     """A state by itself, in a row of others, and as the first of a history that has settled: the same number."""
     _, shape = made(law)
     whole = law.columns(shape, JointLoading(TORQUES, ANGLES))
@@ -102,7 +102,7 @@ def test_many_states_are_single_ones_and_histories_can_be_cut(effect: Effect, la
     np.testing.assert_array_equal(lead.reshape(36, -1), whole)
 
 
-def test_a_path_in_pieces_is_the_same_path() -> None:
+def test_path_in_pieces_equals_the_whole_path() -> None:
     """Up, back past zero and up again, with points between or without, whatever the drag does on the way."""
     corners = np.array([0.0, 900.0, -300.0, -250.0, 1000.0, 0.0])
     fine = np.concatenate([np.linspace(a, b, 8)[:-1] for a, b in itertools.pairwise(corners)] + [corners[-1:]])
@@ -115,7 +115,7 @@ def test_a_path_in_pieces_is_the_same_path() -> None:
         assert np.abs(many).max() < 1.0
 
 
-def test_play_that_is_used_up_parts_once_however_large_the_load() -> None:
+def test_closed_backlash_does_not_grow_with_the_load() -> None:
     """Beyond the threshold the branches run side by side; a play's own part the further the more is loaded."""
     law = hysteresis.SaturatedPlay()
     shape = np.array([80.0, 150.0])
@@ -137,7 +137,7 @@ def test_play_that_is_used_up_parts_once_however_large_the_load() -> None:
     assert not law.grid(JointLoadRange(max_torque=1000.0, is_motion=True))
 
 
-def test_what_is_late_has_come_before_a_session_and_fades_by_the_clock_alone() -> None:
+def test_creep_before_a_session_is_complete_and_later_depends_on_time_only() -> None:
     """An arm that stood under its weight moves no more when a test begins; no cycle starts it afresh."""
     r, _ = load_test()
     r = replace(r, recording=replace(r.recording, time=np.cumsum(np.full(len(r), 20.0))))
@@ -152,7 +152,7 @@ def test_what_is_late_has_come_before_a_session_and_fades_by_the_clock_alone() -
         assert {int(shape[-1]) for h in found for shape in h.shapes} == set(kept)
 
 
-def test_a_gear_that_is_come_to_anew_for_every_cycle_is_wound_up_by_weight_each_time() -> None:
+def test_reset_memory_is_preloaded_by_weight_in_each_cycle() -> None:
     """As on arrival, but before every cycle; where a visit is one cycle the two are one and tried once."""
     r, _ = load_test()
     each, arrival = build_load_history(r, "approach"), build_load_history(r, "arrival")
@@ -180,7 +180,7 @@ def test_sizes_grow_with_the_coefficients(effect: Effect, law: JointLaw) -> None
 
 
 @pytest.mark.parametrize(("effect", "law"), OWN)
-def test_a_law_takes_no_more_than_it_says(effect: Effect, law: JointLaw) -> None:
+def test_law_stays_within_its_stated_bounds(effect: Effect, law: JointLaw) -> None:
     """Its slope, of either sign of its coefficients where a file may have both; and what it says is reached."""
     for sign in (1.0, -1.0):
         if sign < 0.0 and all(p.lower_limit >= 0.0 for p in law.coefficients):
@@ -202,7 +202,9 @@ def test_a_law_takes_no_more_than_it_says(effect: Effect, law: JointLaw) -> None
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 @pytest.mark.parametrize("zero", [False, True])
-def test_files_keep_everything(effect: Effect, law: JointLaw, zero: bool, tmp_path: Path) -> None:
+def test_files_preserve_law_coefficients_shape_and_memory(
+    effect: Effect, law: JointLaw, zero: bool, tmp_path: Path
+) -> None:
     """Through stiffness.yaml: law, coefficients (zeros too), shape, and what the gear remembers."""
     values, shape = made(law)
     values = 0.0 * values if zero else values
@@ -225,7 +227,7 @@ def test_files_keep_everything(effect: Effect, law: JointLaw, zero: bool, tmp_pa
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_verify_has_the_same_law_in_its_own_writing(effect: Effect, law: JointLaw) -> None:
+def test_verifier_has_its_own_implementation_of_the_law(effect: Effect, law: JointLaw) -> None:
     values, shape = made(law)
     term = StiffnessTerm(
         effect.file_word,
@@ -256,7 +258,7 @@ def unloaded(law: JointAngleLaw) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize(("effect", "law"), UNLOADED)
-def test_angles_without_load_have_derivatives_and_bounds(effect: Effect, law: JointAngleLaw) -> None:
+def test_joint_angle_errors_have_derivatives_and_bounds(effect: Effect, law: JointAngleLaw) -> None:
     """Central differences, order by order; batches are singles; the steepest is met within a wave and never passed."""
     values, shape = unloaded(law)
     step = 1e-4
@@ -277,7 +279,7 @@ def test_angles_without_load_have_derivatives_and_bounds(effect: Effect, law: Jo
 
 @pytest.mark.parametrize(("effect", "law"), UNLOADED)
 @pytest.mark.parametrize("factor", [1.0, 0.0])
-def test_kinematics_yaml_keeps_everything_and_verify_agrees(
+def test_kinematics_yaml_preserves_everything_and_verify_agrees(
     effect: Effect, law: JointAngleLaw, factor: float, tmp_path: Path
 ) -> None:
     values, shape = unloaded(law)
@@ -313,7 +315,7 @@ def test_kinematics_yaml_keeps_everything_and_verify_agrees(
         for law in e.parallel_torque_laws
     ],
 )
-def test_springs_beside_a_gear_have_their_slope_and_verify_agrees(effect: Effect, law: ParallelTorqueLaw) -> None:
+def test_parallel_springs_have_their_slope_and_verify_agrees(effect: Effect, law: ParallelTorqueLaw) -> None:
     """Central differences; batches are singles; of the one that files state, the verifier's stiffness, zeros too."""
     step = 1e-4
     for shape in (np.array(s) for s in law.grid()[:: max(len(law.grid()) // 5, 1)]):
@@ -336,7 +338,7 @@ def test_springs_beside_a_gear_have_their_slope_and_verify_agrees(effect: Effect
             np.testing.assert_allclose(theirs, -law.slope(shape, ANGLES) @ values, rtol=1e-11, atol=1e-8)
 
 
-def test_one_word_of_files_may_mean_an_elastic_and_a_kinematic_effect() -> None:
+def test_one_word_may_mean_an_elastic_and_a_kinematic_effect() -> None:
     """Two effects, each in its own file; a third of the same word in the same file is refused."""
     elastic, kinematic = joint_coupling.ELASTIC, joint_coupling.KINEMATIC
     assert elastic.name != kinematic.name
@@ -348,7 +350,7 @@ def test_one_word_of_files_may_mean_an_elastic_and_a_kinematic_effect() -> None:
         registry.build_registry((elastic, replace(elastic, name="joint_rubber_coupling")))
 
 
-def test_words_and_places() -> None:
+def test_words_and_places_are_valid() -> None:
     assert registry.EFFECTS
     for effect in registry.EFFECTS.values():
         assert effect.noun
@@ -358,7 +360,7 @@ def test_words_and_places() -> None:
         registry.build_registry((creep.EFFECT, hysteresis.EFFECT, creep.EFFECT))
 
 
-def test_time_unsaid_is_taken_for_the_time_constant() -> None:
+def test_unknown_time_is_assumed_as_the_time_constant() -> None:
     """A lone reading: what share of the pause its load took nobody knows; here one time constant."""
     first, torque = np.array([1, 0], np.int64), np.array([0.0, 1.0])
     for constant in (2.0, 30.0):
@@ -477,7 +479,7 @@ def posed(r: StaticReadings, beyond: Array) -> DiagnosisProblem:
     )
 
 
-def test_what_a_cell_holds_explains_what_diagnose_fitted_whatever_the_gear_remembers() -> None:
+def test_written_law_explains_what_diagnose_fitted_for_every_memory() -> None:
     """Every law at a joint that load tests offer, in every memory: finding → file → the same displacement."""
     r, _ = load_test()
     r = replace(r, recording=replace(r.recording, time=np.cumsum(np.linspace(5.0, 40.0, len(r)))))
@@ -506,7 +508,7 @@ def test_what_a_cell_holds_explains_what_diagnose_fitted_whatever_the_gear_remem
     assert joint_torque.compute_memory_term_displacement(timeless, (creep_term,))[1] == (creep_term,)
 
 
-def test_one_file_and_one_line_add_an_effect(toy: Effect, tmp_path: Path) -> None:
+def test_effect_is_added_by_one_file_and_one_line(toy: Effect, tmp_path: Path) -> None:
     """Found by diagnose with its limit, written to stiffness.yaml, read by the planner, then nothing is left."""
     r, cell = load_test()
     tried = load_test_channel.build_load_test_catalogue(r, None)

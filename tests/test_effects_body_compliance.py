@@ -72,7 +72,7 @@ def made(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, where: str) ->
 
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_a_law_is_symmetric_and_alone_or_among_others_the_same(effect: Effect, law: BodyLaw, cell: str) -> None:
+def test_law_is_symmetric_and_batches_equal_single_states(effect: Effect, law: BodyLaw, cell: str) -> None:
     """Maxwell; and a state by itself, in a row of others, gives the same twist, linear in the wrench."""
     robot, tool, state, wrench = arm(cell)
     seen = 0
@@ -104,7 +104,7 @@ def test_sizes_grow_with_the_coefficients(effect: Effect, law: BodyLaw) -> None:
 
 @pytest.mark.parametrize("zero", [False, True])
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_files_keep_everything_and_verify_has_its_own_writing(
+def test_files_preserve_everything_and_the_verifier_agrees(
     effect: Effect, law: BodyLaw, zero: bool, tmp_path: Path
 ) -> None:
     """Through stiffness.yaml: the same twist by the planner's law and by the verifier's; zeros stay zeros."""
@@ -133,7 +133,7 @@ def test_files_keep_everything_and_verify_has_its_own_writing(
         assert again.to_file().parameters.keys() == term.parameters.keys()
 
 
-def test_weights_spread_along_a_body_count_where_the_law_says_so() -> None:
+def test_distributed_weight_counts_where_the_law_requires() -> None:
     """A beam sags under its own; what is no beam leaves it to whoever counts weights at its end."""
     robot, tool, state, _ = arm()
     own_weight = [(np.array([0.0, 0.0, -500.0]), 0.5)]
@@ -147,13 +147,13 @@ def test_weights_spread_along_a_body_count_where_the_law_says_so() -> None:
             assert sag is None or sag.shape == (7, 6, len(one.values))
 
 
-def test_two_planes_that_are_alike_are_one_beam() -> None:
+def test_two_equal_bending_planes_are_one_beam() -> None:
     body = CompliantBody(axes=np.eye(3), length=0.7)
     alike = uniform_beam_law.TWO_PLANES.matrices(NONE, body)
     np.testing.assert_array_equal(alike[0] + alike[1], uniform_beam_law.UniformBeamLaw().matrices(NONE, body)[0])
 
 
-def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> None:
+def test_beam_by_sections_agrees_with_published_tables() -> None:
     """Loaded at its end and beyond it: the matrices carried there; its own weight W alone: W L³/8EI and W L²/6EI."""
     L, (x, y, z) = 0.8, np.eye(3)
     body = CompliantBody(axes=np.eye(3), length=L)
@@ -179,7 +179,7 @@ def test_a_beam_by_its_sections_is_its_matrix_and_sags_as_tables_have_it() -> No
     np.testing.assert_allclose(sag[:, 1:], 0.0, atol=1e-12)
 
 
-def test_a_tube_as_thick_throughout_that_does_not_shear_is_a_beam() -> None:
+def test_uniform_tube_without_shear_is_a_beam() -> None:
     body, even = CompliantBody(axes=np.eye(3), length=0.7), np.array(tapered_tube.UNIFORM)
     own = [(np.array([[3.0, -50.0, 20.0]]), 0.9)]
     np.testing.assert_allclose(
@@ -195,7 +195,7 @@ def test_a_tube_as_thick_throughout_that_does_not_shear_is_a_beam() -> None:
     assert np.isfinite(tapered_tube.TAPERED.matrices(np.full(2, np.nan), body)).all()  # a file without the two numbers
 
 
-def test_a_tube_bends_and_shears_as_its_integrals_say() -> None:
+def test_tube_bending_and_shear_agree_with_closed_forms() -> None:
     """A radius of 1.5 at the root and 0.75 at the end: ∫ u^k (r_mid/r)³ du by closed forms; its own weight W shears it
     by Φ L²/EI · W L/2.
     """
@@ -221,7 +221,7 @@ def test_a_tube_bends_and_shears_as_its_integrals_say() -> None:
     assert sags[0][0, 1, 0] - sags[1][0, 1, 0] == pytest.approx(-50.0 * L / 2.0 * 0.2 * L**2, rel=1e-10)
 
 
-def test_a_foreign_casting_is_among_the_shapes_tried_for_a_link() -> None:
+def test_link_shapes_include_a_tapered_casting() -> None:
     """Of the second judge's link, which tapers, shears and is flatter one way, uniform beams leave several times what
     the tapering ones leave.
     """
@@ -276,7 +276,7 @@ TOY = Effect(
 )
 
 
-def test_one_file_and_one_line_add_a_body(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_body_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Found by diagnose with its limit, written to stiffness.yaml, read by the planner, then nothing is left."""
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, TOY)))
     r, cell = load_test()
@@ -322,7 +322,7 @@ def test_one_file_and_one_line_add_a_body(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert TOY.name not in spring_terms.KNOWN_EFFECTS  # so its check says that it did not check it
 
 
-def test_a_users_body_is_taken_and_a_bad_one_named() -> None:
+def test_user_defined_body_is_accepted_and_an_invalid_one_named() -> None:
     user_effects._check_effects([TOY], "mine.py")
     for bad, said in (
         (replace(TOY, places=("wall",)), "port body and places link:1 … link:6, base, tool"),
@@ -343,7 +343,7 @@ class Broken(Sheared):
         return np.eye(6)[None] / (1 // 0)
 
 
-def test_the_nearest_body_is_nearest_as_the_readings_count() -> None:
+def test_nearest_valid_body_uses_the_metric_of_the_readings() -> None:
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     rng = np.random.default_rng(5)
     C = np.diag([2e-8, 3e-8, -1e-8])  # gives way against the load along z
@@ -374,14 +374,14 @@ def test_the_nearest_body_is_nearest_as_the_readings_count() -> None:
 
 
 @pytest.mark.parametrize("readings", [1.0, 1e10, 1e20, 1e40])
-def test_the_nearest_body_does_not_depend_on_how_much_the_readings_count(readings: float) -> None:
+def test_nearest_valid_body_does_not_depend_on_the_scale_of_the_readings(readings: float) -> None:
     """Of [[1, 5], [5, 1]] it is all 7/3; the distance to it was beyond the range of numbers."""
     pairs = ((0, 0), (0, 1), (1, 1))
     near = find_nearest_semidefinite(np.array([1.0, 5.0, 1.0]), pairs, readings * np.eye(3))
     np.testing.assert_allclose(near, 7.0 / 3.0, rtol=1e-8)
 
 
-def test_what_no_reading_shows_is_the_least_that_what_it_is_coupled_to_needs() -> None:
+def test_unobserved_directions_get_the_minimum_compliance_of_their_coupling() -> None:
     """A tool pulled through its tip shows shift and the tilt that comes with it, never a tilt by a moment."""
     pairs, metric = ((0, 0), (1, 1), (0, 1)), np.diag([2e15, 3e-18, 2e14])
     shift, both = 4e-7, 6e-6

@@ -75,7 +75,7 @@ def load_test(jelly: Path) -> Recording:
 
 
 @pytest.mark.slow
-def test_one_file_goes_through_every_command(tmp_path: Path) -> None:
+def test_one_effect_file_goes_through_every_command(tmp_path: Path) -> None:
     jelly, cell, rec, out = (tmp_path / n for n in ("jelly.py", "cell", "rec", "out"))
     jelly.write_text(JELLY)
     write_recording(rec, load_test(jelly))
@@ -167,7 +167,7 @@ def scaled(tmp_path: Path) -> tuple[Path, Path]:
     return scale, cell
 
 
-def test_what_only_looks_at_a_cell_knows_its_effects(
+def test_inspecting_commands_know_user_effects(
     scaled: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scale, cell = scaled
@@ -187,7 +187,7 @@ def test_what_only_looks_at_a_cell_knows_its_effects(
     assert Cell.load(cell, effects=[scale]).validate() == ()
 
 
-def test_an_angle_of_ones_own_is_found_in_motions(tmp_path: Path) -> None:
+def test_user_joint_angle_effect_is_found_in_motions(tmp_path: Path) -> None:
     """Link-side encoders name it, the tip is searched for it; what the channel refits is said to be taken up."""
     scale = tmp_path / "scale.py"
     scale.write_text(SCALE)
@@ -244,7 +244,7 @@ def tracked() -> Recording:
 
 
 @pytest.mark.slow
-def test_one_file_without_load_goes_through_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_kinematic_effect_file_goes_through_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Diagnosed, written to kinematics.yaml, driven and verified with, mapped, and then known."""
     scale, cell, rec, out = (tmp_path / n for n in ("scale.py", "cell", "rec", "out"))
     scale.write_text(SCALE)

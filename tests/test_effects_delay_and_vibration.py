@@ -61,7 +61,7 @@ def seen(best: float) -> DelayedChannel:
 
 
 @pytest.mark.parametrize(("effect", "law"), LATE)
-def test_a_channel_that_is_late_by_so_much_is_the_column_times_it(effect: Effect, law: DelayLaw) -> None:
+def test_delayed_channel_equals_its_column_times_the_delay(effect: Effect, law: DelayLaw) -> None:
     for best in (4e-3, 0.0):
         whole = seen(best)
         for shape in (np.array(s) for s in law.grid(whole)):
@@ -81,14 +81,14 @@ def test_a_channel_that_is_late_by_so_much_is_the_column_times_it(effect: Effect
     assert law.equation
 
 
-def test_what_stays_with_its_command_shows_no_lag() -> None:
+def test_channel_equal_to_its_command_has_no_lag() -> None:
     still = replace(seen(0.0), following_columns=None, delays=())
     offered = [law.name for e in registry.select_command_delay_effects() for law in e.delay_laws if law.grid(still)]
     assert offered == ["one delay of all joints"]
 
 
 @pytest.mark.parametrize(("effect", "law"), SWINGS)
-def test_a_spring_with_nothing_to_swing_gives_way_at_once(effect: Effect, law: VibrationLaw) -> None:
+def test_spring_without_inertia_deflects_immediately(effect: Effect, law: VibrationLaw) -> None:
     load, n = 100.0 * np.sin(np.linspace(0.0, 6.0, 300)), 300
     first = np.zeros(n, np.int64)
     first[[0, 150]] = 1
@@ -110,7 +110,7 @@ def test_a_spring_with_nothing_to_swing_gives_way_at_once(effect: Effect, law: V
     assert effect.note
 
 
-def test_a_search_ends_at_the_best() -> None:
+def test_search_finds_a_peak_between_the_bands() -> None:
     """A peak narrower than the bands is found between them."""
     law = registry.select_vibration_effects()[0].vibration_laws[0]
     found = law.grid(200.0, lambda s: 1.0 / (1.0 + ((s[0] - 7.3) / 0.3) ** 2) - abs(s[1] - 0.045))
@@ -148,7 +148,7 @@ class Limps(JointVibration):
         return ((4.0, 0.05),)
 
 
-def test_one_file_and_one_line_add_what_is_late_and_what_swings(
+def test_delay_and_vibration_are_added_by_one_file_and_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Offered by every channel that has a clock or a spring."""

@@ -36,7 +36,7 @@ def seen(*, counted: bool = False) -> ThermalState:
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, law: DriftLaw) -> None:
+def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: DriftLaw) -> None:
     for whole in (seen(), seen(counted=True)):
         for shape in (np.array(s) for s in law.grid(whole)):
             columns = law.columns(shape, whole)
@@ -61,7 +61,7 @@ def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, 
     assert law.equation
 
 
-def test_a_reading_that_counts_from_another_shows_the_difference() -> None:
+def test_reference_reading_gives_the_difference() -> None:
     whole, apart = seen(counted=True), seen()
     assert whole.unloaded_time_since_start is not None
     earlier = replace(apart, time_since_start=whole.unloaded_time_since_start)
@@ -72,7 +72,7 @@ def test_a_reading_that_counts_from_another_shows_the_difference() -> None:
                 np.testing.assert_allclose(law.columns(shape, whole), difference, rtol=1e-9, atol=1e-12)
 
 
-def test_what_a_recording_cannot_show_is_not_offered() -> None:
+def test_unobservable_laws_are_not_offered() -> None:
     laws = [law for e in registry.select_drift_effects() for law in e.drift_laws]
     bare = replace(seen(), time_since_start=None, temperature_rise=None)
     assert not any(law.grid(bare) for law in laws)
@@ -106,7 +106,7 @@ class Sinks:
         return {}
 
 
-def test_one_file_and_one_line_add_a_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drift_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     toy = replace(
         registry.EFFECTS["thermal_drift"], name="floor", drift_laws=(ThermalDrift(Sinks(), LinearTimeCourse()),)
     )

@@ -38,7 +38,7 @@ def seen(count: int = 400, *, slides: bool = False) -> FrictionState:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_law_has_a_column_for_each_coefficient_and_sizes_that_grow(law: FrictionLaw) -> None:
+def test_law_has_a_column_per_coefficient_and_growing_sizes(law: FrictionLaw) -> None:
     grids = [law.grid(pace) for pace in PACES]
     assert any(grids)
     whole = seen()
@@ -58,7 +58,7 @@ def test_a_law_has_a_column_for_each_coefficient_and_sizes_that_grow(law: Fricti
         assert law.equation
 
 
-def test_what_a_recording_cannot_show_is_not_offered() -> None:
+def test_unobservable_laws_are_not_offered() -> None:
     bare, warmed = (
         {law.name for law in friction.EFFECT.friction_laws if law.grid(pace)} for pace in (PACES[1], PACES[0])
     )
@@ -82,7 +82,7 @@ class Sticky(friction.CurvedViscousFriction):
         return {"cube": Quantity(float(values[0]), "N·m·s³/rad³")}
 
 
-def test_one_file_and_one_line_add_friction(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_friction_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Offered at every joint that moves; its column is the law at the speeds of the motion."""
     toy = replace(friction.EFFECT, name="joint_churning", friction_laws=(Sticky(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))

@@ -34,7 +34,7 @@ def seen(joints: int, count: int = 300) -> MotorLoading:
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_a_law_has_columns_of_its_joints_and_sizes_that_grow(effect: registry.Effect, law: MotorLaw) -> None:
+def test_law_has_columns_of_its_joints_and_growing_sizes(effect: registry.Effect, law: MotorLaw) -> None:
     joints = 2 if effect.is_joint_pair else 1
     whole = seen(joints)
     for shape in map(np.array, law.grid()):
@@ -49,7 +49,7 @@ def test_a_law_has_columns_of_its_joints_and_sizes_that_grow(effect: registry.Ef
 
 
 @pytest.mark.parametrize("forward", [True, False])
-def test_both_ways_of_telling_torques_are_one_power(forward: bool) -> None:
+def test_joint_and_motor_torques_have_equal_power(forward: bool) -> None:
     """A motor that turns by φ = q_j ± κ q_i gives τ_j φ̇; told by joints or by motors, q̇ᵀτ or φ̇ᵀτ is the same power."""
     whole, ratio = seen(2), 0.4 if forward else -0.4
     F = np.array([5.0, 2.0, 0.7])
@@ -78,7 +78,7 @@ class Bent(drive_gain.DriveGainError):
         return {"cube": Quantity(float(values[0]), "1/(N·m)²")}
 
 
-def test_one_file_and_one_line_add_what_a_drive_tells(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_motor_torque_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Offered at every joint that moves, in its own coordinate; a gain of the load besides, too."""
     toy = replace(
         registry.EFFECTS["units"], name="saturation", places=JOINTS, preferred_places=(), motor_laws=(Bent(),)
@@ -100,7 +100,7 @@ def test_one_file_and_one_line_add_what_a_drive_tells(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("share", [0.12, -0.12])
-def test_a_wrong_gain_is_named_at_its_joint(tmp_path: Path, share: float) -> None:
+def test_wrong_drive_gain_is_named_at_its_joint(tmp_path: Path, share: float) -> None:
     """Neither as a payload, nor as a link's mass, nor as friction: these are told by the other joints too."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 11)
     tau[:, 1] *= 1.0 + share
@@ -125,7 +125,7 @@ def coupled(tmp_path: Path, *, by_motors: bool) -> DiagnosisResult:
 
 
 @pytest.mark.parametrize("by_motors", [True, False])
-def test_coupled_wrist_motors_are_named_as_such(tmp_path: Path, by_motors: bool) -> None:
+def test_coupled_wrist_motors_are_named(tmp_path: Path, by_motors: bool) -> None:
     """They came out as friction and ripple of the other joint, or as nothing that has a name."""
     found = coupled(tmp_path, by_motors=by_motors)
     assert [(f.effect, f.location) for f in found.findings] == [("joint_coupling", "joint:5-6")]
@@ -137,9 +137,7 @@ def test_coupled_wrist_motors_are_named_as_such(tmp_path: Path, by_motors: bool)
 
 
 @pytest.mark.parametrize(("over", "leaps"), [(0.003, False), (None, True)])
-def test_a_ratio_moves_leaps_where_its_friction_turns_over_at_once_and_slopes_where_it_does_not(
-    over: float | None, leaps: bool
-) -> None:
+def test_interval_of_a_gear_ratio_depends_on_the_friction_reversal(over: float | None, leaps: bool) -> None:
     """Its interval is wider of leaps; it was as wide of friction that turns over smoothly."""
     rng, n, ratio = np.random.default_rng(2), 4000, 0.5
     t = np.arange(n) / 250.0
@@ -168,7 +166,7 @@ def in_amperes(recording: Recording, gains: Array) -> Recording:
     return replace(recording, torque=None, current=recording.torque / gains)
 
 
-def test_currents_of_unknown_gain_are_fitted_beside_everything_else(tmp_path: Path) -> None:
+def test_currents_of_unknown_gain_are_fitted_with_all_other_parameters(tmp_path: Path) -> None:
     """0.01 to 0.3 A per N·m: the arm's masses say which; a soft reversal at joint 2 is still found there."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
     gains = np.array([3.5, 80.0, 11.0])
@@ -184,7 +182,7 @@ def test_currents_of_unknown_gain_are_fitted_beside_everything_else(tmp_path: Pa
     assert [(f.effect, f.location) for f in found.findings] == [("joint_friction", "joint:2")]
 
 
-def test_currents_that_run_against_the_masses_are_refused(tmp_path: Path) -> None:
+def test_currents_against_the_masses_are_refused(tmp_path: Path) -> None:
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
     turned = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, -4.0]))
     with pytest.raises(InputError, match=r"current3_A runs against.*motor_gain_Nm_per_A"):
@@ -192,7 +190,7 @@ def test_currents_that_run_against_the_masses_are_refused(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("stuck", [0.0, 1.5])
-def test_a_current_that_never_changes_is_refused(tmp_path: Path, stuck: float) -> None:
+def test_constant_current_is_refused(tmp_path: Path, stuck: float) -> None:
     """It was a division by zero, or a gain of 1e16."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
     recording = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
@@ -202,7 +200,7 @@ def test_a_current_that_never_changes_is_refused(tmp_path: Path, stuck: float) -
         diagnosed(recording, cell, "torque")
 
 
-def test_a_joint_whose_masses_ask_nothing_keeps_its_amperes_to_itself(tmp_path: Path) -> None:
+def test_joint_without_gravity_torque_has_no_known_drive_gain(tmp_path: Path) -> None:
     """Its gain is not known, so nothing is named there; the others are read all the same."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 14)
     recording = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))

@@ -46,7 +46,7 @@ class Hose:
         return ((),)
 
 
-def test_one_file_and_one_line_add_a_spring_beside_a_gear(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_parallel_spring_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     toy = replace(
         registry.EFFECTS["gravity_compensator"], name="hose", places=("joint:1",), parallel_torque_laws=(Hose(),)
     )

@@ -31,7 +31,7 @@ def seen(mass: float = 8.0) -> ToolSideLoad:
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_sizes_grow_and_are_the_load_s(effect: Effect, law: PayloadLaw) -> None:
+def test_sizes_grow_and_equal_those_of_the_load(effect: Effect, law: PayloadLaw) -> None:
     whole = seen()
     columns, values = law.columns(whole), np.arange(1.0, len(law.coefficients) + 1.0)
     assert columns.shape == (5, 6, len(values))
@@ -47,7 +47,7 @@ def test_sizes_grow_and_are_the_load_s(effect: Effect, law: PayloadLaw) -> None:
     assert effect.places == ("tool",)
 
 
-def test_nothing_cannot_hang_elsewhere() -> None:
+def test_massless_payload_has_no_place() -> None:
     laws = [law for e in registry.select_payload_effects() for law in e.payload_laws]
     assert [law.name for law in laws if not law.grid(seen(0.0))] == ["the stated mass at another place"]
 
@@ -59,7 +59,7 @@ def both() -> tuple[StaticReadings, MotionModel, RigidBodyDynamics]:
     return r, cast("MotionModel", type("Still", (), {"dynamics": dynamics})), dynamics
 
 
-def test_both_channels_see_one_load() -> None:
+def test_load_tests_and_torques_show_the_same_payload() -> None:
     """Weight through the springs, and what the joints' torques have to hold: J c (−τ)."""
     r, scene, dynamics = both()
     still = np.zeros_like(r.state.q)
@@ -93,7 +93,7 @@ class Water(MassDeviation):
         return {"filled": Quantity(float(values[0]), "kg")}
 
 
-def test_one_file_and_one_line_add_a_load(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_payload_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Seen in both channels."""
     toy = replace(registry.EFFECTS["payload"], name="tank", payload_laws=(Water(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))

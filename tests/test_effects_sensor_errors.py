@@ -29,7 +29,7 @@ def seen() -> RecordedLoad:
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
-def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, law: RecordLaw) -> None:
+def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: RecordLaw) -> None:
     whole = seen()
     assert whole.position is not None
     assert len(effect.places) == 1
@@ -48,7 +48,7 @@ def test_a_law_counts_each_reading_by_itself_and_its_size_grows(effect: Effect, 
         assert law.equation
 
 
-def test_laws_are_the_errors_that_a_sensor_makes() -> None:
+def test_laws_equal_simulated_sensor_errors() -> None:
     """Recorded by hand with a small error: what acts is recorded plus column times coefficient, to first order."""
     s, size = seen(), 1e-6
     effects = {(e.name, law.name): law for e in registry.select_record_effects() for law in e.record_laws}
@@ -110,7 +110,7 @@ class Leaks:
         return ((),)
 
 
-def test_one_file_and_one_line_add_a_sensor_s_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sensor_error_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     toy = replace(registry.EFFECTS["force_sensor_gain"], name="force_sensor_crosstalk", record_laws=(Leaks(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     r, _ = load_test()
@@ -122,7 +122,7 @@ def test_one_file_and_one_line_add_a_sensor_s_error(monkeypatch: pytest.MonkeyPa
     assert h.correction(np.array([0.02]), ()) == RecordCorrection(toy.name, "sensor:force", {"crosstalk": 2.0})
 
 
-def test_a_tool_of_another_length_moves_load_and_target_alike() -> None:
+def test_wrong_tool_length_moves_load_and_target_alike() -> None:
     """Held against the arm's compliance at the other point: J there, the same force there."""
     r, _ = load_test()
     (h,) = (h for h in sensor_errors.build_load_test_sensor_hypotheses(r) if h.law == "TCP elsewhere in the tool")

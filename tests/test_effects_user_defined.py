@@ -79,7 +79,7 @@ def jelly(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_file_adds_an_effect_to_diagnosis_and_plan_while_it_is_in_use(jelly: Path) -> None:
+def test_effect_file_added_at_runtime_enters_diagnosis_and_plan(jelly: Path) -> None:
     from test_effects import load_test
 
     r, cell = load_test()
@@ -135,7 +135,7 @@ def test_a_file_adds_an_effect_to_diagnosis_and_plan_while_it_is_in_use(jelly: P
         ("laws=(Saturating(),)", "laws=(3,)", "law 'int' does not run: AttributeError"),
     ],
 )
-def test_a_file_that_will_not_do_says_what_would(jelly: Path, old: str, new: str, said: str) -> None:
+def test_invalid_effect_file_is_answered_with_what_is_accepted(jelly: Path, old: str, new: str, said: str) -> None:
     assert old in JELLY
     jelly.write_text(JELLY.replace(old, new))
     before = registry.EFFECTS
@@ -146,7 +146,7 @@ def test_a_file_that_will_not_do_says_what_would(jelly: Path, old: str, new: str
     assert registry.EFFECTS is before
 
 
-def test_a_file_without_laws_is_refused(jelly: Path) -> None:
+def test_file_without_laws_is_refused(jelly: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         user_effects.run_user_files((jelly.with_name("none.py"),))
     jelly.write_text("x = 1\n")
@@ -159,13 +159,13 @@ def test_a_file_without_laws_is_refused(jelly: Path) -> None:
         pass
 
 
-def test_laws_of_the_catalogue_answer_as_a_users_must() -> None:
+def test_catalogue_laws_pass_the_checks_of_user_laws() -> None:
     for effect in registry.select_joint_torque_effects():
         for law in effect.joint_laws:
             user_effects._try_joint_law(effect, law, "the catalogue")
 
 
-def test_a_package_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_package_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for group in (user_effects.GROUP, user_hypotheses.GROUP):
         broken = EntryPoint("x", "nothere.at_all:EFFECTS", group)
         monkeypatch.setattr(
@@ -179,7 +179,7 @@ def test_a_package_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) 
         user_hypotheses.load_hypothesis_sources()
 
 
-def test_numbers_of_a_law_go_to_a_file_and_back_in_any_order() -> None:
+def test_law_parameters_survive_a_file_in_any_order() -> None:
     """A list before a single number was read and written by different rules."""
     law = SimpleNamespace(
         word="",
@@ -203,7 +203,7 @@ def test_numbers_of_a_law_go_to_a_file_and_back_in_any_order() -> None:
     ],
     ids=lambda w: w[0] if isinstance(w, list) else "",
 )
-def test_commands_hand_on_files_with_effects_and_say_that_they_run_them(
+def test_commands_forward_effect_files_and_report_their_execution(
     words: list[str], runs: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[Any] = []
@@ -219,7 +219,7 @@ def test_commands_hand_on_files_with_effects_and_say_that_they_run_them(
     assert "--effects runs the code in a.py with your rights" in capsys.readouterr().err
 
 
-def test_a_missing_file_is_refused_before_anything_else_is_read(tmp_path: Path) -> None:
+def test_missing_effect_file_is_refused_first(tmp_path: Path) -> None:
     gone, none = (tmp_path / "none.py",), tmp_path / "no cell"
     with pytest.raises(InputError, match="no such file; a Python file"):
         run_identify(run.IdentifyRequest(cell=none, recordings=(none,), out=tmp_path / "out", effects=gone))
@@ -229,7 +229,7 @@ def test_a_missing_file_is_refused_before_anything_else_is_read(tmp_path: Path) 
         run_batch(batch.BatchRequest(jobs=("parts",), out=tmp_path / "out", effects=gone))
 
 
-def test_identify_fits_a_law_of_the_users_and_its_shape_is_stated(jelly: Path) -> None:
+def test_identify_fits_a_user_law_with_a_stated_shape(jelly: Path) -> None:
     """At one joint with its bend given, without noise: the number that made the readings."""
     from simulated_load_tests import TRUE_K, cell, draw_load_tests
 

@@ -63,7 +63,7 @@ def driven(p: Plan, path: Toolpath) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("kind", "e"), [({"rail": True}, 0.3), ({"table": True, "tilt": True}, 0.2)])
-def test_a_cell_that_stands_at_e_is_one_that_was_built_so(tmp_path: FilePath, kind: dict[str, bool], e: float) -> None:
+def test_external_axis_value_equals_a_cell_built_there(tmp_path: FilePath, kind: dict[str, bool], e: float) -> None:
     cell = replace(external_cell(tmp_path, **kind), stiffness=K)
     cell = replace(cell, external_home=np.full(len(cell.external_joints), e))
     machine = load_machine(cell, load_robot(cell))
@@ -76,7 +76,7 @@ def test_a_cell_that_stands_at_e_is_one_that_was_built_so(tmp_path: FilePath, ki
 
 
 @pytest.mark.slow
-def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
+def test_each_operation_has_one_value(tmp_path: FilePath) -> None:
     """Slots at both ends of a long part: nowhere in reach from one place, and never worse than home."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = apart(toolpath(slots(-2.4, 2.3)))
@@ -92,7 +92,7 @@ def test_one_value_for_each_operation(tmp_path: FilePath) -> None:
     assert len(locked.missing)
 
 
-def test_the_value_chosen_is_no_worse_than_home(tmp_path: FilePath) -> None:
+def test_chosen_value_is_no_worse_than_home(tmp_path: FilePath) -> None:
     cell = replace(external_cell(tmp_path, table=True), stiffness=K)
     path = toolpath(slots(0.15))
     p = find_best_plan(cell, path, replace(OPTIONS, external=(ExternalJointOptions(joint="turn", mode="operation"),)))
@@ -112,7 +112,7 @@ def long_slot(length: float, points: int = 24) -> Toolpath:
 
 
 @pytest.mark.slow
-def test_a_part_longer_than_the_reach_is_cut_in_one_go(tmp_path: FilePath) -> None:
+def test_part_longer_than_the_reach_is_cut_in_one_run(tmp_path: FilePath) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), long_slot(2.2)
     assert len(find_best_plan(cell, path, VALUES).missing)
     p = find_best_plan(cell, path, OPTIONS)
@@ -163,7 +163,7 @@ def ring(radius: float = 0.12, holes: int = 4) -> Toolpath:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["moving", "operation"])
-def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None:
+def test_additional_joint_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None:
     cell, path = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K), ring()
     free = tuple(ExternalJointOptions(joint=name, mode=mode) for name in ("rail", "turn"))
     both = find_best_plan(cell, path, replace(OPTIONS, external=free))
@@ -198,7 +198,7 @@ def test_a_joint_more_makes_no_plan_worse(tmp_path: FilePath, mode: str) -> None
         (ExternalJointOptions(joint="e1", operations=(("face", "locked"),)), "'face' is no operation of the toolpath"),
     ],
 )
-def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: ExternalJointOptions, told: str) -> None:
+def test_unsupported_planning_is_refused_by_name(tmp_path: FilePath, axis: ExternalJointOptions, told: str) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     with pytest.raises(InputError, match=told):
         find_best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=(axis,)))
@@ -233,7 +233,7 @@ def test_what_is_not_planned_is_refused_by_name(tmp_path: FilePath, axis: Extern
         ),
     ],
 )
-def test_a_point_out_of_reach_names_the_rail(
+def test_unreachable_point_names_the_rail(
     tmp_path: FilePath, y: float, axis: ExternalJointOptions, told: str, would: str
 ) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
@@ -243,7 +243,7 @@ def test_a_point_out_of_reach_names_the_rail(
     assert would in describe_remedy(p, row)
 
 
-def test_more_joints_than_are_planned_are_refused_and_planned_where_one_is_locked(tmp_path: FilePath) -> None:
+def test_too_many_joints_are_refused_and_planned_where_one_is_locked(tmp_path: FilePath) -> None:
     """Four slides, one on another: an internal error."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     more = "".join(
@@ -274,7 +274,7 @@ def test_more_joints_than_are_planned_are_refused_and_planned_where_one_is_locke
     assert not len(found.missing)
 
 
-def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp_path: FilePath) -> None:
+def test_joint_under_two_names_merges_its_settings(tmp_path: FilePath) -> None:
     named, short = (
         ExternalJointOptions(joint="rail", mode="moving", range=(0.2, 0.3), unit="mm"),
         ExternalJointOptions(joint="e1", mode="operation"),
@@ -287,7 +287,7 @@ def test_a_joint_under_two_names_has_what_the_later_one_says_beside_the_rest(tmp
     assert (find_best_plan(cell, toolpath(slots(0.15)), replace(OPTIONS, external=locked)).path.external == 0.25).all()
 
 
-def test_a_gantry_that_tilts_is_refused(tmp_path: FilePath) -> None:
+def test_tilting_gantry_is_refused(tmp_path: FilePath) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     text = cell.urdf.read_text().replace('name="rail" type="prismatic"', 'name="rail" type="revolute"')
     cell.urdf.write_text(text)
@@ -295,7 +295,7 @@ def test_a_gantry_that_tilts_is_refused(tmp_path: FilePath) -> None:
         prepare_planning(replace(cell, external_prismatic=(False,)), OPTIONS)
 
 
-def test_options_come_back_as_they_were_given() -> None:
+def test_options_are_written_as_given() -> None:
     words = ["external.e1.mode=operation", "external.e1.range_mm=[0, 6000]", "external.turn.preferred_deg=30"]
     options = load_options(None, None, words)
     assert options.external[0].range == (0.0, 6.0)
@@ -307,7 +307,7 @@ def test_options_come_back_as_they_were_given() -> None:
         load_options({"external": {"e1": {"range_mm": [0, 1]}}}, None, ["external.e1.range_deg=[0, 1]"])
 
 
-def test_a_rapid_move_takes_the_rail_along(tmp_path: FilePath) -> None:
+def test_rapid_move_moves_the_rail(tmp_path: FilePath) -> None:
     cell: Cell = external_cell(tmp_path, rail=True)
     ends = np.zeros(7), np.array([0.1, -1.0, 0.5, 0.2, 0.1, 0.0, 2.0])
     move = plan_rapid(
@@ -324,7 +324,7 @@ def test_a_rapid_move_takes_the_rail_along(tmp_path: FilePath) -> None:
     np.testing.assert_allclose(move.q[-1], ends[1], atol=1e-12)
 
 
-def test_a_shaft_that_turns_more_than_once_is_followed(tmp_path: FilePath) -> None:
+def test_shaft_of_several_turns_is_followed(tmp_path: FilePath) -> None:
     """Three turns of a helix: values of a shaft that makes four were too far apart for a way."""
     cell = replace(external_cell(tmp_path, table=True), stiffness=K)
     k = cell.external_joints.index("turn")

@@ -18,7 +18,7 @@ from machopt.planning.external_axis_optimization import coarse_to_fine_search, r
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 
-def test_values_next_to_a_contact_are_left_where_there_are_others() -> None:
+def test_values_next_to_a_contact_are_avoided() -> None:
     near = _number_neighbours([5])
     free = np.array([[1, 1, 1, 1, 1], [0, 1, 1, 1, 0], [0, 1, 1, 0, 0], [0, 0, 0, 0, 0]], bool)
     left = free & ~_find_near_contact(free, near)
@@ -26,9 +26,7 @@ def test_values_next_to_a_contact_are_left_where_there_are_others() -> None:
     np.testing.assert_array_equal(left, np.array(wanted, bool))
 
 
-def test_a_hanging_arm_that_touches_itself_is_led_along_beside_the_tool(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_self_colliding_hanging_arm_is_guided_along_the_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By hand: with the rail 1.55 or 1.7 m from the tool no point is lost, and no one place of it holds them all."""
     folder = external_folder(tmp_path, rail=True)
     text = (folder / "cell.yaml").read_text()

@@ -139,7 +139,7 @@ def test_poses_agree_with_pinocchio_and_coal(both: tuple[Cell, CollisionModel]) 
     np.testing.assert_allclose(near[free], least[free], atol=ROUND)
 
 
-def test_what_lies_between_two_links_is_their_poses_apart(both: tuple[Cell, CollisionModel]) -> None:
+def test_transform_between_two_links_follows_from_their_poses(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     theta = model.stack.lines.compute_line_positions(random_x(cell, 20))
     poses = model.stack.lines.compute_link_poses(theta)
@@ -148,7 +148,7 @@ def test_what_lies_between_two_links_is_their_poses_apart(both: tuple[Cell, Coll
         np.testing.assert_allclose(model.stack.compute_relative_motion(p, theta), want, atol=1e-12)
 
 
-def test_bounds_hold_with_shifts_among_turns(both: tuple[Cell, CollisionModel]) -> None:
+def test_bounds_hold_for_prismatic_and_revolute_joints(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     x = random_x(cell, 12, seed=1)
     exact = Independent(cell).distances(x, named(model))
@@ -180,7 +180,7 @@ def test_memory_bounds_the_distance_over_one_or_two_lines(both: tuple[Cell, Coll
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_ways_between_configurations_agree_with_brute_force(both: tuple[Cell, CollisionModel], seed: int) -> None:
+def test_motions_between_configurations_agree_with_brute_force(both: tuple[Cell, CollisionModel], seed: int) -> None:
     cell, model = both
     x = random_x(cell, 5, seed=10 + seed)
     cutting = np.zeros(5, bool)
@@ -190,7 +190,7 @@ def test_ways_between_configurations_agree_with_brute_force(both: tuple[Cell, Co
         assert found.hit[n] == model.check_configurations(fine, np.zeros(500, bool)).hit.any()
 
 
-def test_a_plate_that_only_the_rail_passes(tmp_path: Path) -> None:
+def test_thin_plate_passed_by_the_rail_is_found(tmp_path: Path) -> None:
     """Thinner than a step, and no row touches it: what moves past it is shifted, not turned."""
     plate = CollisionShape(
         name="plate", kind="box", size=(2.0, 0.002, 0.4), mesh=None, T_parent_shape=pose(1.2, 0.313, 1.9)
@@ -208,7 +208,7 @@ def test_a_plate_that_only_the_rail_passes(tmp_path: Path) -> None:
     assert model.check_configurations(fine, np.zeros(len(fine), bool)).hit[round(found.row[1] * 3000)]
 
 
-def test_which_pairs_are_worth_checking(tmp_path: Path) -> None:
+def test_pairs_worth_checking_are_selected(tmp_path: Path) -> None:
     model = model_of(cell_of(tmp_path, rail=True, table=True, tilt=True))
     names = {frozenset(pair) for pair in named(model)}
     for pair in (
@@ -233,7 +233,7 @@ def test_which_pairs_are_worth_checking(tmp_path: Path) -> None:
         assert frozenset(pair) not in names, pair
 
 
-def test_a_table_beside_the_base_hangs_on_nothing_of_it(tmp_path: Path) -> None:
+def test_table_beside_the_base_is_no_neighbour_of_it(tmp_path: Path) -> None:
     """Both hang on the hall: neighbours in the chain, but not in the URDF where the table has a foot of its own."""
     cell = external_cell(tmp_path, table=True)
     text = cell.urdf.read_text()
@@ -254,7 +254,7 @@ def test_a_table_beside_the_base_hangs_on_nothing_of_it(tmp_path: Path) -> None:
     assert frozenset(("base_link_0", "link_1_0")) in apart
 
 
-def test_the_cutter_follows_the_part(tmp_path: Path) -> None:
+def test_cutter_follows_the_part(tmp_path: Path) -> None:
     """A cutter in the block while the table turns with part and the arm stands: out of it, where rapid may touch it."""
     cell = external_cell(tmp_path, table=True)
     model = model_of(cell)
@@ -274,7 +274,7 @@ def test_the_cutter_follows_the_part(tmp_path: Path) -> None:
     assert not model.check_configurations(x[:1], np.ones(1, bool)).hit.any()
 
 
-def test_external_joints_that_stand_at_home_need_no_values(both: tuple[Cell, CollisionModel]) -> None:
+def test_external_joints_at_home_need_no_values(both: tuple[Cell, CollisionModel]) -> None:
     cell, _ = both
     home = 0.4 * cell.limits.upper[6:]
     cell = replace(cell, external_home=home)
@@ -288,7 +288,7 @@ def test_external_joints_that_stand_at_home_need_no_values(both: tuple[Cell, Col
     assert CollisionModel(bare, robot, shapes, 0.0, still=True).check_configurations(q, free).hit.shape == (60,)
 
 
-def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_path: Path) -> None:
+def test_constant_distance_of_a_carriage_from_its_bed_is_no_clearance(tmp_path: Path) -> None:
     """It is checked, but hides nothing else: planner and verifier leave the same pairs out, and no other.
 
     The stop at the end of the rail comes nearer and goes, and so does what rides on the plate.
@@ -337,9 +337,7 @@ def test_what_a_carriage_keeps_from_its_own_bed_is_not_told_as_clearance(tmp_pat
 
 
 @pytest.mark.parametrize(("bump", "tells"), [("end stop", True), ("weld", False)])
-def test_planner_and_verifier_leave_the_same_pairs_out_whatever_the_bed_carries(
-    tmp_path: Path, bump: str, tells: bool
-) -> None:
+def test_planner_and_verifier_exclude_the_same_pairs_of_the_bed(tmp_path: Path, bump: str, tells: bool) -> None:
     """An end stop that the carriage feels over the last 2 mm of 5 m is told by both; a weld, 20 mm long, by neither.
 
     At places drawn at random by each the weld was met by the verifier alone: exit 4 of a sound plan.

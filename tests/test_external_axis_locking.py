@@ -63,9 +63,7 @@ def blocked_unless_locked(monkeypatch: pytest.MonkeyPatch, wanted: set[str]) -> 
 
 
 @pytest.mark.parametrize("wanted", [{"tilt"}, {"turn"}, {"tilt", "turn"}])
-def test_a_subset_that_can_be_driven_is_the_answer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: set[str]
-) -> None:
+def test_drivable_subset_is_the_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: set[str]) -> None:
     cell, path = replace(external_cell(tmp_path, table=True, tilt=True), stiffness=K), slot()
     tried = blocked_unless_locked(monkeypatch, wanted)
     job = job_planner.plan_job(split_into_tool_segments(cell, path), path, OPTIONS, StageTimings())
@@ -80,7 +78,7 @@ def test_a_subset_that_can_be_driven_is_the_answer(
     assert job.plan.options.external == OPTIONS.external  # what the user wants is kept as it was
 
 
-def test_without_any_subset_the_answer_is_the_free_plan_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_free_plan_is_the_answer_without_a_drivable_subset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, path = replace(external_cell(tmp_path, table=True), stiffness=K), slot()
     tried = blocked_unless_locked(monkeypatch, {"nothing"})
     options = replace(OPTIONS, external=OPTIONS.external[:1])
@@ -106,7 +104,7 @@ def test_each_free_joint_is_locked_alone_and_then_all(tmp_path: Path) -> None:
     assert not list(iterate_locked_subsets(cell, PlanOptions(steer=(SteeringRule(joint="rail"),))))
 
 
-def test_what_is_spent_in_vain_is_bounded() -> None:
+def test_number_of_failed_attempts_is_bounded() -> None:
     assert allow_extensions(2000) == 2000
     budget = SearchBudget(3000)
     with limit_search(budget):
@@ -119,7 +117,7 @@ def test_what_is_spent_in_vain_is_bounded() -> None:
     assert allow_extensions(2000) == 2000
 
 
-def test_a_search_that_was_cut_short_is_told_from_one_that_found_nothing() -> None:
+def test_truncated_search_differs_from_an_unsuccessful_one() -> None:
     blocked = BlockedRapid(pair="a ~ b", where=np.zeros(6), fraction=0.5, reason="way")
     start, end = RestPose(np.zeros(6), 0.0, 0), RestPose(np.ones(6), 1.0, 1)
     assert build_blocked_break(blocked, start, end).code == "rapid_blocked"

@@ -53,7 +53,7 @@ def turned(R: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
-def test_joints_give_as_they_move(tmp_path: Path, kind: dict[str, bool]) -> None:
+def test_joint_compliance_acts_along_the_joint_motion(tmp_path: Path, kind: dict[str, bool]) -> None:
     cell = external_cell(tmp_path, **kind)
     m = machine(cell)
     found = ExternalJointCompliance.build(m, springs(cell))
@@ -74,7 +74,7 @@ def test_joints_give_as_they_move(tmp_path: Path, kind: dict[str, bool]) -> None
 
 
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
-def test_the_verifier_has_the_same_by_its_own_laws(tmp_path: Path, kind: dict[str, bool]) -> None:
+def test_verifier_agrees_by_its_own_implementation(tmp_path: Path, kind: dict[str, bool]) -> None:
     cell = external_cell(tmp_path, **kind)
     known, x = springs(cell, body=True), postures(cell)
     stance = UrdfKinematics(cell).compute_configuration(x[:, :6], x[:, 6:])
@@ -91,7 +91,7 @@ def test_the_verifier_has_the_same_by_its_own_laws(tmp_path: Path, kind: dict[st
     assert (np.linalg.eigvalsh(own) > -1e-12 * np.abs(own).max()).all()
 
 
-def test_a_carriage_is_the_spring_of_the_base(tmp_path: Path) -> None:
+def test_carriage_acts_like_the_base_spring(tmp_path: Path) -> None:
     """What ``base_compliance`` says of base_link, wherever the rail stands."""
     cell = external_cell(tmp_path, rail=True)
     robot, x = load_robot(cell), postures(cell)
@@ -118,7 +118,7 @@ def test_a_carriage_is_the_spring_of_the_base(tmp_path: Path) -> None:
     assert np.allclose(by_rail.compute_jiao_index(e), by_base.compute_jiao_index(e), rtol=1e-9)
 
 
-def test_a_rail_gives_the_same_wherever_it_stands(tmp_path: Path) -> None:
+def test_rail_compliance_does_not_depend_on_its_position(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
     found = ExternalJointCompliance.build(machine(cell), springs(cell, body=True))
     assert found is not None
@@ -126,7 +126,7 @@ def test_a_rail_gives_the_same_wherever_it_stands(tmp_path: Path) -> None:
     assert np.allclose(C, C[0], rtol=1e-12)
 
 
-def test_a_table_gives_most_at_its_rim(tmp_path: Path) -> None:
+def test_table_compliance_is_largest_at_its_rim(tmp_path: Path) -> None:
     """r²/k tangentially, nothing on the axis: the line stands at x = 1.6 m."""
     cell = external_cell(tmp_path, table=True)
     found = ExternalJointCompliance.build(machine(cell), springs(cell))
@@ -149,7 +149,7 @@ BLOCK = """external_joints:
 COVARIANCE = "covariance: [" + ", ".join(str([1e-14 if i == j else 0.0 for i in range(6)]) for j in range(6)) + "]\n"
 
 
-def test_a_file_comes_back(tmp_path: Path) -> None:
+def test_written_file_is_read_back(tmp_path: Path) -> None:
     folder = external_folder(tmp_path, rail=True, table=True)
     file = folder / "stiffness.yaml"
     file.write_text(file.read_text() + COVARIANCE + BLOCK)
@@ -183,7 +183,7 @@ def test_a_file_comes_back(tmp_path: Path) -> None:
         ("e2: {mass_kg: 3}\n  turn: {mass_kg: 3}", "joint 'turn' is named twice"),
     ],
 )
-def test_what_cannot_be_is_refused(tmp_path: Path, entry: str, told: str) -> None:
+def test_invalid_values_are_refused(tmp_path: Path, entry: str, told: str) -> None:
     folder = external_folder(tmp_path, rail=True, table=True)
     file = folder / "stiffness.yaml"
     file.write_text(file.read_text() + f"external_joints:\n  {entry}\n")
@@ -194,7 +194,7 @@ def test_what_cannot_be_is_refused(tmp_path: Path, entry: str, told: str) -> Non
 
 
 @pytest.mark.parametrize("kind", [KINDS[0], KINDS[3], KINDS[4]], ids="-".join)
-def test_weight_settles_as_its_torques_are(tmp_path: Path, kind: dict[str, bool]) -> None:
+def test_weight_deflects_external_joints_by_their_torques(tmp_path: Path, kind: dict[str, bool]) -> None:
     """Torques of all weight at the external joints by pinocchio, in a hall that stands askew, so that the rail bears
     some too."""
     import pinocchio as pin
@@ -236,7 +236,7 @@ def test_weight_settles_as_its_torques_are(tmp_path: Path, kind: dict[str, bool]
         assert np.allclose(moved, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
 
 
-def test_the_whole_command_counts_them(tmp_path: Path) -> None:
+def test_whole_command_includes_external_compliance(tmp_path: Path) -> None:
     """The plan gives more than with rigid axes, by what the joints give, and its check agrees by its own laws."""
     folder = external_folder(tmp_path, rail=True, table=True)
     job = tmp_path / "job.csv"
@@ -270,7 +270,7 @@ def test_the_whole_command_counts_them(tmp_path: Path) -> None:
     assert (more > 1e-3 * alone).all()
 
 
-def test_a_path_that_is_shifted_against_them_is_judged_at_its_programmed_place(tmp_path: Path) -> None:
+def test_shifted_path_is_judged_at_its_programmed_place(tmp_path: Path) -> None:
     """The tool comes to the programmed place under load; columns judged at the shifted one failed their check."""
     folder = external_folder(tmp_path, rail=True)
     job = tmp_path / "job.csv"

@@ -62,7 +62,7 @@ def test_two_tools_on_soft_axes_are_planned_and_verified(soft: Path, tmp_path: P
 
 
 @pytest.mark.slow
-def test_such_a_job_is_placed(soft: Path, tmp_path: Path) -> None:
+def test_job_with_two_tools_on_soft_axes_is_placed(soft: Path, tmp_path: Path) -> None:
     """The best place is a whole plan of both tools on the soft axes, written and verified."""
     out = tmp_path / "placed"
     asked = ["place", str(soft), str(soft / "job.csv"), "-o", str(out), "--places", "2", "--best", "1", "--quiet"]

@@ -58,7 +58,7 @@ def cost(
 
 
 @pytest.mark.parametrize("index", ["deflection", "stiffness", "jiao2022"])
-def test_a_cost_follows_a_spring_as_differences_say(tmp_path: Path, index: StiffnessIndex) -> None:
+def test_cost_sensitivity_agrees_with_finite_differences(tmp_path: Path, index: StiffnessIndex) -> None:
     setup = prepare_planning(with_springs(external_cell(tmp_path, rail=True, table=True)), ASKED)
     path = fix_external_axes(build_planning_path(toolpath(slots(0.0, 0.2))), np.array([0.3, 0.7]))
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (len(path.index), 6))
@@ -78,7 +78,7 @@ def on_rail(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return find_best_plan(cell, toolpath(slots(0.4)), replace(ASKED, external=(axis,)))
 
 
-def test_the_gain_scatters_by_the_rail(on_rail: Plan) -> None:
+def test_gain_uncertainty_includes_the_rail(on_rail: Plan) -> None:
     """The yardstick stands at home, the plan elsewhere."""
     p, w = on_rail, on_rail.path.weight
     home = fix_external_axes(p.path, p.setup.cell.external_home)
@@ -98,7 +98,7 @@ def test_the_gain_scatters_by_the_rail(on_rail: Plan) -> None:
     assert found.std > 0.0
 
 
-def test_a_deflection_scatters_by_the_rail(on_rail: Plan) -> None:
+def test_deflection_uncertainty_includes_the_rail(on_rail: Plan) -> None:
     sure = replace(on_rail, directions=replace(on_rail.directions, unsure=None))
     cut = on_rail.path.counted
     (mean, each), (less, fewer) = compute_mean_cost_std(on_rail), compute_mean_cost_std(sure)

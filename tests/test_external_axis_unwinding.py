@@ -39,7 +39,7 @@ def dressed(folder: Path) -> Cell:
     return replace(cell, limits=replace(cell.limits, lower=low, upper=high), workpiece=part)
 
 
-def test_a_part_is_turned_round_before_a_joint_runs_into_its_limit(tmp_path: Path) -> None:
+def test_part_is_rotated_back_before_a_joint_reaches_its_limit(tmp_path: Path) -> None:
     """Once round a cone, the tool square to it. Whole turns of joint 4 counted for nothing: it had no way at 182°."""
     around = np.linspace(0.0, 2.0 * np.pi, 40)
     away = np.column_stack([np.cos(0.4) * np.cos(around), np.cos(0.4) * np.sin(around), np.full(40, np.sin(0.4))])

@@ -21,7 +21,7 @@ from machopt.planning.stations.planning_path import build_planning_path
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 
-def test_a_value_in_the_way_of_a_post_is_lost_and_another_is_taken(tmp_path: Path) -> None:
+def test_external_value_blocked_by_a_post_is_replaced(tmp_path: Path) -> None:
     cell = replace(
         external_cell(tmp_path, rail=True),
         stiffness=ArmStiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6),

@@ -130,7 +130,7 @@ def hole_and_slot() -> Rows:
 
 
 @pytest.mark.parametrize("modes", [("moving", "moving"), ("moving", "operation"), ("operation", "operation")])
-def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[str, str]) -> None:
+def test_bound_uses_the_costs_of_the_objective(tmp_path: FilePath, modes: tuple[str, str]) -> None:
     """The best sequence of the lattice, put together as a path that is driven, has its J; others have no less."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = apart(toolpath(hole_and_slot()))
@@ -171,7 +171,7 @@ def test_its_prices_are_those_of_the_objective(tmp_path: FilePath, modes: tuple[
         assert price(np.full(S, v)) >= bound * (1 - 1e-12)
 
 
-def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path: FilePath) -> None:
+def test_plan_is_compared_with_all_values_or_a_reason_is_given(tmp_path: FilePath) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = toolpath(slots(0.15))
     options = replace(OPTIONS, external=(ExternalJointOptions(joint="rail", mode="operation"),))
@@ -198,7 +198,7 @@ def test_a_plan_is_told_against_all_values_and_where_none_is_known_why(tmp_path:
 
 @given(st.floats(-7.0, 7.0), st.floats(-6.5, -0.1), st.floats(0.1, 6.5))
 @settings(max_examples=scale_example_count(100), deadline=None)
-def test_whole_turns_are_those_within_the_limits(q: float, lower: float, upper: float) -> None:
+def test_whole_turns_within_the_limits_are_counted(q: float, lower: float, upper: float) -> None:
     """Against counting them one by one; on a limit counts as within."""
     told = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
     low, more = unwrap_to_lower_limits(np.full((1, 6), q), np.full(6, lower), np.full(6, upper))
@@ -207,7 +207,7 @@ def test_whole_turns_are_those_within_the_limits(q: float, lower: float, upper: 
         assert more[0, 0] == len(told) - 1
 
 
-def test_the_plan_is_one_of_the_sequences_and_starts_where_it_stands(tmp_path: FilePath) -> None:
+def test_plan_is_one_of_the_sequences_and_above_the_bound(tmp_path: FilePath) -> None:
     """Whatever its rotation: the bound is never above it, and its own sequence is the plan as a start."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path = toolpath(slots(0.12))
@@ -230,7 +230,7 @@ def test_the_plan_is_one_of_the_sequences_and_starts_where_it_stands(tmp_path: F
     assert again.seed == pytest.approx(a.q, abs=1e-6)
 
 
-def test_the_best_sequence_touches_nothing(tmp_path: FilePath) -> None:
+def test_best_sequence_is_free_of_contacts(tmp_path: FilePath) -> None:
     """A bar stands where the arm is best: as good as where every pose that touches it had been looked for."""
     bar = CollisionShape(name="bar", kind="box", size=(0.1, 0.1, 2.0), mesh=None, T_parent_shape=pose(0.5, -0.15, 0.8))
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K, obstacles=(bar,))
@@ -259,7 +259,7 @@ def test_the_best_sequence_touches_nothing(tmp_path: FilePath) -> None:
 
 
 @pytest.mark.parametrize(("bound", "plan", "gap"), [(0.9, 1.0, 0.1), (1.0, 1.0, 0.0), (1.1, 1.0, None)])
-def test_a_plan_below_the_bound_has_no_gap(bound: float, plan: float, gap: float | None) -> None:
+def test_plan_below_the_grid_bound_has_no_gap(bound: float, plan: float, gap: float | None) -> None:
     """It stands between the values of the grid, of which alone the bound holds; and whoever reads it back knows."""
     found = ExternalAxisBound(bound=bound, sequence=1.2, plan=plan, values=13, stations=9, step=0.2)
     assert found.gap == (gap if gap is None else pytest.approx(gap, abs=1e-12))

@@ -75,9 +75,7 @@ def find_advice(folder: Path, cell: Path, rows: str, process: str) -> tuple[np.n
         (300, 30, "clamp_N: 200, foot_friction: 0.2,", "{position_mm: 0.4, reference: relative}"),
     ],
 )
-def test_an_advised_hole_passes_at_its_own_load(
-    tmp_path: Path, chisel: int, spread: int, foot: str, tolerance: str
-) -> None:
+def test_hole_passes_at_its_advised_feed(tmp_path: Path, chisel: int, spread: int, foot: str, tolerance: str) -> None:
     text = DRILLING.format(chisel=chisel, spread=spread, foot=foot, tolerance=tolerance)
     points, at, above, quantile = find_advice(tmp_path, CELLS / "kr240_drilling", HOLES, text)
     assert len(points)
@@ -87,9 +85,7 @@ def test_an_advised_hole_passes_at_its_own_load(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side_stiffness", [None, 2500.0])
-def test_an_advised_milled_point_passes_with_the_bend_of_its_own_feed(
-    tmp_path: Path, side_stiffness: float | None
-) -> None:
+def test_milled_point_passes_at_its_advised_feed(tmp_path: Path, side_stiffness: float | None) -> None:
     cell = tmp_path / "cell"
     shutil.copytree(CELLS / "kr500_milling", cell)
     text = (cell / "cell.yaml").read_text()
@@ -107,7 +103,7 @@ def test_an_advised_milled_point_passes_with_the_bend_of_its_own_feed(
 
 
 @pytest.mark.slow
-def test_samples_of_a_retract_move_are_no_feed_of_the_cut(tmp_path: Path) -> None:
+def test_samples_of_a_retract_move_are_no_cutting_feed(tmp_path: Path) -> None:
     own = (CELLS / "kr500_milling" / "process.yaml").read_text()
     one = start(tmp_path, "kr500_milling", WALL, own).current.job_result.segments[0]
     timeline: MotionTimeline | None = one.timeline

@@ -27,7 +27,7 @@ def corner(turn_deg: float, length: float = 0.03) -> np.ndarray:
 
 
 @pytest.mark.parametrize("turn_deg", [0, 20, 45, 80, 90, 110, 119, 121, 130, 150, 170, 180])
-def test_a_corner_is_a_stop_of_the_path_beyond_the_corner_limit_only(turn_deg: float) -> None:
+def test_corner_is_a_stop_only_above_the_corner_limit(turn_deg: float) -> None:
     path = corner(turn_deg)
     back = bool(turn_deg > np.degrees(TURN_BACK))
     assert is_turn_back(path, UP, 1) is back
@@ -40,19 +40,19 @@ def test_a_corner_is_a_stop_of_the_path_beyond_the_corner_limit_only(turn_deg: f
         assert not any(d.lost for d in out.dips)
 
 
-def test_points_in_one_place_do_not_hide_a_reversal() -> None:
+def test_coincident_points_do_not_hide_a_reversal() -> None:
     path = np.array([[0.0, 0, 0], [0.02, 0, 0], [0.02, 0, 1e-7], [0.02, 0, 0], [0.01, 0, 0]])
     assert [is_turn_back(path, np.tile([0.0, 0, 1], (5, 1)), k) for k in range(5)] == [False, True, True, True, False]
 
 
-def test_a_turn_of_the_tool_axis_back_is_a_reversal() -> None:
+def test_reversal_of_the_tool_axis_rotation_is_a_reversal() -> None:
     tilt = np.radians([0.0, 10.0, 0.0])
     axis = np.column_stack([np.sin(tilt), np.zeros(3), np.cos(tilt)])
     assert is_turn_back(np.zeros((3, 3)), axis, 1)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.3, 0.5, 0.7, 0.9])
-def test_an_axis_too_slow_between_two_stops_is_a_lost_feed(share: float) -> None:
+def test_axis_too_slow_between_two_stops_is_a_lost_feed(share: float) -> None:
     """The whole stroke is one slow stretch between two stops: its ramps must not hide that an axis holds it back."""
     stroke = make(np.array([[0.0, 0, 0], [0.05, 0, 0], [0.0, 0, 0]]), feed=0.05)
     fast = retime_run(stroke)
@@ -70,7 +70,7 @@ def test_an_axis_too_slow_between_two_stops_is_a_lost_feed(share: float) -> None
 
 
 @pytest.mark.slow
-def test_the_bottom_of_a_hole_gives_no_reason(tmp_path: Path) -> None:
+def test_bottom_of_a_hole_gives_no_reason(tmp_path: Path) -> None:
     lines = (TOOLPATHS / "panel_holes.csv").read_text().splitlines()
     table, out = tmp_path / "holes.csv", tmp_path / "out"
     table.write_text("\n".join(lines[:14]) + "\n")

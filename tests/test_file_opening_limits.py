@@ -70,7 +70,7 @@ KINDS = [
 
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize(("make", "part"), KINDS, ids=[k.__name__ for k, _ in KINDS])
-def test_what_is_no_readable_file_is_refused_by_every_reader(
+def test_unreadable_file_is_refused_by_every_reader(
     make: Callable[[Path], None], part: str, reader: str, tmp_path: Path
 ) -> None:
     name, read = READERS[reader]
@@ -86,15 +86,13 @@ def test_what_is_no_readable_file_is_refused_by_every_reader(
     [("x" * 300, "File name too long"), ("a\nb", "control characters"), ("a\0b", "NUL"), ("\udcff", "no UTF-8")],
     ids=["over-long", "newline", "NUL", "not UTF-8"],
 )
-def test_names_that_no_file_should_have(name: str, part: str, reader: str, tmp_path: Path) -> None:
+def test_impossible_file_names_are_refused(name: str, part: str, reader: str, tmp_path: Path) -> None:
     file, read = READERS[reader]
     with pytest.raises(InputError, match=part):
         read(tmp_path / (name + Path(file).suffix))
 
 
-def test_a_file_that_grows_while_it_is_read_is_held_to_its_limit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_growing_file_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "a"
     file.write_bytes(b"x" * 100)
     monkeypatch.setattr(

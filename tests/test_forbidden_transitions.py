@@ -81,7 +81,7 @@ def best(grid: SequenceGrid, keep: dict[int, int] | None = None) -> float:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_choice_is_the_best_of_all_sequences_that_pay_for_what_they_cross(seed: int) -> None:
+def test_choice_is_the_best_of_all_sequences_with_crossing_costs(seed: int) -> None:
     grid = random_grid(seed)
     ideal, choice = best(grid), grid.choose()
     if not np.isfinite(ideal):
@@ -93,7 +93,7 @@ def test_the_choice_is_the_best_of_all_sequences_that_pay_for_what_they_cross(se
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_stretch_is_chosen_again_with_what_its_ends_cross(seed: int) -> None:
+def test_segment_is_chosen_again_with_crossings_at_its_ends(seed: int) -> None:
     grid = random_grid(seed)
     choice = grid.choose()
     if choice.broken or choice.dropped.any():
@@ -105,7 +105,7 @@ def test_a_stretch_is_chosen_again_with_what_its_ends_cross(seed: int) -> None:
     assert ideal * (1 - 1e-12) <= again.total <= ideal * (1 + 1.01 * GAP)
 
 
-def test_the_cases_differ_from_those_where_nothing_is_hidden() -> None:
+def test_cases_differ_from_those_without_hidden_edges() -> None:
     """So that the tests above can fail."""
     less = 0
     for seed in range(12):

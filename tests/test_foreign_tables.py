@@ -82,7 +82,7 @@ VARIANTS: dict[str, tuple[str, dict[str, bytes]]] = {
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_every_way_of_writing_gives_the_same_readings(name: str, tmp_path: Path) -> None:
+def test_every_spelling_gives_the_same_readings(name: str, tmp_path: Path) -> None:
     keys, files = VARIANTS[name]
     recording = load_recording(write(tmp_path, keys, files))
     np.testing.assert_allclose(np.degrees(recording.q), Q, atol=1e-9)
@@ -90,7 +90,7 @@ def test_every_way_of_writing_gives_the_same_readings(name: str, tmp_path: Path)
     np.testing.assert_allclose(1e3 * recording.position, P, atol=1e-9)
 
 
-def test_a_quaternion_in_the_order_x_y_z_w(tmp_path: Path) -> None:
+def test_quaternion_in_the_order_x_y_z_w(tmp_path: Path) -> None:
     header = [*(f"q{i}_deg" for i in range(1, 7)), "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
     other = np.hstack([Q, P, QUAT[:, [1, 2, 3, 0]]])
     folder = write(tmp_path, "format: {quaternion: xyzw}\n", {"data.csv": lines(header, other)})
@@ -129,13 +129,13 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_cannot_be_read_is_named(name: str, tmp_path: Path) -> None:
+def test_unreadable_content_is_named(name: str, tmp_path: Path) -> None:
     keys, files, said = WRONG[name]
     with pytest.raises(InputError, match=said):
         load_recording(write(tmp_path, keys, files))
 
 
-def test_the_example_of_the_manual_is_read(tmp_path: Path) -> None:
+def test_example_of_the_manual_is_read(tmp_path: Path) -> None:
     text = (Path(__file__).resolve().parents[1] / "docs" / "recordings.md").read_text(encoding="utf-8")
     angles, places, keys = (block.split("\n", 1)[1] for block in text.split("```")[1:6:2])
     for name, content in (("angles.csv", angles), ("tracker.csv", places), ("recording.yaml", keys)):
@@ -148,7 +148,7 @@ def test_the_example_of_the_manual_is_read(tmp_path: Path) -> None:
     assert recording.temperature.tolist() == [21.3, 21.4]
 
 
-def test_a_tracker_that_lost_its_target_is_left_out(tmp_path: Path) -> None:
+def test_rows_without_tracker_target_are_left_out(tmp_path: Path) -> None:
     header, places = [*(f"q{i}_deg" for i in range(1, 7)), "x_mm", "y_mm", "z_mm"], P.copy()
     places[[1, 4]] = 0.0
     recording = load_recording(write(tmp_path, "", {"data.csv": lines(header, np.hstack([Q, places]))}))
@@ -179,7 +179,7 @@ def check_readings(folder: Path) -> None:
     np.testing.assert_allclose(1e3 * recording.position, P, atol=1e-9)
 
 
-def test_a_sheet_of_a_workbook(tmp_path: Path) -> None:
+def test_sheet_of_a_workbook(tmp_path: Path) -> None:
     header = [*(f"{j} [rad]" for j in J), "X [m]", "Y [m]", "Z [m]"]
     keys = f"{names(' [rad]', ' [m]')}format: {{sheet: Messung, skip_lines: 2}}\n"
     folder = write(tmp_path, keys.replace("data.csv", "data.xlsx"), {})
@@ -231,7 +231,7 @@ def test_damaged_binary_files_are_refused(tmp_path: Path, name: str, content: by
         load_recording(folder)
 
 
-def test_a_file_that_unpacks_to_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workbook_tables, "MOST_UNPACKED", 1 << 20)
     folder = matlab_folder(tmp_path, {"Q": Q, "zeros": np.zeros((1 << 18, 2))}, MATRIX + "}\n")
     with pytest.raises(RecordingError, match="unpacks"):

@@ -16,19 +16,19 @@ CASES = {"urdf": 60, "mesh": 80, "cell": 60, "stiffness": 60, "recording": 80, "
 
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of numbers that the libraries below meet before we refuse them
-def test_damaged_files_are_refused_or_sane(name: str, tmp_path: Path) -> None:
+def test_damaged_files_are_refused_or_valid(name: str, tmp_path: Path) -> None:
     found = run(Case(name, tmp_path), CASES[name], random.Random(f"7 {name}"))
     assert found["refused"] > 0.2 * CASES[name]  # the faults are faults
     assert found["read"] > 0  # and not everything is refused
 
 
-def test_the_sound_cell_passes_the_same_checks(tmp_path: Path) -> None:
+def test_intact_cell_passes_the_same_checks(tmp_path: Path) -> None:
     case = Case("urdf", tmp_path)
     sane_cell(case.folder)
     sane_mesh(case.folder)
 
 
-def test_readings_beyond_any_instrument_are_refused_at_their_place(tmp_path: Path) -> None:
+def test_impossible_readings_are_refused_at_their_place(tmp_path: Path) -> None:
     case = Case("recording", tmp_path)
     for name, text in case.sound.items():
         (case.folder / name).write_text(text)

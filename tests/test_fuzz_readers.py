@@ -175,14 +175,14 @@ def run(sample: Sample, cases: int, seed: int, folder: Path) -> Counter[str]:
 
 
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda s: s.name)
-def test_mutated_files_are_refused_or_read_sanely(sample: Sample, tmp_path: Path) -> None:
+def test_mutated_files_are_refused_or_read_validly(sample: Sample, tmp_path: Path) -> None:
     count = run(sample, CASES, 1, tmp_path)
     assert count["refused"] > 0
     assert count["read"] > 0
 
 
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda s: s.name)
-def test_every_sample_is_read_without_a_word_unknown(sample: Sample, tmp_path: Path) -> None:
+def test_every_sample_is_read_without_unknown_words(sample: Sample, tmp_path: Path) -> None:
     file = tmp_path / sample.name
     file.write_text(sample.text, encoding="utf-8")
     t = read_toolpath(file, strict=True, **sample.options)  # type: ignore[arg-type]
@@ -197,7 +197,7 @@ FOUND = (  # what a long run found: the sample, what is replaced in it, and what
 
 
 @pytest.mark.parametrize(("name", "old", "new", "message"), FOUND)
-def test_what_was_found_once_is_refused(name: str, old: str, new: str, message: str, tmp_path: Path) -> None:
+def test_earlier_fuzz_failures_are_refused(name: str, old: str, new: str, message: str, tmp_path: Path) -> None:
     sample = next(s for s in SAMPLES if s.name == name)
     assert old in sample.text
     (tmp_path / name).write_text(sample.text.replace(old, new, 1), encoding="utf-8")
@@ -206,7 +206,7 @@ def test_what_was_found_once_is_refused(name: str, old: str, new: str, message: 
 
 
 @pytest.mark.parametrize("sample", [s for s in SAMPLES if s.end], ids=lambda s: s.name)
-def test_a_file_cut_anywhere_is_refused_or_called_incomplete(sample: Sample, tmp_path: Path) -> None:
+def test_truncated_file_is_refused_or_reported_as_incomplete(sample: Sample, tmp_path: Path) -> None:
     """Cut after every line: what is still read says first of all that a part may be missing."""
     file = tmp_path / sample.name
     lines = sample.text.split("\n")

@@ -87,7 +87,9 @@ def covariance(k: np.ndarray, share: float) -> np.ndarray:
 
 @pytest.mark.parametrize("index", ["deflection", "stiffness", "jiao2022"])
 @pytest.mark.parametrize("terms", [(), TERMS])
-def test_gradient_is_the_finite_difference_of_the_cost(index: StiffnessIndex, terms: tuple[StiffnessTerm, ...]) -> None:
+def test_gradient_equals_the_finite_difference_of_the_cost(
+    index: StiffnessIndex, terms: tuple[StiffnessTerm, ...]
+) -> None:
     p = planned("kr500 force")
     rows = np.flatnonzero(p.path.counted)[::17]
     q, k = p.chosen.assignment.q[rows], p.setup.elasticity.stiffness.joints
@@ -104,7 +106,7 @@ def test_gradient_is_the_finite_difference_of_the_cost(index: StiffnessIndex, te
         np.testing.assert_allclose(g[:, j], slope, rtol=2e-6, atol=1e-6 * np.abs(slope).max())
 
 
-def test_a_point_on_a_face_takes_its_share_of_both_cells() -> None:
+def test_point_on_a_cell_face_shares_both_cells() -> None:
     k = np.array([[1.0, 2, 3, 4, 5, 6], [3.0, 3, 3, 2, 2, 2]]) * 1e5
     grid = StiffnessGrid(np.zeros(3), 1.0, (2, 1, 1), k, 0.1 * k)
     stiffness = ArmStiffness(joints=np.full(6, 7e5), grid=grid)
@@ -136,7 +138,7 @@ def test_a_point_on_a_face_takes_its_share_of_both_cells() -> None:
 
 
 @pytest.mark.parametrize("case", ["kr500 force", "irb6700 holes"])
-def test_gain_scatters_as_drawn_stiffnesses_do(case: str) -> None:
+def test_gain_interval_agrees_with_drawn_stiffnesses(case: str) -> None:
     """2,000 correlated draws of the six compliances; both ways judged by the same draw."""
     p, share = planned(case), 0.05
     k = p.setup.elasticity.stiffness.joints
@@ -162,7 +164,7 @@ def test_gain_scatters_as_drawn_stiffnesses_do(case: str) -> None:
     assert found.std < 0.75 * apart
 
 
-def test_a_common_factor_cancels_in_the_gain_and_not_in_the_deflection() -> None:
+def test_common_factor_cancels_in_the_gain_but_not_in_the_deflection() -> None:
     """All compliances wrong by the same 20 %: every deflection is, the gain is not."""
     p = planned("kr500 force")
     k = p.setup.elasticity.stiffness.joints
@@ -176,7 +178,7 @@ def test_a_common_factor_cancels_in_the_gain_and_not_in_the_deflection() -> None
     np.testing.assert_allclose(table.k_axial_std, 0.2 * table.k_axial, rtol=1e-6)
 
 
-def test_cells_of_a_grid_err_independently_and_as_a_whole() -> None:
+def test_grid_cells_have_independent_and_common_errors() -> None:
     """Drawn cell by cell; the path crosses both. Outside, where nothing is known, the gain's uncertainty is not."""
     p = planned("kr500 force")
     grid = load_stiffness(ROOT / "cells" / "kr500_milling" / "stiffness_two_grid.yaml").grid
@@ -213,7 +215,7 @@ def with_k(p: Plan, stiffness: ArmStiffness):  # type: ignore[no-untyped-def]
     return replace(p.directions, k=joint.k)
 
 
-def test_without_a_covariance_nothing_is_made_up() -> None:
+def test_no_uncertainty_without_a_covariance() -> None:
     p = planned("kr500 force")
     found = over(p)
     assert found.mean == pytest.approx(gain_over_jiao(p), rel=1e-9)
@@ -224,7 +226,7 @@ def test_without_a_covariance_nothing_is_made_up() -> None:
     assert np.isnan(over(p, "cam default").mean)  # not feasible there: no gain over it
 
 
-def test_a_gain_below_its_uncertainty_is_said_to_be_none() -> None:
+def test_gain_below_its_uncertainty_is_reported_as_none() -> None:
     p = planned("irb6700 holes")
     k = p.setup.elasticity.stiffness.joints
     sure, unsure = (over(with_stiffness(p, ArmStiffness(joints=k, covariance=covariance(k, s)))) for s in (0.01, 3.0))
@@ -253,14 +255,14 @@ def test_a_gain_below_its_uncertainty_is_said_to_be_none() -> None:
     assert "5.0 % ± 0.4 % more (90 %: 4.3 to 5.7 %)" in lines(IndexGain("jiao2022", -0.05, 0.004))
 
 
-def test_a_difference_in_the_last_digits_is_no_gain() -> None:
+def test_rounding_difference_is_no_gain() -> None:
     assert not IndexGain("jiao2022", -4e-16, 7e-19).distinguishable
     assert not IndexGain("jiao2022", 5e-5, float("nan")).distinguishable
     assert IndexGain("jiao2022", 0.02, float("nan")).distinguishable
 
 
 @pytest.mark.parametrize("index", ["deflection", "stiffness", "jiao2022"])
-def test_ways_that_springs_may_be_off_change_the_cost_as_other_springs_do(index: StiffnessIndex) -> None:
+def test_principal_spring_errors_change_the_cost_as_refits_do(index: StiffnessIndex) -> None:
     """One standard deviation along each principal axis of the covariance, and nothing in the mean."""
     p = planned("kr500 force")
     rows = np.flatnonzero(p.path.counted)[::29]
@@ -291,7 +293,7 @@ def replace_stiffness(e: ArmElasticity, stiffness: ArmStiffness) -> ArmElasticit
     return ArmElasticity(e.robot, e.T_flange_tcp, stiffness)
 
 
-def test_how_sure_a_deflection_is_follows_the_file() -> None:
+def test_deflection_uncertainty_follows_the_file() -> None:
     """NaN without a covariance; with one that scales all springs alike, the same share of mean and of each point."""
     p = planned("kr500 force")
     k = p.setup.elasticity.stiffness.joints

@@ -7,7 +7,7 @@ import gc
 from machopt.cli import garbage_collection
 
 
-def test_what_is_loaded_is_left_out_once() -> None:
+def test_loaded_objects_are_frozen_once() -> None:
     before, frozen = gc.get_threshold(), gc.get_freeze_count()
     garbage_collection._freeze_existing_objects.cache_clear()
     try:

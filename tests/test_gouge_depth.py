@@ -42,7 +42,7 @@ def test_points_lie_on_the_cutter() -> None:
         assert on[h < 0.05 - 1e-12].all()
 
 
-def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
+def test_meshes_agree_with_their_analytic_solids(tmp_path: Path) -> None:
     points, T = build_cutter_points(CutterGeometry(0.01, 0.04)), poses(60, 0, 0.12)
     box = CollisionShape(
         name="box", kind="box", size=(0.16, 0.2, 0.1), mesh=None, T_parent_shape=pose(0.01, 0, 0.02, 0.3)
@@ -68,9 +68,7 @@ def test_meshes_agree_with_the_solids_they_are_made_of(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_round_solids_are_what_their_facets_come_near(
-    shape: CollisionShape, mesh: trimesh.Trimesh, tmp_path: Path
-) -> None:
+def test_faceted_solids_converge_to_round_ones(shape: CollisionShape, mesh: trimesh.Trimesh, tmp_path: Path) -> None:
     points, T = build_cutter_points(CutterGeometry(0.01, 0.04)), poses(60, 1, 0.12)
     round_, faceted = (compute_gouge_depth((s,), points, T, LIMIT) for s in (shape, exported(mesh, tmp_path)))
     inside = round_.depth > 0.0
@@ -79,7 +77,7 @@ def test_round_solids_are_what_their_facets_come_near(
     np.testing.assert_allclose(np.maximum(round_.depth, 0.0), np.maximum(faceted.depth, 0.0), atol=5e-5)
 
 
-def test_a_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
+def test_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
     """Rows that follow one another, so that what is remembered of the row before is used; an independent distance."""
     ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=16)
     part, points = exported(ring, tmp_path), build_cutter_points(CutterGeometry(0.008, 0.06, 0.002))[::7]
@@ -105,7 +103,7 @@ def test_a_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
     assert found.depth.max() > 0.004
 
 
-def test_what_is_remembered_does_not_change_what_is_found(tmp_path: Path) -> None:
+def test_warm_start_does_not_change_the_result(tmp_path: Path) -> None:
     part = exported(trimesh.creation.icosphere(subdivisions=3, radius=0.05), tmp_path)
     points, t = build_cutter_points(CutterGeometry(0.01, 0.05)), np.linspace(0, 1, 200)
     T = np.tile(np.eye(4), (200, 1, 1))
@@ -117,7 +115,7 @@ def test_what_is_remembered_does_not_change_what_is_found(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_whatever_is_deepest_is_found_as_if_each_pose_stood_alone(seed: int, tmp_path: Path) -> None:
+def test_deepest_point_equals_that_of_each_pose_alone(seed: int, tmp_path: Path) -> None:
     """Thin lips, plates and balls anywhere at a cutter that turns as it goes, places and all, to the last bit."""
     rng = np.random.default_rng(seed)
     thin, plate = (
@@ -144,7 +142,7 @@ def test_whatever_is_deepest_is_found_as_if_each_pose_stood_alone(seed: int, tmp
     assert together.depth.max() > LIMIT
 
 
-def test_an_open_surface_is_refused(tmp_path: Path) -> None:
+def test_open_surface_is_refused(tmp_path: Path) -> None:
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     open_box = trimesh.Trimesh(box.vertices, box.faces[2:])
     with pytest.raises(InputError, match="open, so nothing is inside it"):

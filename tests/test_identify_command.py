@@ -97,7 +97,7 @@ def test_readings_are_in_base_axes_with_their_prediction(done: IdentifyResult, s
     assert np.sqrt(np.mean((unseen - measured)[good] ** 2)) > np.sqrt(np.mean((predicted - measured)[good] ** 2))
 
 
-def test_page_is_self_contained_and_says_the_main_thing(done: IdentifyResult) -> None:
+def test_page_is_self_contained_and_states_the_main_result(done: IdentifyResult) -> None:
     html = done.report.read_text(encoding="utf-8")
     assert "http" not in html.replace("http://www.w3.org", "")  # nothing is fetched
     assert "Joints 1, 2, 3, 4, 5 and 6 identified to" in html
@@ -105,7 +105,7 @@ def test_page_is_self_contained_and_says_the_main_thing(done: IdentifyResult) ->
         assert f'id="{chart}"' in html
 
 
-def test_optimize_takes_what_identify_writes(done: IdentifyResult, tmp_path: Path) -> None:
+def test_optimize_reads_what_identify_writes(done: IdentifyResult, tmp_path: Path) -> None:
     shutil.copytree(CELL, tmp_path / "cell")
     shutil.copy(done.report.parent / "stiffness.yaml", tmp_path / "cell" / "stiffness.yaml")
     cell = load_cell(tmp_path / "cell")
@@ -114,7 +114,7 @@ def test_optimize_takes_what_identify_writes(done: IdentifyResult, tmp_path: Pat
     assert cell.stiffness.covariance is not None
 
 
-def test_grid_is_taken_where_the_stiffness_varies(tmp_path: Path) -> None:
+def test_grid_is_used_where_the_stiffness_varies(tmp_path: Path) -> None:
     cell = load_cell(CELL)
     robot, rng = load_robot(cell), np.random.default_rng(5)
     law = SmoothField.draw(1.0 / TRUE_K, rng, amplitude=0.3, scale=0.35)
@@ -157,7 +157,7 @@ def test_several_sessions_are_one_identification(simulated: Simulated, tmp_path:
     assert all(j["identified"] for j in result["joints"])
 
 
-def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated: Simulated) -> None:
+def test_term_is_fitted_with_the_joints_and_written(tmp_path: Path, simulated: Simulated) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     request = IdentifyRequest(
         cell=CELL,
@@ -174,12 +174,12 @@ def test_term_is_fitted_beside_the_joints_and_written(tmp_path: Path, simulated:
 
 
 @pytest.mark.parametrize("text", ["link_compliance", "@link:4", "tool_compliance@tool{length_mm 3", "x@"])
-def test_terms_that_are_no_terms(text: str) -> None:
+def test_invalid_terms_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="--fit"):
         parse_term(text)
 
 
-def test_parameters_of_a_term_to_be_fitted() -> None:
+def test_parameters_of_a_fitted_term_are_validated() -> None:
     term = parse_term("tool_compliance@tool{length_mm: 400, form: beam}")
     assert (term.effect, term.location, term.parameters) == (
         "tool_compliance",
@@ -205,7 +205,7 @@ def test_units_wrong_by_a_thousand_are_refused_by_name(simulated: Simulated, tmp
 
 
 @pytest.mark.parametrize(("newtons", "unit"), [(9.80665, "kilograms"), (4.4482216, "pounds")])
-def test_loads_in_units_of_weight_are_asked_for(
+def test_loads_in_weight_units_lead_to_a_question(
     simulated: Simulated, tmp_path: Path, newtons: float, unit: str
 ) -> None:
     assert simulated.recording.wrench is not None
@@ -217,7 +217,7 @@ def test_loads_in_units_of_weight_are_asked_for(
     assert kept["joints"][1]["k_Nm_per_rad"] == pytest.approx(TRUE_K[1] / newtons, rel=0.15)
 
 
-def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path: Path) -> None:
+def test_two_poses_are_too_few_for_six_joints(simulated: Simulated, tmp_path: Path) -> None:
     r = simulated.recording
     rows = r.pose < 1
     assert r.wrench is not None
@@ -251,7 +251,9 @@ def test_two_poses_are_not_enough_for_six_joints(simulated: Simulated, tmp_path:
         ({"terms": ("link_complianc@link:4",)}, "effect"),
     ],
 )
-def test_options_that_do_not_fit(simulated: Simulated, tmp_path: Path, change: dict[str, object], where: str) -> None:
+def test_inconsistent_options_are_refused(
+    simulated: Simulated, tmp_path: Path, change: dict[str, object], where: str
+) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     with pytest.raises(InputError, match=where):
         run_identify(
@@ -259,7 +261,7 @@ def test_options_that_do_not_fit(simulated: Simulated, tmp_path: Path, change: d
         )  # type: ignore[arg-type]
 
 
-def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -> None:
+def test_published_readings_without_an_explanation_are_reported(tmp_path: Path) -> None:
     cell = ROOT / "cells" / "irb6700_drilling"
     done = run_identify(
         IdentifyRequest(cell=cell, recordings=(cell / "recordings" / "zhang2025_table2",), out=tmp_path / "out")
@@ -268,7 +270,7 @@ def test_published_readings_that_no_arm_explains_are_called_so(tmp_path: Path) -
     assert "do not follow an arm of elastic joints" in done.report.read_text(encoding="utf-8")
 
 
-def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffness(done: IdentifyResult) -> None:
+def test_joint_warnings_are_complete_in_the_summary(done: IdentifyResult) -> None:
     """The summary left out every warning that began with "joint ", the cell's own among them."""
     own, shown = (
         "joint 'a6' is continuous; its range is taken as ±360°",
@@ -283,7 +285,7 @@ def test_what_is_said_of_a_joint_is_not_taken_for_what_stands_beside_its_stiffne
     assert sum("no reading shows it" in line for line in lines) == 1
 
 
-def test_command_writes_the_same_bytes_and_prints_what_the_engineer_needs_first(
+def test_command_is_deterministic_and_prints_the_main_result_first(
     done: IdentifyResult, simulated: Simulated, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = tmp_path / "recording"
@@ -303,7 +305,7 @@ def test_command_writes_the_same_bytes_and_prints_what_the_engineer_needs_first(
     assert "recording.yaml" in capsys.readouterr().err
 
 
-def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_plan_poses_and_map_pass_every_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Their own tests cover what they do; here every option has to reach the request."""
     words = [
         "plan-poses",
@@ -326,9 +328,7 @@ def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureF
     assert "a9" in capsys.readouterr().err
 
 
-def test_ninety_percent_intervals_stay_ninety_percent(
-    simulated: Simulated, done: IdentifyResult, tmp_path: Path
-) -> None:
+def test_ninety_percent_intervals_keep_their_key(simulated: Simulated, done: IdentifyResult, tmp_path: Path) -> None:
     """Other programs read ci90; another level stands beside it."""
     write_recording(tmp_path / "recording", simulated.recording)
     request = IdentifyRequest(
@@ -342,7 +342,7 @@ def test_ninety_percent_intervals_stay_ninety_percent(
     assert "99 % interval" in wide.report.read_text(encoding="utf-8")
 
 
-def test_an_error_code_that_there_is_not_is_refused(simulated: Simulated, tmp_path: Path) -> None:
+def test_unknown_error_code_is_refused(simulated: Simulated, tmp_path: Path) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     with pytest.raises(InputError, match="--accept: found 'unit'; valid: displacement_frame"):
         run_identify(
@@ -356,7 +356,7 @@ def test_an_error_code_that_there_is_not_is_refused(simulated: Simulated, tmp_pa
         )
 
 
-def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path) -> None:
+def test_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path) -> None:
     r = simulated.recording
     rows = r.pose < 2
     assert r.wrench is not None
@@ -382,7 +382,7 @@ def test_a_page_of_few_readings_has_no_nan(simulated: Simulated, tmp_path: Path)
     assert "nan mm" not in page
 
 
-def test_what_the_file_says_of_external_joints_is_kept_and_told(simulated: Simulated, tmp_path: Path) -> None:
+def test_stiffness_of_external_joints_is_preserved_and_reported(simulated: Simulated, tmp_path: Path) -> None:
     write_recording(tmp_path / "recording", simulated.recording)
     rail = ExternalJointSpring(joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3))
     cell = load_cell(CELL)

@@ -70,7 +70,7 @@ def test_wrong_units_are_refused_by_name(
     [("base", "tool", "displacement_frame"), ("tool", "base", "wrench_frame"), ("tool", "tool", "frames")],
 )
 @pytest.mark.parametrize("rotations", [False, True])
-def test_a_frame_stated_wrongly_is_refused(wrench: str, displacement: str, code: str, rotations: bool) -> None:
+def test_wrong_frame_is_refused(wrench: str, displacement: str, code: str, rotations: bool) -> None:
     wrong = replace(good(rotations=rotations), wrench_frame=wrench, displacement_frame=displacement)
     finding = found(wrong)[code]
     assert finding.severity == "error"
@@ -78,7 +78,7 @@ def test_a_frame_stated_wrongly_is_refused(wrench: str, displacement: str, code:
     assert not {"units", "rotation_units", "far_from_nominal"} & set(found(wrong))  # no guesses on top
 
 
-def test_tool_axes_taken_for_base_axes_are_refused() -> None:
+def test_tool_axes_stated_as_base_axes_are_refused() -> None:
     _, robot, T = cell()
     record = good(rotations=False)
     R = robot.compute_fk(record.q, T)[:, :3, :3]
@@ -123,7 +123,7 @@ def test_moments_about_another_point_are_found() -> None:
         assert code in found(replace(record, wrench=wrench))
 
 
-def test_moments_that_no_force_makes_are_found_row_by_row() -> None:
+def test_moments_inconsistent_with_forces_are_found_row_by_row() -> None:
     record = good(rotations=False)
     wrench = record.wrench.copy()
     wrench[:, 3:] = np.cross([0.1, 0.05, -0.2], wrench[:, :3])  # all loads hang in one eye
@@ -136,7 +136,7 @@ def test_moments_that_no_force_makes_are_found_row_by_row() -> None:
     assert found(replace(record, wrench=wrench))["lever_arm"].rows == (5,)
 
 
-def test_repeated_rows_are_found_unless_the_gauge_is_coarse() -> None:
+def test_duplicated_rows_are_found_unless_the_gauge_is_coarse() -> None:
     record = good(rotations=False)
     twice = rows_of(record, np.r_[np.arange(len(record)), 3:9])
     finding = found(twice)["repeated_rows"]
@@ -155,7 +155,7 @@ def test_impossible_and_unloaded_displacements_are_found() -> None:
     assert report["moved_without_load"].rows == (20,)
 
 
-def test_too_little_data_is_said() -> None:
+def test_insufficient_data_is_reported() -> None:
     record = good(poses=3, loads=1, repeats=1, rotations=False)
     assert set(found(record)) == TOO_LITTLE
     assert "only 3 poses" in found(record)["few_poses"].message
@@ -163,18 +163,18 @@ def test_too_little_data_is_said() -> None:
     assert "only 2 poses" in found(two)["few_poses"].message
 
 
-def test_stiffness_far_from_the_cells_is_a_warning() -> None:
+def test_stiffness_far_from_the_cell_is_a_warning() -> None:
     finding = found(good(), TRUE_K / 12)["far_from_nominal"]
     assert finding.severity == "warning"
 
 
-def test_nothing_measured_is_refused() -> None:
+def test_empty_recording_is_refused() -> None:
     record = good()
     with pytest.raises(InputError, match="every displacement is zero"):
         found(replace(record, displacement=np.zeros_like(record.displacement)))
 
 
-def test_errors_are_raised_together_and_name_the_way_out() -> None:
+def test_errors_are_raised_together_with_the_remedy() -> None:
     _, robot, T = cell()
     e = build_load_test_experiment(good(), robot, T)
     findings = [
@@ -189,7 +189,7 @@ def test_errors_are_raised_together_and_name_the_way_out() -> None:
 
 
 @pytest.mark.proof
-def test_good_records_raise_no_alarm() -> None:
+def test_correct_records_raise_no_alarm() -> None:
     """200 records of all kinds: noise of the trade, hanging weights, few and many poses, weak loads, coarse gauges."""
     rng = np.random.default_rng(42)
     alarms = []
@@ -230,7 +230,7 @@ def test_forces_in_another_unit_than_their_moments_are_refused(unit: str, newton
     assert unit in finding[code].message
 
 
-def test_which_of_force_and_moment_is_in_another_unit_follows_from_the_displacement() -> None:
+def test_wrong_unit_of_force_or_moment_follows_from_the_displacement() -> None:
     for displacement, wrench, says in (([1, 1], [1e-3, 1], "kilonewtons"), ([1, 1], [1, 1e3], "N·mm")):
         finding = found(scaled(good(), displacement, wrench))["moment_units"]
         assert says in finding.message
@@ -265,18 +265,18 @@ def test_units_wrong_by_ten_to_a_hundred_are_suspected_by_name(factor: float, sa
     assert says in warning.message
 
 
-def test_a_unit_of_a_hundred_is_named_in_the_error() -> None:
+def test_unit_wrong_by_a_hundred_is_named_in_the_error() -> None:
     assert "hundredths" in found(scaled(good(rotations=False), [120.0], [1, 1]))["units"].message
 
 
-def test_without_a_stiffness_in_the_cell_the_size_of_the_robot_judges() -> None:
+def test_robot_size_replaces_a_missing_cell_stiffness() -> None:
     assert not found(good(rotations=False), None)
     assert (
         "kilograms" in found(scaled(good(rotations=False), [1], [1 / 9.81, 1 / 9.81]), None)["far_from_nominal"].message
     )
 
 
-def test_a_wrong_frame_is_refused_although_noise_hides_most_of_the_load() -> None:
+def test_wrong_frame_is_refused_in_strong_noise() -> None:
     """The right reading explains a third; a ratio of what is left over would not tell, poses do."""
     rng = np.random.default_rng(44)
     record = add_measurement_errors(plan_load_tests(rng, force=60.0, moment=6.0), rng, outliers=0.0)
@@ -295,7 +295,7 @@ def test_moments_about_the_base_are_refused_where_they_change_the_stiffness() ->
     assert found(replace(record, wrench=wrench))["moment_at_base"].severity == "error"
 
 
-def test_joint_positions_that_the_arm_cannot_take_are_named() -> None:
+def test_impossible_joint_positions_are_named() -> None:
     record = good(rotations=False)
     assert "outside_limits" not in found(record)
     q = record.q.copy()
@@ -305,7 +305,7 @@ def test_joint_positions_that_the_arm_cannot_take_are_named() -> None:
     assert "line 6: joint 2 is outside its limits" in finding.message
 
 
-def test_one_factor_on_every_joint_that_a_unit_makes_is_told() -> None:
+def test_common_unit_factor_of_all_joints_is_reported() -> None:
     """Pounds (4.4) lie within what stiffness is off by; that all joints are off alike gives them away."""
     from machopt.measurement.identification.data_quality.unit_checks import describe_common_stiffness_factor
 

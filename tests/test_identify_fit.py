@@ -63,7 +63,7 @@ def dense(e: LoadTestExperiment, groups: ErrorClusters, V: np.ndarray, share: Va
 
 
 @pytest.mark.parametrize("rotations", [False, True])
-def test_plain_fit_is_eq_26_of_dumas2011(rotations: bool) -> None:
+def test_plain_fit_equals_eq_26_of_dumas2011(rotations: bool) -> None:
     e = draw_load_tests(np.random.default_rng(1), rotations=rotations)
     B, c = dumas(e)
     plain = fit_stiffness(e, robust=False, weighted=False, bounded=False)
@@ -71,13 +71,13 @@ def test_plain_fit_is_eq_26_of_dumas2011(rotations: bool) -> None:
     np.testing.assert_allclose(plain.x, np.linalg.lstsq(B, c, rcond=None)[0], rtol=1e-10)
 
 
-def test_finds_the_truth_without_noise() -> None:
+def test_truth_is_found_without_noise() -> None:
     e = draw_load_tests(np.random.default_rng(2), rotations=True, noise=0.0)
     # turning by c τ is finite in the truth: relative error of the order of the turn itself, 1e-3 rad, mostly cancelling
     np.testing.assert_allclose(fit_stiffness(e).compliance, C, rtol=1e-3)
 
 
-def test_slipped_decimals_do_not_move_the_result() -> None:
+def test_gross_errors_do_not_move_the_result() -> None:
     rng = np.random.default_rng(3)
     _, robot, T = cell()
     record = add_measurement_errors(plan_load_tests(rng), rng, outliers=0.0)
@@ -160,7 +160,7 @@ def test_variance_components_maximise_the_restricted_likelihood() -> None:
             assert deviance(moved) > least - 1e-3  # the search ends within 1e-7 of a deviance of some thousands
 
 
-def test_finds_the_noise_of_reading_cycle_and_pose() -> None:
+def test_noise_of_reading_cycle_and_pose_is_found() -> None:
     e = draw_load_tests(np.random.default_rng(6), poses=60, loads=4, repeats=3)
     scatter = fit_stiffness(e).weighting.scatter(build_error_clusters(e))[0]
     # 60 poses × 3 axes: 5 % standard error of the pose's share, less of the others; four of them allowed
@@ -170,7 +170,7 @@ def test_finds_the_noise_of_reading_cycle_and_pose() -> None:
     assert WHITE < scatter.reading < 1.4 * WHITE
 
 
-def test_levels_that_replicates_do_not_show_are_not_told() -> None:
+def test_levels_without_replicates_are_not_estimated() -> None:
     rng = np.random.default_rng(7)
     one_each = build_error_clusters(draw_load_tests(rng, poses=12, loads=1, repeats=1))
     assert (one_each.has_cycle, one_each.has_visit) == (False, False)
@@ -183,7 +183,7 @@ def test_levels_that_replicates_do_not_show_are_not_told() -> None:
     assert (unlabelled.has_cycle, unlabelled.has_visit) == (False, True)
 
 
-def test_stated_uncertainties_are_carried_to_the_displacement() -> None:
+def test_stated_uncertainties_are_propagated_to_the_displacement() -> None:
     rng = np.random.default_rng(8)
     _, robot, T = cell()
     e = draw_load_tests(rng, poses=3, loads=1, repeats=1, rotations=True)
@@ -201,7 +201,7 @@ def test_stated_uncertainties_are_carried_to_the_displacement() -> None:
         np.testing.assert_allclose(V[c, n] / size, sample / size, atol=0.04)
 
 
-def test_displacement_changes_with_joint_position_as_differences_say() -> None:
+def test_displacement_sensitivity_agrees_with_finite_differences() -> None:
     _, robot, T = cell()
     e = draw_load_tests(np.random.default_rng(9), poses=4, loads=1, repeats=1)
     step = 1e-5
@@ -247,7 +247,7 @@ def test_bounded_minimum_satisfies_the_optimality_conditions() -> None:
         assert (gradient[at_bound] > -1e-8).all()
 
 
-def test_profile_of_an_unbounded_quadratic_is_the_straight_interval() -> None:
+def test_profile_of_an_unbounded_quadratic_is_the_symmetric_interval() -> None:
     rng = np.random.default_rng(12)
     X = rng.standard_normal((20, 4))
     H, h = X.T @ X, X.T @ rng.standard_normal(20)
@@ -259,7 +259,7 @@ def test_profile_of_an_unbounded_quadratic_is_the_straight_interval() -> None:
         )
 
 
-def test_what_no_reading_tells_stays_at_its_bound_and_has_no_end() -> None:
+def test_unobserved_coefficient_stays_at_its_bound_without_an_upper_end() -> None:
     free, none = -np.inf, np.zeros((3, 3))
     np.testing.assert_allclose(
         minimise_bounded_quadratic(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.array([free, 0.3])), [0.5, 0.3]
@@ -284,7 +284,7 @@ def test_profile_of_a_bounded_coefficient_ends_at_its_bound() -> None:
     assert compute_profile_bound(H, h, lower, 0, 4.0, 1) == pytest.approx(3.0, rel=1e-5)
 
 
-def test_noise_of_as_many_readings_as_unknowns_is_not_judged() -> None:
+def test_noise_is_not_estimated_without_redundancy() -> None:
     """Six coordinates for six compliances: nothing is left over, so what is stated stays."""
     e = draw_load_tests(np.random.default_rng(15), poses=2, loads=1, repeats=1)
     groups, V = build_error_clusters(e), np.broadcast_to(WHITE**2 * np.eye(3), (2, 3, 3))
@@ -292,7 +292,7 @@ def test_noise_of_as_many_readings_as_unknowns_is_not_judged() -> None:
     assert estimate_variance_components(groups, told, WHITE**2, stated=False) == VarianceComponents()
 
 
-def test_only_readings_of_loads_and_displacements_become_equations() -> None:
+def test_only_loads_and_displacements_become_equations() -> None:
     record, _ = tilted_record()
     _, robot, T = cell()
     for wrong in ({"kind": "pose"}, {"wrench": None}, {"displacement": None}):
@@ -300,7 +300,7 @@ def test_only_readings_of_loads_and_displacements_become_equations() -> None:
             build_load_test_experiment(replace(record, **wrong), robot, T)
 
 
-def test_refuses_too_few_readings_and_no_load() -> None:
+def test_too_few_readings_and_zero_load_are_refused() -> None:
     e = draw_load_tests(np.random.default_rng(13), poses=1, loads=1, repeats=1)
     with pytest.raises(InputError, match=r"3 equations for 6 unknowns; at least 3 readings"):
         fit_stiffness(e)

@@ -122,7 +122,7 @@ def test_receptance_and_derivatives(law: DampingLaw, equations: ResponseEquation
         np.testing.assert_allclose(by_mass[:, body], (more - less) / 2e-6, atol=1e-6 * np.abs(by_mass[:, body]).max())
 
 
-def test_parts_of_the_mass_matrix_and_levers_are_those_of_other_code(equations: ResponseEquations) -> None:
+def test_mass_matrix_and_levers_agree_with_independent_code(equations: ResponseEquations) -> None:
     dynamics = load_dynamics(load_cell(CELL, bodies=False))
     np.testing.assert_allclose(equations.mass[:1], dynamics.compute_mass_matrix(POSES[:1]), atol=1e-9)
     arm = SIMULATOR.build_arm(CELL, np.ones(6))
@@ -133,7 +133,7 @@ def test_parts_of_the_mass_matrix_and_levers_are_those_of_other_code(equations: 
     np.testing.assert_allclose(model.evaluate(x)[0][: len(FREQUENCY)], H, rtol=1e-8)
 
 
-def test_truths_lie_in_the_intervals_and_the_files_are_read_back(tmp_path: Path, rows: list[str]) -> None:
+def test_true_values_lie_in_the_intervals_and_files_are_read_back(tmp_path: Path, rows: list[str]) -> None:
     cell = tmp_path / "cell"
     shutil.copytree(CELL, cell)
     (cell / "process.yaml").write_text(PROCESS, encoding="utf-8")
@@ -180,7 +180,7 @@ def test_truths_lie_in_the_intervals_and_the_files_are_read_back(tmp_path: Path,
     assert (out / "frequency_responses.csv").read_text(encoding="utf-8").count("\n") == len(rows)
 
 
-def test_a_joint_that_is_not_excited_gets_a_bound_and_no_interval(tmp_path: Path) -> None:
+def test_unexcited_joint_gets_a_bound_without_interval(tmp_path: Path) -> None:
     """In a pose with a plane of symmetry, forces in the plane move joints 2, 3 and 5 only."""
     out = tmp_path / "out"
     folder = record(tmp_path / "r", build_rows(((2, 2), (0, 0)), poses=1))
@@ -206,7 +206,7 @@ def test_a_joint_that_is_not_excited_gets_a_bound_and_no_interval(tmp_path: Path
         assert written.covariance[n, n] == pytest.approx(written.joints[n] ** -2.0, rel=1e-6)
 
 
-def test_the_coherence_gives_the_noise_of_each_frequency(tmp_path: Path) -> None:
+def test_coherence_gives_the_noise_of_each_frequency(tmp_path: Path) -> None:
     """|H|² (1 − γ²)/γ² is the noise, whatever |H| is; its mean over seven frequencies is taken."""
     rows = build_rows(((0, 0),), noise=0.0, poses=1)
     values = [row.split(",") for row in rows[1:]]
@@ -275,7 +275,7 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("case", REFUSALS)
-def test_bad_responses_are_refused_in_one_message(
+def test_invalid_responses_are_refused_in_one_message(
     case: str, tmp_path: Path, rows: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     change, expected = REFUSALS[case]
@@ -287,7 +287,7 @@ def test_bad_responses_are_refused_in_one_message(
     assert not (tmp_path / "out").exists()
 
 
-def test_options_without_effect_and_other_commands_refuse(
+def test_options_without_effect_are_refused(
     tmp_path: Path, rows: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, out = record(tmp_path / "r", rows), str(tmp_path / "out")
@@ -304,7 +304,7 @@ def test_options_without_effect_and_other_commands_refuse(
 
 
 @pytest.mark.parametrize("labelled", [True, False])
-def test_scatter_of_encoders_does_not_divide_a_response(labelled: bool, rows: list[str], tmp_path: Path) -> None:
+def test_encoder_scatter_does_not_split_a_response(labelled: bool, rows: list[str], tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     scattered = [rows[0]]
     for row in rows[1:]:

@@ -122,7 +122,7 @@ def drawn_cells(rig: Rig, region: GridRegion, rng: np.random.Generator, spread: 
 # ------------------------------------------------------------------------------------------------------- geometry
 
 
-def test_cells_of_a_position_are_those_the_planner_averages() -> None:
+def test_cells_of_a_position_equal_those_of_the_planner() -> None:
     rng = np.random.default_rng(0)
     region = GridRegion(np.array([0.1, -0.2, 0.3]), 0.15, (3, 2, 4))
     inner = region.origin + rng.random((200, 3)) * 0.15 * np.array(region.shape)
@@ -142,7 +142,7 @@ def test_cells_of_a_position_are_those_the_planner_averages() -> None:
     assert ((cells >= 0).sum(axis=1) == 8).sum() >= 2 * (2 * 1 * 3)  # every inner corner, exact and half a µm off
 
 
-def test_the_response_of_a_place_and_its_slope() -> None:
+def test_relative_compliance_of_a_place_and_its_derivative() -> None:
     """ρ is the harmonic mean of the cells' relative compliances; its slope against finite differences."""
     rng = np.random.default_rng(1)
     region = GridRegion(np.zeros(3), 1.0, (2, 2, 1))
@@ -180,7 +180,7 @@ def test_unmeasured_cells_follow_their_neighbours_and_the_mean() -> None:
     assert 0 < left[2] < left[3]
 
 
-def test_the_grid_about_planned_poses_is_the_planned_one(rig: Rig) -> None:
+def test_grid_around_planned_poses_equals_the_planned_one(rig: Rig) -> None:
     rng = np.random.default_rng(0)
     plan = grid_plan(rig.cell, rig.robot, rig.solver, GridRegion(ORIGIN, 0.3, (2, 4, 2)), MARGINS)
     f, _ = rig.measure(rig.c, plan.q[plan.reached], rng, loads=3)  # encoders off by fractions of a millimetre
@@ -195,7 +195,7 @@ def test_the_grid_about_planned_poses_is_the_planned_one(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 63, 64, 65, 200])
-def test_tiled_algebra_is_the_plain_one(n: int) -> None:
+def test_tiled_algebra_equals_the_plain_one(n: int) -> None:
     rng = np.random.default_rng(n)
     X = rng.standard_normal((n, n + 5))
     A = X @ X.T / n + 0.1 * np.eye(n)
@@ -216,7 +216,7 @@ def work_of(f: StiffnessFit, region: GridRegion) -> GridEquations:
     return GridEquations.from_fit(f, everywhere, places, np.ones(6, bool), f.compliance, True, NO_TERMS)
 
 
-def test_the_gradient_of_the_likelihood(rig: Rig) -> None:
+def test_gradient_of_the_likelihood(rig: Rig) -> None:
     rng = np.random.default_rng(2)
     region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS)
@@ -236,7 +236,7 @@ def test_the_gradient_of_the_likelihood(rig: Rig) -> None:
         assert given == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=0.01, rel=1e-4)
 
 
-def test_held_out_poses_in_closed_form_are_those_of_refits(rig: Rig) -> None:
+def test_closed_form_of_held_out_poses_equals_refits(rig: Rig) -> None:
     rng = np.random.default_rng(3)
     region = GridRegion(ORIGIN, 0.6, (1, 2, 1))
     f, _ = rig.measure(SmoothField.draw(rig.c, rng, scale=0.4), rig.anywhere(rng, 24), rng, noise=Noise(outliers=0.0))
@@ -276,7 +276,7 @@ def _unknowns_of(g: GridFit, work: GridEquations) -> np.ndarray:
 # ------------------------------------------------------------------------------------------------- does it work?
 
 
-def test_cells_are_found_and_their_uncertainty_is_right(rig: Rig) -> None:
+def test_cells_are_estimated_with_correct_uncertainty(rig: Rig) -> None:
     """A truth drawn as the model assumes: errors in units of the stated sigma have variance 1."""
     region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     scores, better = [], []
@@ -302,7 +302,7 @@ def test_cells_are_found_and_their_uncertainty_is_right(rig: Rig) -> None:
     assert np.max(better) < 0.5  # half of the variation or less is left
 
 
-def test_without_variation_the_grid_is_the_constant_model(rig: Rig) -> None:
+def test_grid_without_variation_equals_the_constant_model(rig: Rig) -> None:
     worse, gains = [], []
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -321,7 +321,7 @@ def test_without_variation_the_grid_is_the_constant_model(rig: Rig) -> None:
     assert np.mean(worse) < 1e-6  # and at new poses: under a micrometre, of 35 µm noise
 
 
-def test_with_variation_the_grid_is_better_on_held_out_poses(rig: Rig) -> None:
+def test_grid_with_variation_is_better_on_held_out_poses(rig: Rig) -> None:
     for seed in range(3):
         rng = np.random.default_rng(seed)
         field = SmoothField.draw(rig.c, rng, amplitude=0.3, scale=0.5)
@@ -339,7 +339,7 @@ def test_with_variation_the_grid_is_better_on_held_out_poses(rig: Rig) -> None:
         assert g.place_spread.max() > 0.01
 
 
-def test_a_badly_measured_cell_stays_near_the_rest_and_says_so(rig: Rig) -> None:
+def test_weakly_measured_cell_stays_near_the_mean_and_is_marked(rig: Rig) -> None:
     """Cell 0 without a reading, cell 1 with one pose under a fiftieth of the load; the others with twenty poses."""
     rng = np.random.default_rng(4)
     region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
@@ -401,7 +401,7 @@ def test_outliers_do_not_move_cells(rig: Rig) -> None:
     assert found[1] < 1.25 * found[0]  # 5 % of the readings at half a millimetre are worth 5 % of the readings
 
 
-def test_a_joint_that_is_not_seen_is_held(rig: Rig) -> None:
+def test_unobserved_joint_is_fixed(rig: Rig) -> None:
     """TCP on axis 6, forces without moment: joint 6 does nothing."""
     rng = np.random.default_rng(0)
     flange = np.eye(4)
@@ -420,7 +420,7 @@ def test_a_joint_that_is_not_seen_is_held(rig: Rig) -> None:
     assert (g.grid.std[:, :5] > 0).all()
 
 
-def test_a_term_beside_the_joints_is_fitted_along(rig: Rig) -> None:
+def test_additional_term_is_fitted_with_the_grid(rig: Rig) -> None:
     rng = np.random.default_rng(2)
     region = GridRegion(ORIGIN, 0.6, (1, 2, 1))
     truth = drawn_cells(rig, region, rng, 0.2)
@@ -440,7 +440,7 @@ def test_a_term_beside_the_joints_is_fitted_along(rig: Rig) -> None:
     np.testing.assert_allclose(g.terms, x, rtol=0.1)  # the bending and torsion of one link against six joints
 
 
-def test_what_makes_no_grid_is_said(rig: Rig) -> None:
+def test_recording_unsuitable_for_a_grid_is_reported(rig: Rig) -> None:
     rng = np.random.default_rng(0)
     f, _ = rig.measure(rig.c, rig.anywhere(rng, 30), rng)
     with pytest.raises(InputError, match=r"no reading lies inside the grid .* TCPs measured lie within"):
@@ -468,7 +468,7 @@ def test_ten_thousand_readings_and_128_cells(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize(("edge", "positions"), [(0.6, 12 + 2), (0.3, 45 + 16), (0.15, 225 + 128)])
-def test_nine_positions_a_cell_and_three_postures(rig: Rig, edge: float, positions: int) -> None:
+def test_nine_positions_per_cell_and_three_configurations(rig: Rig, edge: float, positions: int) -> None:
     shape = tuple(round(s / edge) for s in SIZE)
     region = GridRegion(ORIGIN, edge, shape)  # type: ignore[arg-type]
     plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS)
@@ -500,7 +500,7 @@ def test_nine_positions_a_cell_and_three_postures(rig: Rig, edge: float, positio
         assert turned[:, 0] @ R[0][:, 0] == pytest.approx(np.cos(np.radians(10)))
 
 
-def test_what_cannot_be_measured_has_a_reason(rig: Rig) -> None:
+def test_unmeasurable_cells_have_a_reason(rig: Rig) -> None:
     far = grid_plan(rig.cell, rig.robot, rig.solver, GridRegion(np.array([9.0, 0, 0]), 0.3, (1, 1, 1)), MARGINS)
     assert (far.reason == InfeasibilityReason.UNREACHABLE).all()
     assert not far.reached.any()

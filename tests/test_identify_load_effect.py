@@ -49,7 +49,7 @@ def found(e: LoadTestExperiment, **options: object) -> IdentificationResult:
     )  # type: ignore[arg-type]
 
 
-def test_hanging_loads_bias_the_linear_law_and_the_load_effect_mends_it() -> None:
+def test_hanging_loads_bias_the_linear_law_and_the_load_effect_corrects_it() -> None:
     e = hanging(1, noise=0.0)
     error = {}
     for on in (False, True):
@@ -78,7 +78,7 @@ def test_intervals_of_hanging_loads_cover_with_the_load_effect() -> None:
     assert share[False] < share[True] - 0.1
 
 
-def test_an_effect_inside_the_noise_is_left_alone() -> None:
+def test_load_effect_inside_the_noise_is_ignored() -> None:
     e = draw_load_tests(np.random.default_rng(5))
     stiff, plain = (found(e, load_effect=on) for on in (True, False))
     if not any("K_C" in n for n in stiff.notes):
@@ -86,7 +86,7 @@ def test_an_effect_inside_the_noise_is_left_alone() -> None:
     np.testing.assert_allclose(stiff.stiffness.joints, plain.stiffness.joints, rtol=0.01)
 
 
-def test_a_record_that_no_spring_holds_falls_back_to_the_linear_law() -> None:
+def test_recording_without_an_equilibrium_falls_back_to_the_linear_law() -> None:
     e = draw_load_tests(np.random.default_rng(6))
     huge = replace(e, wrench=1e3 * e.wrench, measured=1e3 * e.measured)  # metres of displacement
     assert not any("K_C" in n for n in found(huge, load_effect=True, accept=frozenset({"units"})).notes)
@@ -103,7 +103,7 @@ def full() -> tuple[LoadTestExperiment, StiffnessTerm]:
     ), StiffnessTerm("base_compliance", "base", {"form": "full"})
 
 
-def test_a_fitted_matrix_never_gives_way_and_the_planner_takes_it(
+def test_fitted_matrix_is_positive_semidefinite_and_accepted_by_the_planner(
     full: tuple[LoadTestExperiment, StiffnessTerm], tmp_path: Path
 ) -> None:
     _, robot, T = cell()
@@ -128,7 +128,7 @@ def test_a_fitted_matrix_never_gives_way_and_the_planner_takes_it(
     assert result.heldout.rmse < 1.3 * result.errors.rmse
 
 
-def test_the_mended_matrix_is_the_minimum(full: tuple[LoadTestExperiment, StiffnessTerm]) -> None:
+def test_projected_matrix_is_the_minimum(full: tuple[LoadTestExperiment, StiffnessTerm]) -> None:
     """No admissible neighbour has a smaller sum of squares (the problem is convex)."""
     _, robot, T = cell()
     e, term = full
@@ -155,7 +155,7 @@ def test_the_mended_matrix_is_the_minimum(full: tuple[LoadTestExperiment, Stiffn
 
 
 @pytest.mark.proof
-def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
+def test_matrix_from_noise_alone_is_not_found() -> None:
     _, robot, T = cell()
     kept = 0
     for seed in range(8):
@@ -167,7 +167,7 @@ def test_a_matrix_that_noise_alone_moves_is_not_found() -> None:
     assert kept <= 3  # at 10 % each: more happens once in 200
 
 
-def test_no_redundancy_is_refused_and_few_equations_keep_every_reading() -> None:
+def test_zero_redundancy_is_refused_and_few_equations_keep_every_reading() -> None:
     with pytest.raises(InputError, match="6 equations for 6 unknowns; at least 3 readings"):
         found(draw_load_tests(np.random.default_rng(8), poses=1, loads=2, repeats=1))
     few = found(draw_load_tests(np.random.default_rng(8), poses=3, loads=1, repeats=1))
@@ -175,7 +175,7 @@ def test_no_redundancy_is_refused_and_few_equations_keep_every_reading() -> None
     assert np.isfinite(few.errors.rmse)
 
 
-def test_a_grid_of_millions_of_cells_is_refused_and_auto_stays_constant() -> None:
+def test_grid_of_millions_of_cells_is_refused_and_auto_stays_constant() -> None:
     e = draw_load_tests(np.random.default_rng(9), poses=14)
     with pytest.raises(InputError, match="more than the 8000 that a grid may have"):
         found(e, model="grid", grid_cell=0.005)

@@ -75,7 +75,7 @@ def soft_test(
 # ------------------------------------------------------------------------------------------------------- gravity
 
 
-def test_gravity_torques_are_those_of_pinocchio(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
+def test_gravity_torques_equal_pinocchio(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     import pinocchio as pin
 
     links = len(masses.mass) - 1  # the last is the tool, which the URDF does not have
@@ -96,7 +96,7 @@ def test_gravity_torques_are_those_of_pinocchio(cell: Cell, robot: Robot, masses
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * h), slope[..., j], atol=1e-4)
 
 
-def test_the_tool_counts_as_a_mass_of_the_last_link(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
+def test_tool_counts_as_a_mass_of_the_last_link(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     assert masses.body[-1] == 6
     assert masses.mass[-1] == cell.tool.mass
     expected = robot.T_base_flange_zero[:3, :3] @ cell.tool.com + robot.T_base_flange_zero[:3, 3]
@@ -108,7 +108,7 @@ def test_the_tool_counts_as_a_mass_of_the_last_link(cell: Cell, robot: Robot, ma
 # ------------------------------------------------------------------------------------------------------ simulator
 
 
-def test_the_simulated_arm_follows_the_linear_law_in_the_limit_of_small_loads(cell: Cell, robot: Robot) -> None:
+def test_simulated_arm_converges_to_the_linear_law_for_small_loads(cell: Cell, robot: Robot) -> None:
     """Joints, a link, base and tool springs: the difference from the linear law falls as fast as the load does."""
     rng = np.random.default_rng(0)
     T = cell.tool.T_flange_tcp
@@ -133,7 +133,7 @@ def test_the_simulated_arm_follows_the_linear_law_in_the_limit_of_small_loads(ce
     np.testing.assert_allclose(off[0] / off[1], 10.0, rtol=0.02)  # first order in the load
 
 
-def test_the_noise_of_a_recording_is_as_ordered(cell: Cell, robot: Robot) -> None:
+def test_noise_of_a_recording_has_the_requested_size(cell: Cell, robot: Robot) -> None:
     rng = np.random.default_rng(1)
     arm = TrueArm(robot, cell.tool.T_flange_tcp, constant(cell))
     q = poses(cell, robot, rng, 400)
@@ -159,7 +159,7 @@ def test_the_noise_of_a_recording_is_as_ordered(cell: Cell, robot: Robot) -> Non
     np.testing.assert_array_equal(again.recording.displacement, same.recording.displacement)
 
 
-def test_a_smooth_field_stays_within_its_amplitude_and_varies(cell: Cell) -> None:
+def test_smooth_field_stays_within_its_amplitude_and_varies(cell: Cell) -> None:
     rng = np.random.default_rng(0)
     field = SmoothField.draw(constant(cell), rng, amplitude=0.3, scale=0.5)
     p = rng.uniform(-1, 1, (4000, 3))
@@ -181,9 +181,7 @@ def _tiny_arm(cell: Cell) -> tuple[Robot, np.ndarray]:
 
 
 @pytest.mark.parametrize("weight", [False, True])
-def test_prediction_is_the_simulated_arm_to_rounding(
-    cell: Cell, robot: Robot, masses: RobotMasses, weight: bool
-) -> None:
+def test_prediction_equals_the_simulated_arm(cell: Cell, robot: Robot, masses: RobotMasses, weight: bool) -> None:
     """Newton on joint angles here, a chain of bodies brought to rest by iteration there."""
     e, c = soft_test(cell, robot, masses if weight else None)
     assert np.abs(e.measured[:, :3]).max() > 0.01  # centimetres: no small-angle shortcut could pass
@@ -191,7 +189,7 @@ def test_prediction_is_the_simulated_arm_to_rounding(
     np.testing.assert_allclose(predicted, e.measured, atol=1e-11)  # rounding of 3 m through two iterations
 
 
-def test_sensitivities_against_finite_differences(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
+def test_sensitivities_agree_with_finite_differences(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     e, c = soft_test(cell, robot, masses)
     eq = LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp, masses)
     _, S = eq.predict(c)
@@ -202,7 +200,7 @@ def test_sensitivities_against_finite_differences(cell: Cell, robot: Robot, mass
         np.testing.assert_allclose(slope, S[..., j], atol=1e-7 * np.abs(S[..., j]).max())
 
 
-def test_a_rigid_joint_is_allowed(cell: Cell, robot: Robot) -> None:
+def test_rigid_joint_is_allowed(cell: Cell, robot: Robot) -> None:
     e, c = soft_test(cell, robot, None)
     d, S = LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp).predict(np.where(np.arange(6) == 3, 0.0, c))
     assert np.isfinite(d).all()
@@ -212,7 +210,9 @@ def test_a_rigid_joint_is_allowed(cell: Cell, robot: Robot) -> None:
 # ------------------------------------------------------------------------------------------------------------ fit
 
 
-def test_the_truth_is_found_where_the_linear_fit_is_biased(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
+def test_equilibrium_fit_finds_the_truth_where_the_linear_fit_is_biased(
+    cell: Cell, robot: Robot, masses: RobotMasses
+) -> None:
     e, c = soft_test(cell, robot, masses)
     linear = fit_unweighted_compliances(e)
     assert np.abs(linear / c - 1).max() > 0.1  # tens of percent off at the soft joints
@@ -222,7 +222,7 @@ def test_the_truth_is_found_where_the_linear_fit_is_biased(cell: Cell, robot: Ro
     assert found.influence.max() > 0.1
 
 
-def test_weight_that_is_left_out_biases_the_fit(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
+def test_neglected_weight_biases_the_fit(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     """1.8 t of links and tool on springs: K_C of the load alone is not enough."""
     e, c = soft_test(cell, robot, masses, soft=1.0)
     T = cell.tool.T_flange_tcp
@@ -233,7 +233,7 @@ def test_weight_that_is_left_out_biases_the_fit(cell: Cell, robot: Robot, masses
     assert np.abs(with_weight).max() < 1e-8
 
 
-def test_the_weighted_robust_fit_serves_at_the_equilibrium(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
+def test_weighted_robust_fit_works_at_the_equilibrium(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     """Same noise, same method: only the equations change."""
     e, c = soft_test(cell, robot, masses, noise=Noise())
     linear = fit_stiffness(e)
@@ -266,7 +266,7 @@ def test_small_loads_give_the_linear_result(cell: Cell, robot: Robot) -> None:
     np.testing.assert_allclose(np.array(off[:-1]) / np.array(off[1:]), 10.0, rtol=0.1)
 
 
-def test_terms_beside_the_joints_stay_linear(cell: Cell, robot: Robot) -> None:
+def test_terms_beside_the_joints_remain_linear(cell: Cell, robot: Robot) -> None:
     e, c = soft_test(cell, robot, None)
     T = cell.tool.T_flange_tcp
     base = build_fitted_term("base_compliance", "base", robot, T)
@@ -276,7 +276,7 @@ def test_terms_beside_the_joints_stay_linear(cell: Cell, robot: Robot) -> None:
     np.testing.assert_allclose(at.response() @ c, at.measured, atol=1e-11)
 
 
-def test_how_much_the_load_itself_matters_on_the_kr240() -> None:
+def test_size_of_the_load_effect_on_the_kr240() -> None:
     """dumas2011 section 3.2 finds ν_p ≤ 0.016 for [0, 0, −2000 N, 200, 200 N·m, 0], wrist at 45°.
 
     On the ranges of joints 2 and 3 (every 5°): ν_p 0.0159 by its linear formula, 0.0154 by letting the arm settle.
@@ -310,7 +310,7 @@ def test_how_much_the_load_itself_matters_on_the_kr240() -> None:
     assert settled.max() < weighed.max() < 0.1
 
 
-def test_springs_that_do_not_hold_are_named(cell: Cell, robot: Robot) -> None:
+def test_springs_without_an_equilibrium_are_named(cell: Cell, robot: Robot) -> None:
     e, c = soft_test(cell, robot, None)
     with pytest.raises(InputError, match=r"do not hold the load of the reading on line \d+"):
         LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp).predict(1e4 * c)

@@ -55,7 +55,7 @@ def identify(folder: Path, seed: int, name: str, capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.proof
-def test_intervals_hold_for_the_joints_as_built(tmp_path: Path) -> None:
+def test_intervals_cover_the_as_built_joints(tmp_path: Path) -> None:
     """90 % intervals hold 85 % of the springs over all causes, two thirds for each, and stay useful."""
     rates, width = [], []
     for name in truths(np.ones(6)):
@@ -75,7 +75,7 @@ def test_intervals_hold_for_the_joints_as_built(tmp_path: Path) -> None:
     assert np.median(width) < 0.1
 
 
-def test_the_misfit_is_said_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_misfit_is_reported_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     k, document = identify(tmp_path, 51, "base, tilt and torsion", capsys)
     assert document["warnings"][0].startswith("joint springs alone do not explain the readings")
     assert capsys.readouterr().out.startswith("joint springs alone do not explain the readings")

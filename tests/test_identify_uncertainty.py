@@ -69,7 +69,7 @@ def test_intervals_cover_with_few_poses_and_without_labels() -> None:
     assert 0.86 <= np.mean(hits) <= 0.95  # Satterthwaite's degrees of freedom (3 to 5 here) err to the safe side
 
 
-def test_cluster_robust_covariance_is_cr2_written_out() -> None:
+def test_cluster_robust_covariance_equals_cr2() -> None:
     rng = np.random.default_rng(21)
     sizes, P = [4, 7, 3, 9, 5], 3
     X = [rng.standard_normal((n, P)) * rng.uniform(0.2, 3) for n in sizes]
@@ -111,7 +111,7 @@ def axial(rng: np.random.Generator) -> LoadTestExperiment:
     )
 
 
-def test_a_joint_without_torque_keeps_the_cells_value() -> None:
+def test_joint_without_torque_keeps_the_value_of_the_cell() -> None:
     _, robot, T = cell()
     e = axial(np.random.default_rng(22))
     given = np.full(6, 7e5)
@@ -132,7 +132,7 @@ def test_a_joint_without_torque_keeps_the_cells_value() -> None:
     np.testing.assert_allclose(alone.stiffness.joints[:3], found.stiffness.joints[:3], rtol=0.02)
 
 
-def test_what_cannot_be_told_apart_is_named_and_its_sum_kept() -> None:
+def test_inseparable_joints_are_named_with_their_sum() -> None:
     _, robot, T = cell()
     e = draw_load_tests(np.random.default_rng(23), rotations=True)
     base = build_fitted_term("base_compliance", "base", robot, T)
@@ -151,7 +151,7 @@ def test_what_cannot_be_told_apart_is_named_and_its_sum_kept() -> None:
     assert sure.interval[0, 0] == 0.0
 
 
-def test_a_joint_that_the_noise_hides_gets_a_bound_only() -> None:
+def test_joint_hidden_by_noise_gets_a_bound_only() -> None:
     rng = np.random.default_rng(24)
     _, robot, T = cell()
     stiff = TRUE_K.copy()
@@ -170,7 +170,7 @@ def test_a_joint_that_the_noise_hides_gets_a_bound_only() -> None:
     assert last.interval[0] < 1e9
 
 
-def test_errors_on_unseen_poses_are_those_of_a_refit() -> None:
+def test_errors_on_unseen_poses_equal_those_of_a_refit() -> None:
     e = draw_load_tests(np.random.default_rng(25), poses=8, loads=3, repeats=1)
     found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
     left_out = compute_holdout_residuals(
@@ -195,7 +195,7 @@ def test_every_pose_is_left_out_once() -> None:
     assert build_folds(1, np.random.default_rng(0)) == []
 
 
-def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_stands_out() -> None:
+def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_has_the_largest_residual() -> None:
     rng = np.random.default_rng(26)
     _, robot, T = cell()
     record = add_measurement_errors(plan_load_tests(rng), rng, outliers=0.0)
@@ -218,7 +218,7 @@ def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_stands_out() -> None:
     assert worst.sigmas > 20
 
 
-def test_more_tests_scatter_less_and_all_of_them_not_at_all() -> None:
+def test_scatter_decreases_with_the_number_of_tests() -> None:
     found = fit_stiffness(draw_load_tests(np.random.default_rng(27), poses=15))
     settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
     for of, most in (("readings", len(found.y)), ("poses", 15)):
@@ -233,7 +233,7 @@ def test_more_tests_scatter_less_and_all_of_them_not_at_all() -> None:
     np.testing.assert_allclose(study.k[-1, 0], 1 / settled.x[:6], rtol=1e-9)
 
 
-def test_monte_carlo_scatters_as_the_errors_propagate() -> None:
+def test_monte_carlo_agrees_with_error_propagation() -> None:
     _, robot, T = cell()
     e = draw_load_tests(np.random.default_rng(28), poses=12, loads=3, repeats=1)
     found = fit_stiffness(e, robust=False, weighted=False, bounded=False)
@@ -252,7 +252,7 @@ def test_monte_carlo_scatters_as_the_errors_propagate() -> None:
     assert run_monte_carlo(found, settled, robot, T, np.random.default_rng(0), draws=20).assumed == ("displacement",)
 
 
-def test_scatter_of_few_tests_at_the_errors_of_dumas2011_is_that_of_table_2() -> None:
+def test_scatter_of_few_tests_agrees_with_dumas2011_table_2() -> None:
     """10 tests of 6 coordinates, 0.03 mm, 0.1 kg, 0.01°: the paper prints 8, 8, 9, 2, 2, 5 % (section 5.2)."""
     _, robot, T = cell()
     rng = np.random.default_rng(29)

@@ -18,7 +18,7 @@ class Owner:
     numbers: NDArray[np.float64]
 
 
-def test_a_value_is_computed_once_per_object_and_dropped_with_it() -> None:
+def test_value_is_computed_once_per_object_and_dropped_with_it() -> None:
     calls: list[Owner] = []
     cache: IdentityCache[Owner, float] = IdentityCache()
 

@@ -48,7 +48,7 @@ def told(cell: Cell, *entries: str | list[str]) -> tuple[IgnoredPair, ...]:
     return reader.pairs(list(entries), open_file)
 
 
-def test_names_stand_for_their_bodies(cell: Cell) -> None:
+def test_names_refer_to_their_bodies(cell: Cell) -> None:
     (cell.folder / "robot.srdf").write_text(SRDF)
     tool = cell.tool.geometry[0].name
     found = told(cell, ["link_1", "link_3_0"], ["tool", cell.obstacles[0].name], "robot.srdf")
@@ -68,7 +68,7 @@ def test_names_stand_for_their_bodies(cell: Cell) -> None:
         (["tool", "tool"], ["share a body"]),
     ],
 )
-def test_refusals(cell: Cell, entry: list[str], parts: list[str]) -> None:
+def test_invalid_pairs_are_refused(cell: Cell, entry: list[str], parts: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         told(cell, entry)
     for part in parts:
@@ -76,7 +76,7 @@ def test_refusals(cell: Cell, entry: list[str], parts: list[str]) -> None:
 
 
 @pytest.mark.parametrize(("name", "like"), [("base_link_0", "link base_link"), ("cutter", "the tool's cutter")])
-def test_a_pair_may_not_speak_of_two_bodies_at_once(cell: Cell, name: str, like: str) -> None:
+def test_ambiguous_body_name_is_refused(cell: Cell, name: str, like: str) -> None:
     """Planner and verification both know pairs by name: what may touch would be let through for the other one too."""
     assert cell.tool.cutter is not None
     twice = replace(cell, obstacles=(replace(cell.obstacles[0], name=name),))
@@ -85,7 +85,7 @@ def test_a_pair_may_not_speak_of_two_bodies_at_once(cell: Cell, name: str, like:
         told(twice, ["link_1", "link_3"])
 
 
-def test_flange_and_world_stand_for_what_rides_on_them(cell: Cell) -> None:
+def test_flange_and_world_include_the_bodies_attached_to_them(cell: Cell) -> None:
     (pair,) = told(cell, ["world", "flange"])
     assert pair.first == tuple(s.name for s in (*cell.obstacles, *cell.workpiece.geometry))
     assert pair.second == tuple(s.name for s in cell.tool.geometry)
@@ -106,7 +106,7 @@ def test_srdf_defaults_and_exceptions(cell: Cell, tmp_path: Path) -> None:
         read_srdf(path, ("a",))
 
 
-def test_what_no_plan_can_keep_farther_apart_is_left_out_by_both(cell: Cell) -> None:
+def test_pairs_with_a_constant_distance_are_excluded_by_planner_and_verifier(cell: Cell) -> None:
     """A disc about axis 6 is as far from link 5 in every pose: where that is too near, right plans failed."""
     disc = CollisionShape(name="disc", kind="cylinder", size=(0.02, 0.004), mesh=None, T_parent_shape=np.eye(4))
     round_tool = replace(cell, tool=replace(cell.tool, geometry=(disc,)))
@@ -127,7 +127,7 @@ def test_what_no_plan_can_keep_farther_apart_is_left_out_by_both(cell: Cell) -> 
         assert ("link_5_0 ~ disc" in named) is kept
 
 
-def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell) -> None:
+def test_planner_and_verification_exclude_and_report_the_same_pairs(cell: Cell) -> None:
     lenient = replace(cell, may_touch=told(cell, ["base_link", "link_2"], ["cutter", cell.obstacles[0].name]))
     names = {"base_link_0 ~ link_2_0", f"{cell.obstacles[0].name} ~ cutter"}
     found = []
@@ -151,7 +151,7 @@ def test_planner_and_verification_leave_out_the_same_pairs_and_say_so(cell: Cell
     )
 
 
-def test_contact_at_home_names_the_key_that_would_help(cell: Cell) -> None:
+def test_contact_at_home_names_the_key_that_allows_it(cell: Cell) -> None:
     robot, shapes = load_chain(cell)
     T = np.linalg.inv(robot.compute_fk(cell.home)) @ np.array(
         [[1, 0, 0, 0.4], [0, 1, 0, 0], [0, 0, 1, 1.2], [0, 0, 0, 1.0]]
@@ -164,7 +164,7 @@ def test_contact_at_home_names_the_key_that_would_help(cell: Cell) -> None:
     assert any("`ignore_pairs: [[link_2_0, boom]]` in cell.yaml" in words for words in model.suspicious)
 
 
-def test_an_srdf_of_another_robot_is_said(cell: Cell) -> None:
+def test_srdf_of_another_robot_is_reported(cell: Cell) -> None:
     (cell.folder / "other.srdf").write_text(
         '<robot name="o"><disable_collisions link1="Link_1" link2="Link_3"/></robot>'
     )
@@ -175,7 +175,7 @@ def test_an_srdf_of_another_robot_is_said(cell: Cell) -> None:
     assert "other.srdf names no two links of this robot in any of its 1 pairs (its first is Link_1 ~ Link_3)" in warning
 
 
-def test_a_body_in_no_pair_is_excused_only_where_the_cell_lets_all_its_pairs_touch(cell: Cell) -> None:
+def test_body_without_pairs_is_accepted_only_where_the_cell_allows_it(cell: Cell) -> None:
     arm = UrdfKinematics(cell)
     bodies = build_bodies(cell, arm)
     every = list_checked_pairs(cell, arm, bodies)
@@ -194,7 +194,7 @@ def test_a_body_in_no_pair_is_excused_only_where_the_cell_lets_all_its_pairs_tou
     assert all(c.passed for c in check_inventory(lenient, arm, bodies, left))
 
 
-def test_a_body_that_nothing_moves_against_is_in_no_pair_and_misses_none(cell: Cell, tmp_path: Path) -> None:
+def test_body_that_nothing_moves_against_is_in_no_pair(cell: Cell, tmp_path: Path) -> None:
     """An arm without bodies of its own in an empty hall, as `machopt init` writes it of such a URDF."""
     bare = tmp_path / "bare.urdf"
     bare.write_text(re.sub(r"<collision>.*?</collision>", "", cell.urdf.read_text(), flags=re.DOTALL))

@@ -183,7 +183,7 @@ def test_every_solution_reaches_its_pose_by_pinocchio(name: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_the_configuration_a_pose_came_from_is_among_the_branches(name: str) -> None:
+def test_original_configuration_is_among_the_branches(name: str) -> None:
     arm, solver = (CLOSED | GENERAL)[name], solver_of(name)
     q, T = random_poses(arm, 1000, seed=4)
     missing = int((gaps(solver.solve(T), q).min(axis=1) > SAME).sum())
@@ -208,7 +208,7 @@ def test_no_general_solution_appears_twice(name: str) -> None:
         assert not np.any(apart < 1e-6)
 
 
-def test_a_calibrated_arm_keeps_all_its_branches() -> None:
+def test_calibrated_arm_keeps_all_its_branches() -> None:
     """Axes some 0.1 mrad and 0.1 mm off the nominal: no closed form holds, and the exact structure is nearly there."""
     g = np.random.default_rng(8)
     arm = Robot(
@@ -225,7 +225,7 @@ def test_a_calibrated_arm_keeps_all_its_branches() -> None:
     assert (gaps(solver.solve(T), q).min(axis=1) > SAME).sum() <= 5
 
 
-def test_axes_printed_with_few_decimals_still_take_the_closed_form_and_are_exact() -> None:
+def test_axes_rounded_to_few_decimals_use_the_closed_form_exactly() -> None:
     a = 1.5708
     arm = from_dh([0.089159, 0, 0, 0.10915, 0.09465, 0.0823], [0, -0.425, -0.39225, 0, 0, 0], [a, 1e-6, 0, a, -a, 0])
     solver = GeneralSolver.for_robot(arm)
@@ -238,7 +238,7 @@ def test_axes_printed_with_few_decimals_still_take_the_closed_form_and_are_exact
 
 
 @pytest.mark.parametrize("name", ["ur5", "tian2025"])
-def test_the_quick_look_at_a_branch_never_says_less_than_it_is_off(name: str) -> None:
+def test_quick_error_bound_of_a_branch_is_an_upper_bound(name: str) -> None:
     """It decides that a branch needs no Newton step: small twists of known size, against what it says of them."""
     arm, g = CLOSED[name], np.random.default_rng(5)
     q, T = random_poses(arm, 300, seed=5)
@@ -287,7 +287,7 @@ def test_margins_of_three_parallel_axes() -> None:
 @pytest.mark.parametrize(
     "angle", [0.0, np.pi, -np.pi, 3.2, -3.2, 1e-300, 7.0, -20.0, np.nextafter(np.pi, 4), -np.pi - 1e-15]
 )
-def test_the_same_angle_within_a_turn(angle: float) -> None:
+def test_angles_equal_within_a_turn(angle: float) -> None:
     assert wrap_angle(angle) == np.pi - np.remainder(np.pi - angle, 2 * np.pi)
     assert abs(wrap_angle(angle)) <= np.pi
 
@@ -380,7 +380,7 @@ def machining_grid(arm: Robot, points: int, rotations: int, seed: int) -> Array:
 
 @pytest.mark.parametrize("name", ["crx", "offset wrist 50, 200", "random"])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_grid_holds_what_every_single_pose_holds(name: str, seed: int) -> None:
+def test_grid_solutions_equal_those_of_single_poses(name: str, seed: int) -> None:
     arm, solver = GENERAL[name], solver_of(name)
     T = machining_grid(arm, 25, 72, seed)
     grid = solver.solve_grid(T)
@@ -422,7 +422,7 @@ def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
 # ---------------------------------------------------------------- edges
 
 
-def test_unreachable_and_undefined_poses_are_nan_and_do_not_disturb_others() -> None:
+def test_unreachable_poses_are_nan_and_do_not_affect_others() -> None:
     for name in ("ur5", "crx"):
         arm, solver = (CLOSED | GENERAL)[name], solver_of(name)
         _, T = random_poses(arm, 3, seed=14)
@@ -437,14 +437,14 @@ def test_unreachable_and_undefined_poses_are_nan_and_do_not_disturb_others() -> 
         assert solver.solve_grid(T[:0, None]).shape == (0, 1, solver.branches, 6)
 
 
-def test_stretched_and_wrist_singular_poses_are_answered() -> None:
+def test_stretched_and_wrist_singular_poses_are_solved() -> None:
     q = np.array([[0.2, -0.7, 0.0, 0.3, 0.8, 0.1], [0.2, -0.7, 1.1, 0.3, 0.0, 0.1]])
     found = solver_of("ur5").solve(UR5.compute_fk(q))
     assert np.all(counts(found) > 0)
     assert np.nanmax(np.abs(UR5.compute_fk(found) - UR5.compute_fk(q)[:, None])) < EXACT
 
 
-def test_an_arm_that_cannot_move_in_six_directions_is_refused() -> None:
+def test_arm_without_six_degrees_of_freedom_is_refused() -> None:
     axis = UR5.axis.copy()
     axis[4] = axis[3]  # four parallel axes
     with pytest.raises(InputError, match="six directions"):
@@ -460,7 +460,7 @@ def test_an_arm_that_cannot_move_in_six_directions_is_refused() -> None:
         )
 
 
-def test_kinds_of_geometry() -> None:
+def test_kinds_of_geometry_are_recognised() -> None:
     assert all(axis_geometry.is_three_parallel(arm) for arm in CLOSED.values())
     assert not any(axis_geometry.is_three_parallel(arm) for arm in GENERAL.values())
     assert [n for n, arm in (CLOSED | GENERAL).items() if axis_geometry.is_spherical_wrist(arm)] == ["spherical wrist"]
@@ -483,7 +483,7 @@ def test_forearm_in_the_plane_of_the_arm_loses_no_configuration(arm: Robot, q4: 
     assert np.mean(np.nanmin(off_by, axis=1) < SAME) > 0.98
 
 
-def test_solutions_that_share_a_round_angle_are_seen_as_sharing_it() -> None:
+def test_angles_at_zero_and_a_full_turn_are_neighbours() -> None:
     """Rounding leaves one at 1e-16 and its twin at 2π − 1e-16: they are neighbours, too."""
     elimination = GeneralSolver.for_robot(CRX).eliminations[0]
     q, pose = np.full((6, 6), -1e-12), np.array([7, 8, 7, 9, 9, 3])

@@ -86,7 +86,7 @@ def arms(folder: Path) -> dict[str, Robot]:
 
 
 @pytest.mark.parametrize("name", SPHERICAL + REAL)
-def test_every_branch_reaches_and_the_own_configuration_is_among_them(name: str, tmp_path: Path) -> None:
+def test_every_branch_reaches_and_contains_the_original_configuration(name: str, tmp_path: Path) -> None:
     robot, low, high = robot_named(name, tmp_path)
     q = np.random.default_rng(0).uniform(low, high, (1000, 6))
     T = robot.compute_fk(q)
@@ -115,7 +115,7 @@ def test_every_branch_reaches_and_the_own_configuration_is_among_them(name: str,
 
 
 @pytest.mark.parametrize("kind", ["plain", "shoulder offset", "oblique wrist"])
-def test_existing_branches_are_distinct_and_match_newton_from_everywhere(kind: str, tmp_path: Path) -> None:
+def test_branches_are_distinct_and_complete_by_newton_restarts(kind: str, tmp_path: Path) -> None:
     """Completeness by an independent way: Newton from many random starts finds no solution that is not a branch."""
     robot = arms(tmp_path)[kind]
     rng = np.random.default_rng(1)
@@ -141,7 +141,7 @@ def test_existing_branches_are_distinct_and_match_newton_from_everywhere(kind: s
     assert newton_found > 40  # the comparison saw most of the branches
 
 
-def test_branch_index_is_shoulder_elbow_wrist_and_stays_along_a_path(tmp_path: Path) -> None:
+def test_branch_index_is_shoulder_elbow_wrist_along_a_path(tmp_path: Path) -> None:
     robot = small_robot(tmp_path)
     a, b = np.radians([[10, -100, 95, 20, 40, -30], [35, -80, 70, 60, 70, 40.0]])
     q = a + np.linspace(0, 1, 200)[:, None] * (b - a)
@@ -219,7 +219,7 @@ def test_out_of_reach_is_nan_with_the_missing_length(tmp_path: Path, beyond: flo
             assert expected == pytest.approx(beyond, abs=1e-6)
 
 
-def test_too_near_axis_1_is_told_by_the_shoulder_offset(tmp_path: Path) -> None:
+def test_pose_too_near_axis_1_is_reported_by_the_shoulder_offset(tmp_path: Path) -> None:
     robot = with_shoulder_offset(small_robot(tmp_path), 0.12)
     W = find_wrist_centre(robot)
     assert W is not None
@@ -237,7 +237,7 @@ def test_too_near_axis_1_is_told_by_the_shoulder_offset(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["plain", "shoulder offset", "oblique wrist"])
-def test_margins_are_the_angles_and_lengths_they_are_called(kind: str, tmp_path: Path) -> None:
+def test_margins_are_the_named_angles_and_lengths(kind: str, tmp_path: Path) -> None:
     robot = arms(tmp_path)[kind]
     W = find_wrist_centre(robot)
     assert W is not None
@@ -263,7 +263,7 @@ def test_margins_are_the_angles_and_lengths_they_are_called(kind: str, tmp_path:
 
 
 @pytest.mark.parametrize("which", ["wrist", "elbow", "shoulder"])
-def test_each_singularity_is_named_as_it_is_approached(which: str, tmp_path: Path) -> None:
+def test_each_singularity_is_named_as_its_margin_vanishes(which: str, tmp_path: Path) -> None:
     """Rank of the Jacobian falls exactly where the margin goes to zero, and the reason says which one."""
     robot = small_robot(tmp_path)
     W = find_wrist_centre(robot)
@@ -303,7 +303,7 @@ def test_each_singularity_is_named_as_it_is_approached(which: str, tmp_path: Pat
     assert np.log(smallest[-2] / smallest[-1]) / np.log(10) == pytest.approx(1.0, abs=0.1)  # linearly
 
 
-def test_exactly_singular_poses_are_singular_or_unreachable_never_ok(tmp_path: Path) -> None:
+def test_exactly_singular_poses_are_never_ok(tmp_path: Path) -> None:
     robot = small_robot(tmp_path)
     aligned = np.radians([20.0, -80, 70, 30, 0, 10])
     found = SphericalWristSolver(robot).solve(robot.compute_fk(aligned)[None])
@@ -320,7 +320,7 @@ def test_exactly_singular_poses_are_singular_or_unreachable_never_ok(tmp_path: P
     assert found.shortfall[0] < 1e-9
 
 
-def test_reasons_follow_the_margins_given(tmp_path: Path) -> None:
+def test_reasons_follow_the_given_margins(tmp_path: Path) -> None:
     robot = small_robot(tmp_path)
     q = np.random.default_rng(5).uniform(-np.pi, np.pi, (200, 6))
     found = SphericalWristSolver(robot).solve(robot.compute_fk(q))
@@ -336,7 +336,7 @@ def test_reasons_follow_the_margins_given(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("low", "high"), [(-350, 350), (-185, 185), (-140, -5), (-120, 155), (10, 400), (-400, -10), (-540, 540), (-90, 90)]
 )
-def test_turns_bring_every_angle_within_the_limits_back(low: float, high: float) -> None:
+def test_whole_turns_return_every_angle_into_the_limits(low: float, high: float) -> None:
     lower, upper = np.radians(np.full(6, float(low))), np.radians(np.full(6, float(high)))
     every = list_whole_turns(lower, upper)
     np.testing.assert_array_equal(every[0], np.zeros(6))
@@ -350,7 +350,7 @@ def test_turns_bring_every_angle_within_the_limits_back(low: float, high: float)
         assert upper[0] > -np.pi + 2 * np.pi * n
 
 
-def test_refine_ends_at_the_pose(tmp_path: Path) -> None:
+def test_refinement_ends_at_the_pose(tmp_path: Path) -> None:
     robot, tool = small_robot(tmp_path), small_cell(tmp_path).tool.T_flange_tcp
     q = np.random.default_rng(6).uniform(-0.3, 0.3, (50, 6)) + np.radians([0, -90, 90, 0, 45, 0.0])
     x, error = refine_by_newton(robot, robot.compute_fk(q, tool), q + 0.03, tool, iterations=5)
@@ -383,7 +383,7 @@ def test_kernel_equals_the_closed_form_in_numpy(kind: str, tmp_path: Path) -> No
     assert (compute_branch_reasons(nothing, MARGINS) == InfeasibilityReason.UNREACHABLE).all()
 
 
-def test_turns_fit_or_the_limit_is_the_reason(tmp_path: Path) -> None:
+def test_angles_within_the_limits_or_the_limit_is_the_reason(tmp_path: Path) -> None:
     robot = small_robot(tmp_path)
     lower, upper = np.radians([-170, -130, 20, -350, -120, -350.0]), np.radians([170, -20, 150, 350, 120, 350.0])
     every = list_whole_turns(lower, upper)

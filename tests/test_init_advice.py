@@ -84,14 +84,14 @@ def test_advice_for_seven_joints_leads_to_a_cell(before: int, axis: str, tmp_pat
 @pytest.mark.slow
 @pytest.mark.skipif(not ROBOTS.exists(), reason="../shared/data/robots_public is not here")
 @pytest.mark.parametrize("name", SEVEN)
-def test_advice_for_arms_of_makers_leads_to_a_cell(name: str, tmp_path: Path) -> None:
+def test_advice_for_manufacturer_arms_leads_to_a_cell(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     assert follow_advice(ROBOTS / name, folder) >= 1
 
 
 @pytest.mark.parametrize("link", ["link_1", "link_3", "link_5", "base_link"])
-def test_links_that_are_offered_end_an_arm(link: str, tmp_path: Path) -> None:
+def test_offered_links_end_an_arm(link: str, tmp_path: Path) -> None:
     robot = tmp_path / "robot.urdf"
     robot.write_text(urdf_text())
     with pytest.raises(InputError) as refused:
@@ -120,7 +120,7 @@ def test_links_that_are_offered_end_an_arm(link: str, tmp_path: Path) -> None:
         (["--cutter-diameter-mm", "0.000006"], "--cutter-diameter-mm"),
     ],
 )
-def test_a_length_in_another_unit_names_its_option_and_a_value_that_works(
+def test_length_in_another_unit_names_its_option_and_a_valid_value(
     words: list[str], option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     robot = tmp_path / "robot.urdf"

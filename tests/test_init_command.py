@@ -50,7 +50,7 @@ def robot(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp_path: Path) -> None:
+def test_new_cell_loads_reaches_its_workpiece_and_is_free_of_contacts(robot: Path, tmp_path: Path) -> None:
     from machopt.collision.collision_model import CollisionModel
 
     toolpath = ROOT / "toolpaths" / "plate_holes.csv"
@@ -77,7 +77,7 @@ def test_a_new_cell_loads_reaches_its_workpiece_and_stands_free(robot: Path, tmp
 
 
 @pytest.mark.parametrize("turn", [(0, 90, 0), (90, 0, 0), (0, 180, 0), (10, -20, 30), (0, 0, 0)])
-def test_the_flange_looks_out_of_the_arm_however_its_frame_is_turned(turn: tuple[float, ...], tmp_path: Path) -> None:
+def test_tool_points_out_of_the_arm_in_any_flange_frame(turn: tuple[float, ...], tmp_path: Path) -> None:
     """flange against tool0: the frames differ by a quarter turn, and a tool along the wrong z stands sideways."""
     there = load_robot(small_cell(tmp_path))
     R = compute_rpy_matrix(np.radians(turn))
@@ -91,7 +91,7 @@ def test_the_flange_looks_out_of_the_arm_however_its_frame_is_turned(turn: tuple
     assert compute_rpy_matrix(compute_pointing_rpy(found))[:, 2] == pytest.approx(found, abs=1e-9)
 
 
-def test_shipped_cells_have_flanges_that_look_along_z() -> None:
+def test_shipped_cells_have_flanges_along_z() -> None:
     for name in ("kr240_drilling", "cutting_cobot"):
         found = find_flange_direction(load_robot(load_cell(ROOT / "cells" / name)))
         assert found == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
@@ -106,7 +106,7 @@ def reached(cell: Cell, toolpath: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (0.0, 0.0, 90.0), (90.0, 0.0, 0.0)])
-def test_an_arm_on_a_rail_gets_a_cell_whose_part_it_reaches(turned: tuple[float, ...], tmp_path: Path) -> None:
+def test_arm_on_a_rail_gets_a_cell_with_a_reachable_part(turned: tuple[float, ...], tmp_path: Path) -> None:
     """The base stands off the URDF's root, turned; the part is placed in world and turned there as asked."""
     stand = '<origin xyz="0.4 -0.3 0.6" rpy="0 0 1.5707963"/>'
     rail = RAIL.replace('<origin xyz="-0.1 0 0.2"/>', stand)
@@ -129,7 +129,7 @@ def test_an_arm_on_a_rail_gets_a_cell_whose_part_it_reaches(turned: tuple[float,
     assert "a1, a2, a3, a4, a5, a6, rail (mm); deg (mm where it slides)" in text
 
 
-def test_what_is_asked_on_the_terminal_is_asked_again_until_it_fits(
+def test_terminal_questions_repeat_until_the_answer_is_valid(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = iter(["-5", "three", "320", "", "12", "400", "60", "krll", "krl"])
@@ -159,7 +159,7 @@ def ended(_: str) -> str:
     raise EOFError
 
 
-def test_all_of_a_path_is_reached_from_one_branch(tmp_path: Path) -> None:
+def test_whole_path_is_reached_in_one_branch(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     arm = build_reaching_arm(cell, load_robot(cell), load_options(None))
     found = find_place(arm, *build_sample_path(3.0), 3.0)
@@ -172,9 +172,7 @@ def test_all_of_a_path_is_reached_from_one_branch(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (-0.6, 0.0, 0.8)])
-def test_a_workpiece_is_placed_where_neither_wrist_nor_elbow_is_stretched_anywhere_on_the_path(
-    axis: tuple[float, ...], tmp_path: Path
-) -> None:
+def test_workpiece_is_placed_away_from_wrist_and_elbow_singularities(axis: tuple[float, ...], tmp_path: Path) -> None:
     """By the room to joint limits alone a first job was put where the planner found the wrist too near singular."""
     cell = small_cell(tmp_path)
     arm = build_reaching_arm(cell, load_robot(cell), load_options(None))
@@ -191,7 +189,7 @@ def test_a_workpiece_is_placed_where_neither_wrist_nor_elbow_is_stretched_anywhe
     assert found.margin <= best + np.radians(2)  # it was told by fewer points
 
 
-def test_a_path_too_large_for_the_arm_has_its_middle_in_reach(robot: Path, tmp_path: Path) -> None:
+def test_path_too_large_for_the_arm_has_its_middle_in_reach(robot: Path, tmp_path: Path) -> None:
     """A start that validates: the report of a plan then says which points lack what."""
     file = tmp_path / "large.csv"
     file.write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min,kind\n100,0,0,0,0,1,600,path\n9100,0,0,0,0,1,600,\n")
@@ -202,13 +200,13 @@ def test_a_path_too_large_for_the_arm_has_its_middle_in_reach(robot: Path, tmp_p
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_arms_of_the_field_are_found(name: str) -> None:
+def test_published_arms_are_found(name: str) -> None:
     arm = find_arm(read_robot(robot_folder(name) / f"{name}.urdf"))
     assert (arm.base_link, arm.flange_link, arm.flanges) == ("base_link", "tool0", ("link_6", "flange"))
     assert len(arm.arm) == 6
 
 
-def test_links_that_are_not_there_and_arms_that_are_none_are_said(robot: Path, tmp_path: Path) -> None:
+def test_missing_links_and_invalid_arms_are_reported(robot: Path, tmp_path: Path) -> None:
     urdf = read_robot(robot)
     with pytest.raises(InputError, match=r"--flange-link: link 'flang' is not there; did you mean 'flange'"):
         find_arm(urdf, None, "flang")
@@ -226,7 +224,7 @@ def test_links_that_are_not_there_and_arms_that_are_none_are_said(robot: Path, t
 
 
 @pytest.mark.parametrize("source", ["nosuch", "strut"])
-def test_what_is_refused_of_a_robot_names_the_users_file(source: str, tmp_path: Path) -> None:
+def test_robot_errors_name_the_file_of_the_user(source: str, tmp_path: Path) -> None:
     """Not a line of the cell in its temporary folder, which is gone by then."""
     strut = (
         '<link name="rod"/><link name="end"/><joint name="strut" type="fixed"><parent link="rod"/><child link="end"/>'
@@ -242,7 +240,7 @@ def test_what_is_refused_of_a_robot_names_the_users_file(source: str, tmp_path: 
     assert not (tmp_path / "cell").exists()
 
 
-def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> None:
+def test_meshes_of_a_robot_are_copied_from_any_place(tmp_path: Path) -> None:
     import trimesh
 
     mesh = trimesh.creation.box((0.1, 0.1, 0.1))
@@ -272,12 +270,12 @@ def test_a_robots_meshes_come_along_from_wherever_they_lie(tmp_path: Path) -> No
         copy_robot(read_standalone_description(tmp_path / "robot" / "r.urdf"), out, {})
 
 
-def test_a_similar_arm_half_the_size_is_an_eighth_as_stiff() -> None:
+def test_similar_arm_of_half_size_has_an_eighth_of_the_stiffness() -> None:
     assert estimate_joint_stiffness(REFERENCE_SPAN_M) == REFERENCE_NM_PER_RAD
     assert np.array(estimate_joint_stiffness(REFERENCE_SPAN_M / 2)) * 8 == pytest.approx(REFERENCE_NM_PER_RAD, rel=5e-3)
 
 
-def test_a_path_that_does_not_say_its_unit_or_feed_is_asked_for_and_taken(
+def test_path_without_unit_or_feed_is_refused_with_the_options(
     robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The options that the refusal names are those of every other command that reads toolpaths."""
@@ -294,7 +292,7 @@ def test_a_path_that_does_not_say_its_unit_or_feed_is_asked_for_and_taken(
     assert capsys.readouterr().out.endswith(f"next: machopt validate '{tmp_path / 'a b'}'\n")
 
 
-def test_the_command_refuses_what_it_would_overwrite_and_what_it_cannot_know(
+def test_command_refuses_to_overwrite_and_to_guess(
     robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "cell"
@@ -313,7 +311,7 @@ def test_the_command_refuses_what_it_would_overwrite_and_what_it_cannot_know(
     assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
-def test_velocities_that_a_urdf_lacks_are_slow_ones_and_said(robot: Path, tmp_path: Path) -> None:
+def test_missing_velocities_are_estimated_low_and_reported(robot: Path, tmp_path: Path) -> None:
     """velocity="0" is common in URDFs drawn by CAD: what else a cell needs is estimated and flagged, too."""
     robot.write_text(robot.read_text().replace('velocity="2"', 'velocity="0"', 1))
     done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
@@ -325,7 +323,7 @@ def test_velocities_that_a_urdf_lacks_are_slow_ones_and_said(robot: Path, tmp_pa
     assert not any("above the URDF's velocity" in w for w in done.cell.warnings)
 
 
-def test_a_joint_that_never_stands_at_zero_has_a_home_within_its_range(robot: Path, tmp_path: Path) -> None:
+def test_joint_without_zero_in_its_range_has_a_valid_home(robot: Path, tmp_path: Path) -> None:
     """Panda's joint 4 ends at -0.0698 rad, -3.99925 deg: three decimals of that lie outside."""
     text = robot.read_text()
     high = text.index('upper="', text.index('name="a2"')) + len('upper="')
@@ -333,7 +331,7 @@ def test_a_joint_that_never_stands_at_zero_has_a_home_within_its_range(robot: Pa
     assert run_init(InitRequest(robot=robot, out=tmp_path / "cell")).folder.is_dir()
 
 
-def test_a_seven_axis_arm_is_refused_with_what_would_work_and_that_works(tmp_path: Path) -> None:
+def test_seven_axis_arm_is_refused_with_working_advice(tmp_path: Path) -> None:
     text = urdf_text().replace('<parent link="base_link"/>', '<parent link="stand"/>', 1)
     turn = (
         '<link name="stand"/><joint name="a0" type="revolute"><parent link="base_link"/><child link="stand"/>'
@@ -349,7 +347,7 @@ def test_a_seven_axis_arm_is_refused_with_what_would_work_and_that_works(tmp_pat
 
 
 @pytest.mark.parametrize("how", ["holds the mesh", "package.xml", "given"])
-def test_a_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path) -> None:
+def test_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path) -> None:
     """ROS names a package in package.xml; robots are passed on in folders of any name."""
     import trimesh
 
@@ -384,14 +382,14 @@ def test_a_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path
 
 
 @pytest.mark.parametrize("file", sorted(FILES))
-def test_the_schema_of_a_file_is_current(file: str) -> None:
+def test_schema_of_a_file_is_current(file: str) -> None:
     assert (FOLDER / format_schema_name(file)).read_text(encoding="utf-8") == render_schema(file), (
         "run docs/make_reference.py"
     )
     assert {f.name for f in FOLDER.iterdir()} == {format_schema_name(f) for f in FILES}
 
 
-def test_a_post_that_needs_more_than_a_new_cell_says_gives_way_to_its_kin(robot: Path, tmp_path: Path) -> None:
+def test_post_with_missing_requirements_is_replaced_by_a_related_one(robot: Path, tmp_path: Path) -> None:
     """FANUC's CONFIG needs the sign of J5 of N, which no URDF says: the first validate must not be a refusal."""
     done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1000.0, 0.0, 500.0), post="fanuc"))
     assert done.cell.controller.post == "fanuc_joint"
@@ -402,7 +400,7 @@ def test_a_post_that_needs_more_than_a_new_cell_says_gives_way_to_its_kin(robot:
     assert not (tmp_path / "other").exists()
 
 
-def test_a_program_of_joint_positions_is_reached_by_the_robot_it_is_for(robot: Path, tmp_path: Path) -> None:
+def test_program_of_joint_positions_is_reached_by_its_robot(robot: Path, tmp_path: Path) -> None:
     program = tmp_path / "job.src"
     lines = "".join(f"LIN {{A1 {a},A2 -80,A3 100,A4 0,A5 45,A6 0}}\n" for a in (5, 8, 10))
     program.write_text(f"DEF job()\n$VEL.CP=0.02\nPTP {{A1 0,A2 -90,A3 90,A4 0,A5 45,A6 0}}\n{lines}END\n")
@@ -410,7 +408,7 @@ def test_a_program_of_joint_positions_is_reached_by_the_robot_it_is_for(robot: P
     assert not any("no place" in guess for guess in done.guesses)
 
 
-def test_a_program_in_place_of_the_robot_is_told_what_was_expected(tmp_path: Path) -> None:
+def test_program_instead_of_a_robot_is_refused_with_what_is_expected(tmp_path: Path) -> None:
     program = tmp_path / "job.src"
     program.write_text("DEF job()\nEND\n")
     with pytest.raises(InputError, match=r"is not XML.*expected a URDF"):

@@ -58,7 +58,7 @@ def test_tool_and_tool_point_match(angle: float, length: float | None, tmp_path:
     assert len(said) == (angle == 0.0)  # on axis 6: the rotation has no effect
 
 
-def test_without_tool_options_there_is_a_bracket_of_45_degrees(tmp_path: Path) -> None:
+def test_default_tool_is_a_bracket_of_45_degrees(tmp_path: Path) -> None:
     done = made(tmp_path)
     assert done.cell.tool.T_flange_tcp[:3, 2] @ find_flange_direction(load_robot(done.cell)) == pytest.approx(
         np.sqrt(0.5), abs=1e-5
@@ -75,7 +75,7 @@ def test_without_tool_options_there_is_a_bracket_of_45_degrees(tmp_path: Path) -
         {"tcp_rpy_deg": (0.0, 90.0, 0.0)},
     ],
 )
-def test_a_tool_on_the_last_axis_is_reported_at_once(options: dict[str, object], tmp_path: Path) -> None:
+def test_tool_on_the_last_axis_is_reported_immediately(options: dict[str, object], tmp_path: Path) -> None:
     robot = load_robot(made(tmp_path, tool_angle_deg=90.0).cell)
     out = find_flange_direction(robot)
     assert out is not None
@@ -91,13 +91,13 @@ def test_a_tool_on_the_last_axis_is_reported_at_once(options: dict[str, object],
 
 
 @pytest.mark.parametrize("options", [{"tcp_mm": (0.0, 0.0, 300.0)}, {"tcp_rpy_deg": (0.0, 0.0, 0.0)}])
-def test_an_angle_beside_a_stated_tool_point_is_refused(options: dict[str, object], tmp_path: Path) -> None:
+def test_angle_beside_a_stated_tool_point_is_refused(options: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--tool-angle-deg"):
         made(tmp_path, tool_angle_deg=45.0, **options)
     made(tmp_path, tool_angle_deg=0.0, **options)
 
 
-def test_the_command_takes_three_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_accepts_three_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "arm.urdf").write_text(urdf_text())
     command = ["init", str(tmp_path / "arm.urdf"), "--workpiece-mm", "1500,0,600"]
     for angle in ("0", "45", "90"):
@@ -111,7 +111,7 @@ def test_the_command_takes_three_angles(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_tool_points_along_its_spindle_however_the_flange_looks(seed: int) -> None:
+def test_tool_points_along_its_spindle_in_any_flange_frame(seed: int) -> None:
     rng = np.random.default_rng(seed)
     out = rng.normal(size=3)
     out /= np.linalg.norm(out)
@@ -132,7 +132,7 @@ UNITS = {"m": 1.0, "mm": 1e3, "inch": 1 / 0.0254}
 @pytest.mark.parametrize("unit", sorted(UNITS))
 @pytest.mark.parametrize("role", ["tool", "workpiece"])
 @pytest.mark.parametrize("stated", [True, False])
-def test_a_mesh_has_its_size_in_every_unit(role: str, unit: str, stated: bool, tmp_path: Path) -> None:
+def test_mesh_has_its_size_in_every_unit(role: str, unit: str, stated: bool, tmp_path: Path) -> None:
     """Inches are not told from a size: they must be stated."""
     if unit == "inch" and not stated:
         return
@@ -157,7 +157,7 @@ def test_a_mesh_has_its_size_in_every_unit(role: str, unit: str, stated: bool, t
         (1500.0, "1 1 1", 1e-3),
     ],
 )
-def test_a_link_in_millimetres_is_scaled_with_a_note(
+def test_link_in_millimetres_is_scaled_with_a_note(
     size: float, scale: str | None, factor: float, tmp_path: Path
 ) -> None:
     trimesh.creation.box((size, size / 3, size / 3)).export(tmp_path / "link.stl")

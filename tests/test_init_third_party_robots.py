@@ -39,7 +39,7 @@ def hand(name: str, kind: str = "revolute") -> str:
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
-def test_a_gripper_behind_the_arm_is_none_of_its_joints(kind: str, tmp_path: Path) -> None:
+def test_gripper_behind_the_arm_is_not_part_of_its_joints(kind: str, tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(unnamed().replace("</robot>", hand("jointGripper", kind) + "</robot>"))
     done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
@@ -49,14 +49,14 @@ def test_a_gripper_behind_the_arm_is_none_of_its_joints(kind: str, tmp_path: Pat
     assert len(said) == (kind != "prismatic")  # one that slides never was among six that turn
 
 
-def test_a_seventh_joint_of_another_name_is_asked_about(tmp_path: Path) -> None:
+def test_seventh_joint_with_another_name_is_questioned(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(unnamed().replace("</robot>", hand("a7") + "</robot>"))
     with pytest.raises(InputError, match=r"--flange-link link_6 ends the arm at a6"):
         run_init(InitRequest(robot=file, out=tmp_path / "cell"))
 
 
-def test_prefixes_that_nothing_declares_are_read_as_urdf_parsers_do(tmp_path: Path) -> None:
+def test_undeclared_prefixes_are_read_as_by_urdf_parsers(tmp_path: Path) -> None:
     """``drake:acceleration`` was an internal error; the file of the new cell stays as it was given but for that."""
     given = (
         urdf_text()
@@ -72,14 +72,14 @@ def test_prefixes_that_nothing_declares_are_read_as_urdf_parsers_do(tmp_path: Pa
     assert load_cell(out).urdf_text.count('xmlns:drake="urn:drake"') == 1
 
 
-def test_a_text_that_declares_its_prefixes_is_left_alone() -> None:
+def test_text_with_declared_prefixes_remains_unchanged() -> None:
     assert add_missing_prefixes('<robot xmlns:d="u" name="é"><link d:a="1" name="x"/></robot>') is None
     assert add_missing_prefixes('<!-- <robot a:b="1"> --><robot name="é"><e:f/></robot>') == (
         '<!-- <robot a:b="1"> --><robot xmlns:e="urn:e" name="é"><e:f/></robot>'
     )
 
 
-def test_a_package_inside_a_folder_of_its_own_name_is_the_one_with_the_meshes(tmp_path: Path) -> None:
+def test_nested_package_with_meshes_is_found(tmp_path: Path) -> None:
     import trimesh
 
     outer = tmp_path / "arm_x"
@@ -94,13 +94,13 @@ def test_a_package_inside_a_folder_of_its_own_name_is_the_one_with_the_meshes(tm
 
 
 @pytest.mark.parametrize(("span", "length"), [(0.5, TOOL_MM[0]), (1.34, 130.0), (3.4, TOOL_MM[1])])
-def test_a_tool_that_nobody_gave_suits_the_arm(span: float, length: float) -> None:
+def test_default_tool_fits_the_arm(span: float, length: float) -> None:
     asked = InitRequest(robot=Path("r"), out=Path("o"))
     assert estimate_tool_length(asked, span) == length
     assert estimate_tool_length(replace(asked, tool_length_mm=17.0), span) == 17.0
 
 
-def test_a_part_that_is_out_of_reach_as_it_lies_is_turned_and_reached(tmp_path: Path) -> None:
+def test_unreachable_part_is_rotated_into_reach(tmp_path: Path) -> None:
     """With a wrist that cannot look down only a part that stands before the arm is reached."""
     cell = small_cell(tmp_path)
     arm = build_reaching_arm(cell, load_robot(cell), load_options(None))

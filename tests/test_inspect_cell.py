@@ -44,9 +44,7 @@ def told(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
     return found
 
 
-def test_a_cell_is_told_with_its_mounting_joints_and_followers(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_cell_is_listed_with_mounting_joints_and_followers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = told(capsys, str(folder))
     assert found["mounting"] == {
         "stands": "from the ceiling",
@@ -68,14 +66,14 @@ def test_a_cell_is_told_with_its_mounting_joints_and_followers(
     assert "closed form" in str(found["inverse_kinematics"])
 
 
-def test_what_the_planner_refuses_is_told_beside_what_could_be_read(
+def test_planning_obstacles_are_listed_with_the_readable_content(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "robot.urdf").write_text(linked_urdf(shift="0.02 0 0"))
     assert "a line of its own" in str(told(capsys, str(folder / "cell.yaml"))["cannot_be_planned"])
 
 
-def test_a_bare_robot_is_told_joint_by_joint(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bare_robot_is_listed_joint_by_joint(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = told(capsys, str(folder / "robot.urdf"))
     assert [j["name"] for j in found["joints"]] == ["a1", "a2", "a3", "a4", "a5", "a6", "m3"]  # type: ignore[attr-defined]
     assert found["joints"][6]["mimics"] == "a2"  # type: ignore[index]

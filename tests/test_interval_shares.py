@@ -8,7 +8,7 @@ from scipy.special import ndtr
 from machopt.numerics.normal_interval_probability import compute_interval_shares
 
 
-def test_shares_are_those_of_the_normal_distribution() -> None:
+def test_shares_equal_those_of_the_normal_distribution() -> None:
     rng = np.random.default_rng(3)
     means = rng.normal(0.0, 3.0, (40, 500))
     limit, std = rng.uniform(0.01, 6.0, 40), 10.0 ** rng.uniform(-3.0, 1.0, 40)
@@ -25,6 +25,6 @@ def test_single_values_over_the_whole_range() -> None:
     assert np.abs(found - ndtr(x)).max() < 1e-11
 
 
-def test_without_noise_the_share_counts_means_within_the_limit() -> None:
+def test_share_without_noise_counts_means_within_the_limit() -> None:
     means = np.array([[0.5, 1.5, -0.2, -3.0], [0.1, 0.2, 0.3, 0.4]])
     assert compute_interval_shares(means, np.ones(2), np.zeros(2)).tolist() == [0.5, 1.0]

@@ -14,7 +14,7 @@ from machopt.errors import InputError
 from machopt.input_files.job_list import is_job_table
 
 
-def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
+def test_folders_patterns_and_neighbouring_cells(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
     (jobs / "README.md").write_text("notes")
     (jobs / ".hidden").write_text("no")
@@ -40,7 +40,7 @@ def test_folders_patterns_and_cells_beside(tmp_path: Path) -> None:
         find_jobs(replace(request_for(jobs, tmp_path / "out"), jobs=(str(jobs), str(jobs / "a.nc"))))
 
 
-def test_lists_combine_and_name(tmp_path: Path) -> None:
+def test_lists_combine_and_name_jobs(tmp_path: Path) -> None:
     jobs = folder_of(tmp_path, a="sleep 0", b="sleep 0")
     yaml = tmp_path / "list.yaml"
     yaml.write_text(
@@ -69,7 +69,7 @@ def test_lists_combine_and_name(tmp_path: Path) -> None:
     assert jobs.is_dir()
 
 
-def test_a_list_may_be_parquet(tmp_path: Path) -> None:
+def test_list_may_be_parquet(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is an optional dependency")
     parquet = pytest.importorskip("pyarrow.parquet")
     for name in "ab":
@@ -92,7 +92,7 @@ def test_a_list_may_be_parquet(tmp_path: Path) -> None:
     assert not is_job_table(file)
 
 
-def test_the_list_in_the_docs_is_one(tmp_path: Path) -> None:
+def test_list_in_the_docs_is_valid(tmp_path: Path) -> None:
     page = (Path(__file__).resolve().parents[1] / "docs" / "batch.md").read_text(encoding="utf-8")
     listed = tmp_path / "jobs.yaml"
     listed.write_text(next(t for t in page.split("```yaml\n")[1:] if "machopt_batch" in t).partition("```")[0])
@@ -136,7 +136,7 @@ GOOD = "machopt_batch: 1\njobs:\n  - {cell: CELL, toolpath: jobs/a.nc}\n"
         ("l.csv", "toolpath,toolpath\na,b\n", "column is given twice"),
     ],
 )
-def test_a_bad_list_starts_nothing_and_says_where(name: str, text: str, words: str, tmp_path: Path) -> None:
+def test_invalid_list_starts_nothing_and_names_the_place(name: str, text: str, words: str, tmp_path: Path) -> None:
     folder_of(tmp_path, a="sleep 0")
     file = tmp_path / name
     file.write_text(text.replace("CELL", str(CELL)))

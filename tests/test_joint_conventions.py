@@ -70,7 +70,7 @@ def pendant(sign: float) -> Callable[[Array], Array]:
         (change(5, -1.0, 0.0), "column:q5_deg"),
     ],
 )
-def test_a_convention_is_understood(recorded: Callable[[Array], Array], column: str) -> None:
+def test_convention_is_identified(recorded: Callable[[Array], Array], column: str) -> None:
     cell, clean = load_cell(CELL), poses()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     other = replace(clean, q=recorded(clean.q))
@@ -97,7 +97,7 @@ def both(*changes: Callable[[Array], Array]) -> Callable[[Array], Array]:
         change(6, 1.0, -90.0),
     ],
 )
-def test_several_joints_are_understood_together(recorded: Callable[[Array], Array]) -> None:
+def test_conventions_of_several_joints_are_identified_together(recorded: Callable[[Array], Array]) -> None:
     cell, clean = load_cell(CELL), poses()
     read, (finding,) = correct_joint_convention(
         replace(clean, q=recorded(clean.q)), load_robot(cell), cell.tool.T_flange_tcp
@@ -107,7 +107,7 @@ def test_several_joints_are_understood_together(recorded: Callable[[Array], Arra
 
 
 @pytest.mark.parametrize("recorded", [pendant(-1.0), change(1, 1.0, -90.0), change(4, 1.0, 90.0)])
-def test_load_tests_show_a_convention(recorded: Callable[[Array], Array]) -> None:
+def test_load_tests_identify_a_convention(recorded: Callable[[Array], Array]) -> None:
     cell, a, rng = load_cell(CELL), arm(CELL.name), np.random.default_rng(21)
     plan = plan_load_tests(a, rng, poses=10, loads=2, sessions=1)
     clean = load_tests(a, HiddenEffects(a.nominal * 1.2), plan, rng)
@@ -118,7 +118,7 @@ def test_load_tests_show_a_convention(recorded: Callable[[Array], Array]) -> Non
     np.testing.assert_allclose(read.q, clean.q, atol=1e-9)
 
 
-def test_the_joint_map_of_the_cell_is_tried_first() -> None:
+def test_joint_map_of_the_cell_is_tried_first() -> None:
     coupling = np.zeros((6, 6))
     coupling[2, 1] = 1.0
     stated = JointMap(
@@ -135,7 +135,7 @@ def test_the_joint_map_of_the_cell_is_tried_first() -> None:
     assert as_urdf == (clean, [])
 
 
-def test_nothing_is_invented() -> None:
+def test_offsets_and_soft_springs_are_no_convention() -> None:
     """Small zero offsets and soft springs are no convention."""
     cell, clean = load_cell(CELL), poses()
     assert correct_joint_convention(clean, load_robot(cell), cell.tool.T_flange_tcp) == (clean, [])

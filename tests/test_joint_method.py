@@ -93,7 +93,7 @@ def keep_present(data: WindowData) -> WindowSolution:
     return WindowSolution(x=data.x, phi=data.phi, feed=data.cap, time=0.0, is_solved=True, status="", iterations=0)
 
 
-def test_symbolic_kinematics_is_that_of_pinocchio() -> None:
+def test_symbolic_kinematics_equals_pinocchio() -> None:
     cell = load_cell(CELL)
     machine = load_machine(cell, load_robot(cell))
     symbolic = build_symbolic_machine(machine, cell.tool.T_flange_tcp)
@@ -128,7 +128,7 @@ def test_jacobian_is_the_derivative_of_the_pose(name: str) -> None:
         assert np.abs(np.array([spin[2, 1], spin[0, 2], spin[1, 0]]) - J[3:, column]).max() < 1e-8
 
 
-def test_deflection_is_that_of_the_springs() -> None:
+def test_deflection_equals_that_of_the_springs() -> None:
     cell = load_cell(CELL)
     machine = load_machine(cell, load_robot(cell))
     symbolic = build_symbolic_machine(machine, cell.tool.T_flange_tcp)
@@ -141,7 +141,7 @@ def test_deflection_is_that_of_the_springs() -> None:
     assert np.allclose(symbolic.compute_deflections(x, compliance, wrench, normal), wanted, rtol=1e-12)
 
 
-def test_spline_is_that_of_scipy() -> None:
+def test_spline_equals_scipy() -> None:
     from scipy.interpolate import CubicSpline
 
     at = np.array([0.0, 0.5, 1.5, 1.7, 3.0])
@@ -153,7 +153,7 @@ def test_spline_is_that_of_scipy() -> None:
         assert np.allclose(found, CubicSpline(at[:count], values[:count], bc_type="natural")(places), atol=1e-12)
 
 
-def test_an_infeasible_start_becomes_feasible(window: tuple[RunState, Window, SymbolicMachine, WindowData]) -> None:
+def test_infeasible_start_becomes_feasible(window: tuple[RunState, Window, SymbolicMachine, WindowData]) -> None:
     state, _, machine, data = window
     bent = replace(data, x=data.x + 0.02 * np.random.default_rng(5).normal(size=data.x.shape))
     found = solve_window(machine, replace(bent, lower=bent.lower - 0.1, upper=bent.upper + 0.1))
@@ -164,7 +164,7 @@ def test_an_infeasible_start_becomes_feasible(window: tuple[RunState, Window, Sy
     assert state.seconds > 0
 
 
-def test_a_solution_keeps_its_limits(window: tuple[RunState, Window, SymbolicMachine, WindowData]) -> None:
+def test_solution_respects_its_limits(window: tuple[RunState, Window, SymbolicMachine, WindowData]) -> None:
     _, _, machine, data = window
     found = solve_window(machine, data)
     assert found.is_solved
@@ -177,7 +177,7 @@ def test_a_solution_keeps_its_limits(window: tuple[RunState, Window, SymbolicMac
     assert (np.abs(error) <= data.loads.limit[rows] + found.excess[rows] + 1e-9).all()
 
 
-def test_a_colliding_window_is_refused_with_the_pair(
+def test_colliding_window_is_rejected_with_the_pair(
     planned: tuple[Plan, ToolSegment], window: tuple[RunState, Window, SymbolicMachine, WindowData]
 ) -> None:
     _, segment = planned
@@ -189,7 +189,7 @@ def test_a_colliding_window_is_refused_with_the_pair(
     assert "touch or come nearer than the clearance at point" in refused.reason
 
 
-def test_a_window_that_is_not_faster_is_refused(
+def test_window_that_is_not_faster_is_rejected(
     planned: tuple[Plan, ToolSegment], window: tuple[RunState, Window, SymbolicMachine, WindowData]
 ) -> None:
     state = window[0]
@@ -235,7 +235,7 @@ def test_command_is_verified_and_never_slower(toolpath_file: Path) -> None:
     assert all(window.window in section for window in entry.windows)
 
 
-def test_a_result_that_fails_verification_gives_way_to_the_fixed_path(
+def test_result_that_fails_verification_is_replaced_by_the_fixed_path(
     toolpath_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[str] = []
@@ -261,7 +261,7 @@ def test_a_result_that_fails_verification_gives_way_to_the_fixed_path(
     assert outcome.result.cycle_time_s == pytest.approx(outcome.result.joint[0].fixed_path_s)
 
 
-def test_without_a_tolerance_it_names_what_is_needed(toolpath_file: Path) -> None:
+def test_missing_tolerance_is_refused_with_what_is_needed(toolpath_file: Path) -> None:
     with pytest.raises(InputError, match=r"method joint .* states no process; a process\.yaml with a tolerance"):
         load_optimize_inputs(
             OptimizeRequest(
@@ -270,7 +270,7 @@ def test_without_a_tolerance_it_names_what_is_needed(toolpath_file: Path) -> Non
         )
 
 
-def test_a_shifted_path_is_refused(toolpath_file: Path) -> None:
+def test_shifted_path_is_refused(toolpath_file: Path) -> None:
     with pytest.raises(InputError, match="method joint drives the path of the file"):
         load_optimize_inputs(
             OptimizeRequest(
@@ -283,7 +283,7 @@ def test_a_shifted_path_is_refused(toolpath_file: Path) -> None:
         )
 
 
-def test_a_plain_plan_does_not_import_casadi(toolpath_file: Path) -> None:
+def test_plan_without_the_method_does_not_import_casadi(toolpath_file: Path) -> None:
     code = (
         "import sys\nfrom pathlib import Path\n"
         "from machopt.commands.optimize.request import OptimizeRequest\n"
@@ -296,7 +296,7 @@ def test_a_plain_plan_does_not_import_casadi(toolpath_file: Path) -> None:
     assert done.stdout.strip().splitlines()[-1] == "False"
 
 
-def test_external_joints_that_move_are_free(tmp_path: Path) -> None:
+def test_moving_external_joints_are_free(tmp_path: Path) -> None:
     lines = (ROOT / "toolpaths" / "beam_passes.csv").read_text(encoding="utf-8").splitlines()[:40]
     short = tmp_path / "beam.csv"
     short.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -323,7 +323,7 @@ def test_external_joints_that_move_are_free(tmp_path: Path) -> None:
         assert np.abs(trial.plan.path.external[rows] - found.x[:, 6:]).max() < 1e-9
 
 
-def test_joint_ranges_hold_between_nodes_at_unequal_distances() -> None:
+def test_joint_ranges_hold_between_unequal_nodes() -> None:
     """A parabola that leaves its middle node by 0.01 rad beyond the node: the row is its largest value."""
     casadi = pytest.importorskip("casadi")
     way = np.array([0.001, 0.004])

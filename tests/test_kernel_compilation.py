@@ -31,9 +31,7 @@ def doubled(x: float) -> float:
     return FACTOR * x
 
 
-def test_a_kernel_that_the_installation_brought_is_not_compiled_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_installed_kernel_is_not_compiled_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
     module.enable_kernel_storage(first, tmp_path)
     first(1.0)
@@ -49,9 +47,7 @@ def test_a_kernel_that_the_installation_brought_is_not_compiled_again(
     assert other(3.0) == 9.0
 
 
-def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kernel_is_recompiled_when_a_called_kernel_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """numba looks at the caller's own file: with the callee in another it would go on with the old machine code."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "numba"))
     monkeypatch.syspath_prepend(tmp_path)
@@ -74,7 +70,7 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
     assert said == [(2.0, 0), (2.0, 1), (-3.25, 0)]
 
 
-def test_what_is_compiled_ahead_is_stored_where_a_call_looks() -> None:
+def test_precompiled_kernel_is_stored_under_its_call_signature() -> None:
     """numba stores under what ``compile`` is given: under a text of the types no call finds it."""
     finest = next(k for k in KERNELS if k[1] == "_finest")
     (kernel,) = compile_all([finest])
@@ -83,9 +79,7 @@ def test_what_is_compiled_ahead_is_stored_where_a_call_looks() -> None:
     assert all(isinstance(types, tuple) for types in asked)
 
 
-def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stored_kernel_is_loaded_without_compilation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     types = (numba.float64,)
     first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
     module.enable_kernel_storage(first, tmp_path)
@@ -101,7 +95,7 @@ def test_what_is_stored_is_taken_before_it_is_called_and_nothing_is_compiled(
     assert (len(again.stats.cache_hits), len(again.stats.cache_misses)) == (1, 0)
 
 
-def test_machine_code_is_loaded_without_what_numba_compiles_with(tmp_path: Path) -> None:
+def test_machine_code_is_loaded_without_the_compiler(tmp_path: Path) -> None:
     """In a process that finds it stored; what is of other types is compiled there all the same."""
     (tmp_path / "stored_kernel.py").write_text(
         "from machopt.numerics.compiled_functions import jit_compile\n\n\n@jit_compile\ndef mean(x):\n    return "
@@ -128,7 +122,7 @@ print(mean(np.array([1, 2])), len(refreshed) > 0)
 
 
 @pytest.mark.parametrize(("cores", "taken"), [(2, 3), (1, 0)])
-def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_not_stored(
+def test_second_core_loads_kernels_until_one_is_missing(
     cores: int, taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
@@ -151,7 +145,7 @@ def test_where_there_is_a_second_core_kernels_are_taken_in_order_until_one_is_no
 @pytest.mark.parametrize(
     "gone", [("kinematics.product_of_exponentials", "renamed", "f8"), ("kinematics.moved_away", "compute_poses", "f8")]
 )
-def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
+def test_unknown_kernel_entry_does_not_affect_a_plan(
     gone: tuple[str, str, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Nothing is printed, no plan is lost; the next test names the entry."""
@@ -167,7 +161,7 @@ def test_an_entry_that_names_nothing_is_no_matter_for_a_plan(
     assert capfd.readouterr().err == ""
 
 
-def test_every_kernel_compiled_ahead_is_one() -> None:
+def test_every_precompiled_entry_is_a_kernel() -> None:
     from importlib import import_module
 
     from numba.core.sigutils import normalize_signature
@@ -181,7 +175,7 @@ def test_every_kernel_compiled_ahead_is_one() -> None:
         assert len(arguments) == kernel.py_func.__code__.co_argcount, (name, function)
 
 
-def test_whatever_python_calls_compiled_is_brought() -> None:
+def test_every_called_kernel_is_precompiled() -> None:
     """Else the first command that calls it after an installation compiles: a cobot's first run took twice as long."""
     trees = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
@@ -216,7 +210,7 @@ def test_whatever_python_calls_compiled_is_brought() -> None:
     assert sorted((called & made.keys()) - brought) == []
 
 
-def test_kernels_need_nothing_to_be_compiled_but_numpy_and_numba() -> None:
+def test_kernel_compilation_needs_only_numpy_and_numba() -> None:
     """A wheel is built where nothing else is installed."""
     code = """
 import sys, numba
@@ -238,7 +232,7 @@ assert new <= {"machopt", "numpy", "numba", "llvmlite"}, new
     assert done.returncode == 0, done.stderr
 
 
-def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilation_is_reported_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     started = []
     monkeypatch.setattr("machopt.planning.kernel_precompilation.start_compile_process", lambda: started.append(True))
     with ProgressDisplay(show=True) as display, compilation_notice.announce_compilation(display):
@@ -248,7 +242,7 @@ def test_a_compilation_is_told_once(capsys: pytest.CaptureFixture[str], monkeypa
     assert started == [True]
 
 
-def test_what_is_compiled_after_the_plan_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilation_after_the_plan_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "machopt.planning.kernel_precompilation.start_compile_process", lambda: pytest.fail("nobody would end it")
     )
@@ -257,7 +251,7 @@ def test_what_is_compiled_after_the_plan_starts_no_process(monkeypatch: pytest.M
     module._LISTENER.on_start(None)
 
 
-def test_a_second_process_compiles_where_there_is_a_core_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_process_compiles_on_a_free_core(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[list[str]] = []
 
     def start(words: list[str], **_: object) -> str:
@@ -277,9 +271,7 @@ def test_a_second_process_compiles_where_there_is_a_core_for_it(monkeypatch: pyt
     assert kernel_precompilation.start_compile_process() is None
 
 
-def test_an_installation_compiles_what_no_other_process_has_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_installation_processes_divide_the_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each module once, whoever comes first; all are stored in the folder."""
     made: list[str] = []
     stored: list[str] = []
@@ -295,7 +287,7 @@ def test_an_installation_compiles_what_no_other_process_has_taken(
     assert len(made) == len([name for name in wanted if name != "planning.external_axes.moving_axis_kernels"])
 
 
-def test_without_a_place_to_store_it_says_what_would_help(
+def test_missing_cache_folder_is_reported_with_a_remedy(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module._LISTENER, "stored", True)

@@ -44,7 +44,7 @@ def correction(kinematics: KinematicCorrections = ALL) -> EncoderCorrection:
 # the file -------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+def test_written_file_is_read_back(tmp_path: Path) -> None:
     write_kinematics(tmp_path / "k.yaml", ALL)
     assert load_kinematics(tmp_path / "k.yaml") == ALL
     small = KinematicCorrections((KinematicCorrection("joint_coupling", "joint:5-6", {"ratio": 1e-7}),))
@@ -104,7 +104,7 @@ def test_refusals_name_place_found_and_expected(tmp_path: Path, rows: str, parts
         assert part in message, message
 
 
-def test_what_is_found_comes_on_top_of_what_is_known() -> None:
+def test_new_corrections_add_to_known_ones() -> None:
     more = (
         KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": -0.05}),
         KinematicCorrection("joint_zero_offset", "joint:2", {"offset_deg": 0.01}),
@@ -138,7 +138,7 @@ RANGED = KinematicCorrections(
 )
 
 
-def test_waves_are_applied_where_they_were_measured_and_fade_out_beyond() -> None:
+def test_waves_apply_in_their_measured_range_and_fade_out_beyond() -> None:
     q = np.radians(np.linspace(-60.0, 60.0, 2401))[:, None] * np.ones(6)
     ranged, whole = correction(RANGED), correction(KinematicCorrections((OFFSET, WAVES, WAVE)))
     np.testing.assert_allclose(
@@ -158,7 +158,7 @@ def test_waves_are_applied_where_they_were_measured_and_fade_out_beyond() -> Non
             np.testing.assert_allclose(part.compute_angle(q, order), slope, atol=1e-3 * size)  # the fourth jumps
 
 
-def test_who_goes_beyond_the_measured_range_is_told_by_both_programs(tmp_path: Path) -> None:
+def test_planner_and_verifier_report_angles_beyond_the_measured_range(tmp_path: Path) -> None:
     q = np.radians(np.array([[-30.0] * 6, [20.0] * 6]))
     (said,) = correction(RANGED).list_range_violations(q)
     assert "joint 5" in said
@@ -174,7 +174,7 @@ def test_who_goes_beyond_the_measured_range_is_told_by_both_programs(tmp_path: P
     assert load_kinematics(tmp_path / "k.yaml") == RANGED
 
 
-def test_waves_of_another_range_stand_beside_those_that_are_known() -> None:
+def test_waves_of_another_range_are_added_to_known_ones() -> None:
     both = extend_kinematics(ALL, RANGED.corrections[1:])
     assert len(both.corrections) == len(ALL.corrections) + 2
     q = np.random.default_rng(4).uniform(-2, 2, (5, 6))
@@ -187,7 +187,7 @@ def test_waves_of_another_range_stand_beside_those_that_are_known() -> None:
     assert again.corrections[2].parameters["cos_arcsec"] == 120.0
 
 
-def test_a_range_leaves_out_ends_that_stand_alone() -> None:
+def test_range_excludes_isolated_ends() -> None:
     q = np.radians(np.r_[-90.0, np.linspace(-180.0, -122.0, 50)])
     assert compute_measured_range(q) == [-180.0, -122.0]
     assert compute_measured_range(np.radians([0.0, 120.0])) == [0.0, 120.0]  # of two nobody knows which
@@ -196,7 +196,7 @@ def test_a_range_leaves_out_ends_that_stand_alone() -> None:
 # the map --------------------------------------------------------------------------------------------------------
 
 
-def test_there_and_back_again_by_two_programs() -> None:
+def test_two_programs_invert_the_map() -> None:
     q = np.random.default_rng(0).uniform(-3, 3, (500, 6))
     stands = correction().compute_true_angles(q)
     np.testing.assert_allclose(correction().compute_encoder_angles(stands), q, atol=2e-15)  # round-off of 3 rad
@@ -210,7 +210,7 @@ def test_there_and_back_again_by_two_programs() -> None:
     assert np.isfinite(correction().compute_encoder_angles(q)[4]).all()
 
 
-def test_a_path_of_encoder_angles_has_the_derivatives_of_the_path() -> None:
+def test_path_of_encoder_angles_has_correct_derivatives() -> None:
     """Taylor series at h against the map itself: the rest is of fourth order."""
     rng = np.random.default_rng(2)
     D = rng.normal(size=(40, 4, 6)) * np.array([1.0, 0.3, 0.3, 0.3])[None, :, None]
@@ -272,7 +272,7 @@ def corrected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return driven(tmp_path_factory.mktemp("job") / request.param, kinematics)
 
 
-def test_exported_joints_bring_the_arm_to_the_toolpath(corrected: tuple[Path, Path, Path]) -> None:
+def test_exported_joints_move_the_arm_to_the_toolpath(corrected: tuple[Path, Path, Path]) -> None:
     """To 1 µm at every point of points.csv (six decimals of a degree are 0.05 µm at 3 m), by the verifier's map."""
     cell = load_cell(corrected[0])
     robot, path = load_robot(cell), read_toolpath(corrected[1])
@@ -286,7 +286,7 @@ def test_exported_joints_bring_the_arm_to_the_toolpath(corrected: tuple[Path, Pa
     np.testing.assert_allclose(motion[[0, -1]], cell.home[None].repeat(2, 0), atol=1e-11)  # home is what encoders say
 
 
-def test_verification_counts_the_corrections_by_itself(corrected: tuple[Path, Path, Path]) -> None:
+def test_verification_computes_the_corrections_independently(corrected: tuple[Path, Path, Path]) -> None:
     cell, path = load_cell(corrected[0]), read_toolpath(corrected[1])
     options = load_options(cell.plan, None, [])
     found = verify_motion(cell, path, corrected[2], options=options)
@@ -304,14 +304,14 @@ def test_result_names_the_file_and_limits_hold(corrected: tuple[Path, Path, Path
         assert checks[name]["passed"]
 
 
-def test_a_zero_offset_alone_shifts_one_column(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_zero_offset_alone_shifts_one_column(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
     """Where nothing else changes, q3 by encoder is the true q3 less 0.2° while cutting, and no other joint differs."""
     _, _, out = driven(tmp_path / "offset", KinematicCorrections((OFFSET,)))
     a, b = joints(plain[2] / "points.csv"), joints(out / "points.csv")
     np.testing.assert_allclose(np.degrees(b - a), np.array([[0, 0, -0.2, 0, 0, 0]]).repeat(len(a), 0), atol=2e-6)
 
 
-def test_a_file_without_corrections_changes_no_byte(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_file_without_corrections_changes_no_byte(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
     _, _, out = driven(tmp_path / "empty", KinematicCorrections())
     for name in ("trajectory.csv", "points.csv", "pass_csv.src", "pass_csv.dat"):
         assert (out / name).read_bytes() == (plain[2] / name).read_bytes()

@@ -45,7 +45,7 @@ def stretched() -> np.ndarray:
 # --- condition number --------------------------------------------------------------------------------------
 
 
-def test_condition_is_equation_11(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_condition_number_equals_equation_11(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, _ = arm
     J = robot.compute_fk_jacobian(postures(20, 0), tool)[1]
     kappa = compute_frobenius_condition(J, 0.7)
@@ -59,7 +59,7 @@ def test_condition_is_equation_11(arm: tuple[Robot, np.ndarray, np.ndarray]) -> 
     np.testing.assert_array_equal(shaped.ravel(), kappa)
 
 
-def test_singular_and_broken_jacobians_are_answered_not_raised(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_singular_and_invalid_jacobians_give_nan(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, _ = arm
     J = robot.compute_fk_jacobian(np.array([stretched(), postures(1, 1)[0]]), tool)[1]
     J = np.concatenate([J, np.zeros((1, 6, 6)), np.full((1, 6, 6), np.nan)])
@@ -74,7 +74,9 @@ def test_singular_and_broken_jacobians_are_answered_not_raised(arm: tuple[Robot,
 # --- characteristic length ---------------------------------------------------------------------------------
 
 
-def test_characteristic_length_is_a_minimum_over_length_and_posture(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_characteristic_length_is_a_minimum_over_length_and_configuration(
+    arm: tuple[Robot, np.ndarray, np.ndarray],
+) -> None:
     robot, tool, _ = arm
     found = compute_characteristic_length(robot, tool, starts=512, refined=6)
     again = compute_characteristic_length(robot, tool, starts=512, refined=6)
@@ -98,7 +100,7 @@ def test_characteristic_length_is_a_minimum_over_length_and_posture(arm: tuple[R
     assert ((bounded.q >= robot.lower) & (bounded.q <= robot.upper)).all()
 
 
-def test_characteristic_length_is_a_length(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_characteristic_length_scales_with_the_arm(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     """Twice the arm has twice the length and the same κ_F; joint 1 does not count."""
     robot, tool, _ = arm
     T, big = robot.T_base_flange_zero.copy(), tool.copy()
@@ -156,7 +158,7 @@ def test_only_the_moment_makes_geometric_stiffness_unsymmetric(arm: tuple[Robot,
     assert np.abs(K_C - np.swapaxes(K_C, -1, -2)).max() > 100.0  # N·m/rad: of the moment's own size, not rounding
 
 
-def test_loaded_springs_move_as_the_loaded_compliance_says(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_loaded_springs_deflect_by_the_loaded_compliance(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     """K_C takes the error of the displacement from second to third order in the load."""
     robot, tool, k = arm
     q = postures(1, 6)[0]
@@ -177,7 +179,7 @@ def test_loaded_springs_move_as_the_loaded_compliance_says(arm: tuple[Robot, np.
     assert errors[0][1] / errors[1][1] == pytest.approx(4.0, rel=0.05)  # second order
 
 
-def test_a_load_the_springs_cannot_hold_is_nan_and_no_load_is_no_influence(
+def test_load_beyond_equilibrium_is_nan_and_zero_load_has_no_influence(
     arm: tuple[Robot, np.ndarray, np.ndarray],
 ) -> None:
     robot, tool, k = arm
@@ -194,7 +196,7 @@ def test_a_load_the_springs_cannot_hold_is_nan_and_no_load_is_no_influence(
 # --- stiffness along a direction ---------------------------------------------------------------------------
 
 
-def test_stiffness_along_by_what_is_held(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_stiffness_along_a_direction_depends_on_the_constraints(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
     J = robot.compute_fk_jacobian(postures(20, 8), tool)[1]
     e = np.random.default_rng(9).normal(size=(20, 3))
@@ -209,7 +211,7 @@ def test_stiffness_along_by_what_is_held(arm: tuple[Robot, np.ndarray, np.ndarra
     assert (pose >= line * (1 - 1e-9)).all()
 
 
-def test_a_singularity_is_felt_only_where_the_pose_is_held(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_singularity_matters_only_with_a_constrained_orientation(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, _, k = arm
     at, near = (
         robot.compute_fk_jacobian(stretched() + d, np.eye(4))[1] for d in (np.zeros(6), np.r_[0, 0, 0, 0, 1e-3, 0])

@@ -24,7 +24,7 @@ from machopt.effects import registry
 PACKAGE = Path(__file__).resolve().parents[1] / "machopt"
 
 
-def test_text_and_parts_are_two_ways_to_say_one_place() -> None:
+def test_text_and_parts_of_a_place_are_equivalent() -> None:
     listed = {place for effect in registry.EFFECTS.values() for place in effect.places}
     written = {
         format_joint_location(3),
@@ -60,7 +60,7 @@ def test_joints_and_links_have_numbers_and_others_have_none() -> None:
             parse_link_location(wrong)
 
 
-def test_nobody_else_takes_a_place_apart() -> None:
+def test_places_are_parsed_in_one_module() -> None:
     """Neither by its colon nor by how it begins: its parts are asked for."""
     taken = "|".join(
         (

@@ -66,7 +66,7 @@ def follow(cell: Cell, robot: Robot, q: np.ndarray, twist: np.ndarray, t: float)
 
 
 @pytest.mark.parametrize("name", ["kr500_milling", "cutting_cobot"])
-def test_segment_follows_from_finite_differences(name: str) -> None:
+def test_segment_time_follows_from_finite_differences(name: str) -> None:
     """Of weak drives, whose accelerations count before their velocities."""
     cell, robot = load(name)
     weak = replace(cell.limits, acceleration=cell.limits.acceleration / 16.0, jerk=cell.limits.jerk / 100.0)
@@ -162,7 +162,7 @@ def test_no_motion_loses_no_time() -> None:
     assert lose(cell, robot, cell.limits, q, segment(np.zeros(6))) == 0.0
 
 
-def test_prices_of_the_grid_do_not_depend_on_the_block_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_grid_costs_do_not_depend_on_the_block_size(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     rows: Rows = [((x, 0.02 * (n % 3), 0.01), (0.0, 0.0, 1.0), MoveKind.CUT) for n, x in enumerate(np.arange(9) * 0.03)]
     plan = small_job(tmp_path, [((0.0, 0.0, 0.06), (0.0, 0.0, 1.0), MoveKind.RAPID), *rows], PlanOptions())
     assert plan.setup.collision is not None

@@ -52,7 +52,7 @@ def by_pinocchio(cell: Cell, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
-def test_forward_kinematics(tmp_path: Path, kind: dict[str, bool]) -> None:
+def test_forward_kinematics_equals_pinocchio(tmp_path: Path, kind: dict[str, bool]) -> None:
     cell = replace(external_cell(tmp_path, **kind), T_world_base=pose(0.3, -0.1, 0.2, 0.4))
     m, rng = machine(cell), np.random.default_rng(1)
     x = rng.uniform(-1.0, 1.0, (8, 6 + m.external_count))
@@ -84,7 +84,7 @@ def test_jacobian_is_the_derivative(tmp_path: Path, kind: dict[str, bool]) -> No
 
 
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
-def test_jets_are_derivatives(tmp_path: Path, kind: dict[str, bool]) -> None:
+def test_higher_derivatives_are_correct(tmp_path: Path, kind: dict[str, bool]) -> None:
     m = machine(external_cell(tmp_path, **kind))
     rng, u, h = np.random.default_rng(4), np.linspace(0.0, 1.0, 5), 1e-4
     c = rng.uniform(-0.5, 0.5, (4, m.external_count))
@@ -103,7 +103,7 @@ def test_jets_are_derivatives(tmp_path: Path, kind: dict[str, bool]) -> None:
         np.testing.assert_allclose(jets[:, order + 1], slope, atol=2e-6)  # h² f‴ / 6, and rounding over h
 
 
-def test_links_of_an_arm_alone_are_the_robots(tmp_path: Path) -> None:
+def test_links_of_a_fixed_arm_are_those_of_the_robot(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     m = machine(cell)
     q = np.random.default_rng(3).uniform(-1, 1, (5, 6))
@@ -115,7 +115,7 @@ def test_links_of_an_arm_alone_are_the_robots(tmp_path: Path) -> None:
     np.testing.assert_array_equal(m.compute_T_base_workpiece(np.empty((2, 0)))[1], m.T_base_workpiece_zero)
 
 
-def test_what_moves_base_and_part_alike_is_refused(tmp_path: Path) -> None:
+def test_joint_that_moves_base_and_part_together_is_refused(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True)
     cell.urdf.write_text(
         cell.urdf.read_text().replace(

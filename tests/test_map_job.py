@@ -60,7 +60,7 @@ def build_request(folder: Path, process: str = DRILLING, **options: object) -> M
     )
 
 
-def test_the_error_is_that_of_the_compliance_under_the_stated_force(tmp_path: Path) -> None:
+def test_error_equals_the_compliance_times_the_stated_force(tmp_path: Path) -> None:
     """By C f of the same postures, with the force along the map's x and the tool axis."""
     found = compute_map(build_request(tmp_path), lambda _: None)
     (layer,) = found.layers
@@ -89,7 +89,7 @@ def test_the_error_is_that_of_the_compliance_under_the_stated_force(tmp_path: Pa
     assert p[order[0]] >= p[order[-1]]  # the smallest error has no lower probability than the largest
 
 
-def test_the_worst_direction_of_travel_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_worst_direction_of_travel_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A pass along x and one along y: the error is the larger one of both maps."""
     text = DRILLING.replace("travel: 100, normal: 0, axial: 40", "travel: 400, normal: 0, axial: 40")
     head, *rows = ROWS.split("\n")
@@ -109,7 +109,7 @@ def test_the_worst_direction_of_travel_counts(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.slow
-def test_the_probability_is_that_of_the_planner_in_its_postures(
+def test_probability_equals_that_of_the_planner_in_its_configurations(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Hole and floor of the job at the postures of a plan, by the price of tolerances with as many draws."""
@@ -154,7 +154,7 @@ def test_the_probability_is_that_of_the_planner_in_its_postures(
         ("clamp_N: 5000,", "clamp_N: 5000, wear: [1.0, 3.0],"),
     ],
 )
-def test_a_clamp_above_the_thrust_is_drawn_with_no_spread(tmp_path: Path, change: tuple[str, str]) -> None:
+def test_clamp_above_the_thrust_has_no_spread(tmp_path: Path, change: tuple[str, str]) -> None:
     text = DRILLING.replace("depth_mm: 12,", "depth_mm: 12, clamp_N: 5000,").replace(
         "position_mm: 0.3", "position_mm: 0.5"
     )
@@ -168,7 +168,7 @@ def test_a_clamp_above_the_thrust_is_drawn_with_no_spread(tmp_path: Path, change
     np.testing.assert_allclose(changed[known], plain[known], atol=0.03)
 
 
-def test_a_stated_normal_maps_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stated_normal_gives_no_mapped_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     head, *rows = ROWS.split("\n")
     monkeypatch.setattr(f"{__name__}.ROWS", "\n".join([f"{head},nx,ny,nz", *(f"{row},1,0,0" for row in rows)]))
     found = compute_map(build_request(tmp_path, DRILLING.replace("surface: floor", "surface: table")), lambda _: None)
@@ -176,7 +176,9 @@ def test_a_stated_normal_maps_no_error(tmp_path: Path, monkeypatch: pytest.Monke
     assert any(w.startswith("push: no error is mapped") for w in found.result.warnings)
 
 
-def test_a_stated_normal_in_a_weaker_direction_maps_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stated_normal_in_a_weaker_direction_gives_no_mapped_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A pass to the side is added, whose points alone state a normal: the worst direction is not known."""
     head, *rows = ROWS.split("\n")
     lines = [f"{head},nx,ny,nz", *(f"{row},,," for row in rows)]
@@ -187,7 +189,7 @@ def test_a_stated_normal_in_a_weaker_direction_maps_no_error(tmp_path: Path, mon
     assert not {"error_2", "p_in_2"} & set(found.layers[0].values.value)
 
 
-def test_without_what_the_probability_needs_only_the_error_is_mapped(tmp_path: Path) -> None:
+def test_missing_probability_inputs_leave_only_the_error(tmp_path: Path) -> None:
     found = compute_map(build_request(tmp_path, DRILLING.replace("thrust_spread_percent: 30,", "")), lambda _: None)
     value = found.layers[0].values.value
     assert "error_1" in value
@@ -195,7 +197,7 @@ def test_without_what_the_probability_needs_only_the_error_is_mapped(tmp_path: P
     assert any(w.startswith("holes: no probability") for w in found.result.warnings)
 
 
-def test_a_job_without_a_process_is_refused(tmp_path: Path) -> None:
+def test_job_without_a_process_is_refused(tmp_path: Path) -> None:
     request = build_request(tmp_path)
     with pytest.raises(InputError) as refused:
         compute_map(MapRequest(cell=request.cell, out=request.out, toolpath=request.toolpath), lambda _: None)
@@ -206,7 +208,7 @@ def test_a_job_without_a_process_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_writes_columns_fields_and_a_legend(tmp_path: Path) -> None:
+def test_command_writes_columns_fields_and_a_legend(tmp_path: Path) -> None:
     """A milled wall has its stability, too."""
     cell, job = CELLS / "kr500_milling", tmp_path / "wall.csv"
     job.write_text(

@@ -190,7 +190,7 @@ def decoded(spec: dict) -> np.ndarray:  # type: ignore[type-arg]
 
 
 @pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
-def test_every_kind_of_page_stands_alone(kind: str) -> None:
+def test_every_kind_of_page_is_self_contained(kind: str) -> None:
     data = build_sample_map(kind)
     html = build_map_html(data)
     page = read(html)
@@ -211,7 +211,7 @@ def test_every_kind_of_page_stands_alone(kind: str) -> None:
         assert f"{REASON_TEXTS[InfeasibilityReason.COLLIDING]} {100 / data.layers[0].reason.size:.1f} %" in page.text
 
 
-def test_page_of_nothing_reached_says_so_and_draws_no_number(tmp_path: Path) -> None:
+def test_page_without_reachable_samples_states_it_without_numbers(tmp_path: Path) -> None:
     outcome = run_map(MapRequest(cell=KR240, out=tmp_path / "m", at=9000.0, steps=("900",), length=600.0))
     html = (tmp_path / "m" / "report.html").read_text(encoding="utf-8")
     page = read(html)
@@ -221,7 +221,7 @@ def test_page_of_nothing_reached_says_so_and_draws_no_number(tmp_path: Path) -> 
     ET.fromstring((tmp_path / "m" / "map.svg").read_text(encoding="utf-8"))
 
 
-def test_packed_levels_keep_four_digits_and_the_holes() -> None:
+def test_packed_levels_keep_four_digits_and_the_gaps() -> None:
     rng = np.random.default_rng(1)
     plain, wide = rng.uniform(3.0, 5.0, 500), 10 ** rng.uniform(0, 6, 500)
     plain[7] = wide[9] = np.nan
@@ -237,7 +237,7 @@ def test_packed_levels_keep_four_digits_and_the_holes() -> None:
     json.dumps(pack_field_levels(np.full(3, np.nan)), allow_nan=False)
 
 
-def test_pages_index_by_codes_of_their_own() -> None:
+def test_page_codes_are_independent_of_reason_numbers() -> None:
     """Numbers of Reason may move; the scripts' patterns and the words of both maps may not."""
     script = (ASSETS / "heatmap.js").read_text(encoding="utf-8")
     assert f"const NOT_CHECKED = {PlaceCode.NOT_CHECKED:d};" in script
@@ -255,7 +255,7 @@ def test_pages_index_by_codes_of_their_own() -> None:
         convert_to_place_codes(np.array([InfeasibilityReason.OK, InfeasibilityReason.GOUGING], np.uint8))
 
 
-def test_page_knows_joints_reasons_and_units_of_every_sample() -> None:
+def test_page_contains_joints_reasons_and_units_of_every_sample() -> None:
     data = build_sample_map()
     spec = build_field_spec(data)
     assert [a["unit"] for a in spec["axes"]] == ["mm", "mm"]
@@ -293,7 +293,7 @@ def test_page_knows_joints_reasons_and_units_of_every_sample() -> None:
         assert re.search(rf"\.{key}\b", script), key  # the script reads what is written
 
 
-def test_stick_figure_data_give_the_robot_s_own_kinematics() -> None:
+def test_stick_figure_data_agree_with_forward_kinematics() -> None:
     """The page carries lines only; put together as its script does they end where forward kinematics ends."""
     cell = load_cell(KR240)
     robot = load_robot(cell)
@@ -328,7 +328,7 @@ def test_curves_merge_equal_lines_and_keep_gaps() -> None:
     assert len(specs["arms"]["line"]) == 2
 
 
-def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
+def test_singular_peak_is_truncated_and_the_title_states_it() -> None:
     data = build_sample_map("line")
     for layer in data.layers:
         layer.value["held_x"] = np.array([1e6, 1e6, np.nan, 1e12, 2e6, 1e6, 1e6])
@@ -340,14 +340,14 @@ def test_a_singular_peak_is_cut_off_and_the_title_says_so() -> None:
     assert chart["title"].endswith("cut off at 10,000 N/mm")
 
 
-def test_where_names_the_place_of_a_row() -> None:
+def test_location_text_names_the_place_of_a_row() -> None:
     data = build_sample_map("volume")
     row = int(np.ravel_multi_index((2, 3, 1), data.shape))
     assert format_sample_location(data, row) == "x 460.0, y 775.0, z 400.0 mm"
 
 
 @pytest.mark.parametrize("kind", ["slice", "volume", "line", "joints"])
-def test_still_picture_is_one_svg_with_everything_inside(kind: str) -> None:
+def test_static_picture_is_one_self_contained_svg(kind: str) -> None:
     data = build_sample_map(kind)
     text = build_map_svg(data)
     assert build_map_svg(data) == text
@@ -371,7 +371,7 @@ def test_still_picture_is_one_svg_with_everything_inside(kind: str) -> None:
     assert "label (deg)" in words if kind == "joints" else "label (mm)" in words
 
 
-def test_model_and_measured_share_their_colours() -> None:
+def test_model_and_measurement_share_their_colours() -> None:
     root = ET.fromstring(build_comparison_svg(build_sample_map(), "x"))
     words = [t.text for t in root.iter("{http://www.w3.org/2000/svg}text")]
     assert "Model" in words
@@ -388,7 +388,7 @@ def test_colours_run_from_dark_to_bright_and_hatchings_differ() -> None:
     assert len(seen) == 7
 
 
-def test_isolines_of_a_plane_are_exact_and_stop_at_holes() -> None:
+def test_isolines_of_a_plane_are_exact_and_stop_at_gaps() -> None:
     i, j = np.meshgrid(np.arange(8.0), np.arange(6.0), indexing="ij")
     (line,) = compute_isolines(2 * i + j, 7.3)
     np.testing.assert_allclose(2 * line[:, 0] + line[:, 1], 7.3, rtol=1e-12)
@@ -406,7 +406,7 @@ def test_isolines_of_a_plane_are_exact_and_stop_at_holes() -> None:
     assert compute_isolines(np.zeros((1, 3)), 1.0) == []
 
 
-def test_embedded_pixels_are_read_back_and_the_same_pixels_give_the_same_bytes() -> None:
+def test_embedded_pixels_are_read_back_and_deterministic() -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
     href = build_image((0, 0, 1, 1), pixels).attributes["href"]
     written = base64.b64decode(href.removeprefix("data:image/png;base64,"))

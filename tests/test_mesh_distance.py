@@ -33,7 +33,7 @@ def soup(rng: np.random.Generator, count: int, size: float) -> Any:
     return SimpleNamespace(vertices=corners.reshape(-1, 3), faces=np.arange(3 * count).reshape(-1, 3))
 
 
-def test_distances_are_those_of_fcl_and_crossing_surfaces_have_none() -> None:
+def test_distances_equal_fcl_and_crossing_surfaces_have_none() -> None:
     rng = np.random.default_rng(3)
     a, b = soup(rng, 40, 0.2), soup(rng, 23, 0.1)
     turn = Rotation.random(300, random_state=1).as_matrix()
@@ -77,9 +77,7 @@ def test_distances_are_those_of_fcl_and_crossing_surfaces_have_none() -> None:
         np.testing.assert_allclose(single, theirs, rtol=0.0, atol=EXACT)
 
 
-def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(
-    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nearest_pair_is_the_minimum_on_any_number_of_cores(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = small_cell(tmp_path)
     robot, shapes = load_chain(cell)
     model = CollisionModel(cell, robot, shapes, 0.0)
@@ -104,7 +102,7 @@ def test_nearest_pair_is_the_least_of_all_and_does_not_depend_on_the_cores(
         assert found[0].distance[n] == pytest.approx(min([*every, nearest_pair.MAX_DISTANCE_M]), abs=EXACT)
 
 
-def test_dividing_long_triangles_leaves_the_surface_as_it_is() -> None:
+def test_dividing_long_triangles_preserves_the_surface() -> None:
     slender = trimesh.creation.cylinder(0.05, 1.0, sections=12).triangles
     fine = _subdivide_long_triangles(slender, 0.1)
     edges = np.linalg.norm(fine - np.roll(fine, -1, axis=1), axis=2)

@@ -94,7 +94,7 @@ def by_hand(cell: Cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return T, J, g
 
 
-def test_planner_and_verification_agree_with_pinocchio_by_hand(cell: Cell, q: np.ndarray) -> None:
+def test_planner_and_verification_agree_with_pinocchio(cell: Cell, q: np.ndarray) -> None:
     robot, _ = load_chain(cell)
     np.testing.assert_array_equal(robot.coupling[2], [0, 1, 1, 0, 0, 0])  # m3's axis looks the other way: −(−1)
     arm, masses = UrdfKinematics(cell), load_masses(cell)
@@ -131,7 +131,7 @@ def test_every_branch_reaches_the_pose_and_one_is_the_start(cell: Cell, q: np.nd
     np.testing.assert_allclose(again, q, atol=1e-8)
 
 
-def test_bodies_stand_where_pinocchio_has_them(cell: Cell, q: np.ndarray) -> None:
+def test_body_poses_equal_pinocchio(cell: Cell, q: np.ndarray) -> None:
     robot, shapes = load_chain(cell)
     model = pin.buildModelFromUrdf(str(cell.urdf))
     geometry = pin.buildGeomFromUrdf(model, str(cell.urdf), pin.GeometryType.COLLISION)
@@ -154,7 +154,7 @@ def test_bodies_stand_where_pinocchio_has_them(cell: Cell, q: np.ndarray) -> Non
         (linked_urdf(), -1.0, ""),
     ],
 )
-def test_a_follower_needs_the_line_of_the_next_joint(
+def test_follower_requires_the_axis_of_the_next_joint(
     cell: Cell, tmp_path: Path, text: str, multiplier: float, words: str
 ) -> None:
     linked = replace(cell, urdf=write_linkage_cell(tmp_path, text), mimics=build_mimic_joints(multiplier))
@@ -165,14 +165,14 @@ def test_a_follower_needs_the_line_of_the_next_joint(
         load_chain(linked)
 
 
-def test_commands_without_laws_for_linkages_refuse_them(cell: Cell) -> None:
+def test_commands_without_linkage_support_refuse_them(cell: Cell) -> None:
     with pytest.raises(InputError, match="'m3' mimics 'a2', and identify has no laws"):
         check_no_mimic_joints(cell, "identify")
     check_no_mimic_joints(replace(cell, mimics=()), "identify")
 
 
 @pytest.mark.slow
-def test_a_linked_arm_mills_and_the_motion_is_that_of_the_urdf(tmp_path: Path) -> None:
+def test_linked_arm_mills_and_its_motion_agrees_with_the_urdf(tmp_path: Path) -> None:
     """The whole command; the tip is then followed by pinocchio with the mimic joint set by hand."""
     cell = small_cell(tmp_path)
     write_linkage_cell(tmp_path, linked_urdf(offset=0.0))

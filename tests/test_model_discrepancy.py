@@ -69,14 +69,14 @@ def doubt_of(tests: LoadTestExperiment) -> tuple[ArmStiffness, ModelDiscrepancy]
     return stiffness, estimate_identification_discrepancy(found, tests, robot, T, stiffness, None)
 
 
-def test_springs_alone_lack_nothing() -> None:
+def test_springs_alone_have_no_discrepancy() -> None:
     _, doubt = doubt_of(readings(())[0])
     assert doubt.parts == tuple(f"{word} {j}" for word in ("joint", "play") for j in range(1, 7))
     assert not doubt.misfit
     assert doubt.local == 0.0
 
 
-def test_a_play_that_no_load_test_crosses_may_be_met_by_a_job() -> None:
+def test_backlash_not_crossed_in_load_tests_may_occur_in_a_job() -> None:
     """Weight holds gear 2 on one flank under half the loads, and none of the others is read; gear 1 bears no weight."""
     tests, _ = readings(())
     found, robot, T = made.cell()
@@ -95,7 +95,7 @@ def test_a_play_that_no_load_test_crosses_may_be_met_by_a_job() -> None:
     assert half[1] < 0.1 * half[2]
 
 
-def test_what_is_concealed_is_foreseen_at_other_poses_and_its_interval_holds() -> None:
+def test_concealed_discrepancy_is_predicted_at_other_poses_with_coverage() -> None:
     tests, _ = readings((BASE,))
     stiffness, doubt = doubt_of(tests)
     assert doubt is not None
@@ -135,14 +135,14 @@ def test_one_soft_place_does_not_soften_the_others() -> None:
     assert by_body["base"] > 10.0 * max(v for name, v in by_body.items() if name != "base")
 
 
-def test_a_spread_that_readings_hardly_show_is_kept_for_a_job_that_meets_it() -> None:
+def test_weakly_observed_spread_is_kept_for_a_job_that_depends_on_it() -> None:
     """Six tenths of a job's variance lie where readings see a ten-thousandth of theirs."""
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 3.0]])
     modes = select_significant_modes(covariance, np.diag([1.0, 1.0, 1e-4]))
     np.testing.assert_allclose(modes.T @ modes, covariance, rtol=1e-6, atol=1e-9)
 
 
-def test_what_a_pose_has_for_itself_counts_how_badly_few_regions_tell_it() -> None:
+def test_pose_specific_discrepancy_accounts_for_few_regions() -> None:
     """Over recordings drawn anew, the mean of what is said is not below the truth, be that next to nothing."""
     rng = np.random.default_rng(3)
     expected, force = np.array([1.0, 1.3, 0.8, 40.0, 1.0, 0.9, 1.1, 1.2]), np.full(8, 2.0)
@@ -157,7 +157,7 @@ def test_what_a_pose_has_for_itself_counts_how_badly_few_regions_tell_it() -> No
 
 
 @pytest.mark.parametrize("at", [0.09, 0.2, 0.6])
-def test_a_gear_that_bends_between_the_laws_at_hand_is_near_their_sum(at: float) -> None:
+def test_gear_between_known_laws_is_near_their_sum(at: float) -> None:
     """Soft starts (arc tangents) with knees anywhere: to 2 % of their whole over all torques that tests reach."""
     torque = np.linspace(-1.2, 1.2, 201)
     laws = np.stack([torque, *(np.tanh(torque / s) for s in CURVE_SMOOTHING.values())], axis=1)
@@ -166,7 +166,7 @@ def test_a_gear_that_bends_between_the_laws_at_hand_is_near_their_sum(at: float)
     assert np.abs(rest).max() < 0.02 * np.abs(law).max()
 
 
-def test_suspects_are_derivatives_of_the_model() -> None:
+def test_candidate_columns_are_derivatives_of_the_model() -> None:
     """A joint's column is how the displacement follows its compliance, a base's is that of a base spring."""
     _, robot, T = made.cell()
     rng = np.random.default_rng(2)
@@ -189,7 +189,7 @@ def test_suspects_are_derivatives_of_the_model() -> None:
     np.testing.assert_allclose(both, twist(base=soft) - twist(), rtol=1e-6, atol=1e-13)
 
 
-def test_a_small_load_meets_the_tangent() -> None:
+def test_small_load_gives_the_tangent() -> None:
     _, robot, T = made.cell()
     q, w = made.CENTRE[None], np.array([[1e-3, -2e-3, 1e-3, 0.0, 0.0, 0.0]])
     names = (*(f"joint {j}" for j in range(1, 7)), *list_elastic_columns(), *list_gear_columns())
@@ -200,14 +200,14 @@ def test_a_small_load_meets_the_tangent() -> None:
     )
 
 
-def test_the_half_width_holds_ninety_percent_about_a_number_that_is_off() -> None:
+def test_half_width_covers_ninety_percent_around_a_biased_value() -> None:
     shift, sigma = np.array([0.0, 0.3, 1.0, 5.0, -5.0]), np.array([1.0, 1.0, 1.0, 1.0, 0.1])
     h = compute_half_width(shift, sigma)
     np.testing.assert_allclose(norm.cdf((h - shift) / sigma) - norm.cdf((-h - shift) / sigma), 0.9, atol=1e-9)
     assert h[0] == pytest.approx(NINETY)
 
 
-def test_the_file_holds_it_and_refuses_rows_of_another_length(tmp_path: Path) -> None:
+def test_file_stores_it_and_refuses_rows_of_another_length(tmp_path: Path) -> None:
     doubt = ModelDiscrepancy(
         parts=("joint 1", "base rx"),
         torque=np.arange(1.0, 7.0),
@@ -228,13 +228,13 @@ def test_the_file_holds_it_and_refuses_rows_of_another_length(tmp_path: Path) ->
         load_stiffness(file)
 
 
-def test_a_part_that_no_arm_has_is_refused() -> None:
+def test_unknown_part_is_refused() -> None:
     _, robot, T = made.cell()
     with pytest.raises(InputError, match="link:9 rx"):
         DiscrepancyColumns(robot=robot, T_flange_tcp=T, names=("link:9 rx",), torque=np.ones(6))
 
 
-def test_misfit_is_said_and_widens_deflection_and_compensation(tmp_path: Path) -> None:
+def test_misfit_is_reported_and_widens_deflection_and_compensation(tmp_path: Path) -> None:
     options = replace(FREE, force=FORCE, rotation_step=np.radians(15.0), compensation_max=0.01)
     covariance = np.diag((0.01 / np.asarray(K)) ** 2)
     plain = ArmStiffness(joints=np.asarray(K), covariance=covariance)
@@ -262,7 +262,7 @@ def test_misfit_is_said_and_widens_deflection_and_compensation(tmp_path: Path) -
     assert after[1].removed90[0] < before[1].removed90[0]
 
 
-def test_a_balancer_need_not_be_a_spring_beyond_the_joint_s_limits() -> None:
+def test_compensator_is_evaluated_only_within_the_joint_limits() -> None:
     """It was looked at all round the circle: load tests of a strong one ended as bad input, a finding in hand."""
     tests, _ = readings(())
     _, robot, T = made.cell()

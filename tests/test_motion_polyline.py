@@ -53,7 +53,7 @@ def build_line(points: Array, place: Array, index: Array) -> MotionPolyline:
 
 @pytest.mark.parametrize("lag", [-14e-6, -7e-6, 0.0, 6e-6, 10e-6, 14e-6])
 @pytest.mark.parametrize("spacing", [8e-6, 11e-6, 30e-6])
-def test_dense_points_lead_the_polyline_back_by_no_more_than_their_noise(lag: float, spacing: float) -> None:
+def test_dense_points_deviate_only_by_their_noise(lag: float, spacing: float) -> None:
     """The samples state an index ahead of or behind their place, as where the tool rounds points."""
     rng = np.random.default_rng(4)
     way = spacing * np.arange(120)
@@ -67,7 +67,7 @@ def test_dense_points_lead_the_polyline_back_by_no_more_than_their_noise(lag: fl
 
 
 @pytest.mark.parametrize("degrees", [20.0, 90.0, 150.0, 180.0])
-def test_a_corner_between_two_samples_is_a_vertex(degrees: float) -> None:
+def test_corner_between_two_samples_is_a_vertex(degrees: float) -> None:
     turn = np.radians(degrees)
     corner = np.array([0.01, 0.0, 0.0])
     out = np.array([np.cos(turn), np.sin(turn), 0.0])
@@ -79,7 +79,7 @@ def test_a_corner_between_two_samples_is_a_vertex(degrees: float) -> None:
     assert len(line.position) == 43
 
 
-def test_both_corners_of_a_short_way_back_between_two_samples_stay_in_order() -> None:
+def test_both_corners_of_a_short_reversal_between_samples_keep_their_order() -> None:
     points = 1e-3 * np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [4.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
     way = np.array([0.0, 2.5, 4.9, 6.5, 7.5, 12.0])  # mm; the third and the fourth are at 4.9 and 4.5 mm
     place = np.c_[1e-3 * np.interp(way, [0.0, 5.0, 6.0, 12.0], [0.0, 5.0, 4.0, 10.0]), np.zeros((6, 2))]

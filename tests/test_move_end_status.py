@@ -46,7 +46,7 @@ def broken(before: float, after: float, code: Code) -> SequenceBreak:
         (np.nan, np.nan, "home_collides", 0, InfeasibilityReason.COLLIDING),
     ],
 )
-def test_a_way_that_fails_is_the_fault_of_the_row_it_ends_in(
+def test_failed_move_is_assigned_to_the_row_of_its_end(
     made: Plan, before: float, after: float, code: Code, point: int, status: InfeasibilityReason
 ) -> None:
     assert mark_undriven_points(made) is made
@@ -61,7 +61,7 @@ def test_a_way_that_fails_is_the_fault_of_the_row_it_ends_in(
     assert not len(made.missing)
 
 
-def test_a_place_between_two_points_gives_the_second_its_own_reason(made: Plan) -> None:
+def test_place_between_two_points_gives_the_second_its_own_reason(made: Plan) -> None:
     inner = int(np.flatnonzero(~made.path.is_point)[0])
     without = lost(made, inner, InfeasibilityReason.LIMIT)
     found = mark_undriven_points(without)
@@ -75,7 +75,7 @@ def test_a_place_between_two_points_gives_the_second_its_own_reason(made: Plan) 
     assert mark_undriven_points(both) is both  # that point has its own
 
 
-def test_a_gouge_between_two_points_is_the_fault_of_the_second(tmp_path: Path) -> None:
+def test_gouge_between_two_points_is_assigned_to_the_second(tmp_path: Path) -> None:
     rib = CollisionShape(
         name="rib", kind="box", size=(0.002, 0.1, 0.004), mesh=None, T_parent_shape=pose(0.0473, 0.0, 0.002)
     )
@@ -92,7 +92,7 @@ def test_a_gouge_between_two_points_is_the_fault_of_the_second(tmp_path: Path) -
     assert "another path in the CAM file" in describe_remedy(found, row)
 
 
-def test_a_move_slower_than_programmed_says_so(made: Plan) -> None:
+def test_slow_move_is_reported_in_its_row(made: Plan) -> None:
     def dip(first: float, last: float, ratio: float, where: Where = "path") -> FeedSlowdown:
         return FeedSlowdown(first=first, last=last, ratio=ratio, where=where, joint=7, limit="jerk")
 
@@ -109,7 +109,7 @@ def test_a_move_slower_than_programmed_says_so(made: Plan) -> None:
     assert add_slowdown_notes(given, dips).reason[2] == ""
 
 
-def test_a_post_between_two_points_is_told_in_the_second_row(
+def test_obstacle_between_two_points_is_reported_in_the_second_row(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Both ends are free and the post is thin: every row was ok, and the table did not say why there is no motion."""

@@ -11,7 +11,7 @@ from machopt.planning.external_axes.moving_axis_search import _number_neighbours
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_cheapest_sequence_is_that_of_a_plain_search(seed: int) -> None:
+def test_cheapest_sequence_equals_that_of_a_plain_search(seed: int) -> None:
     rng = np.random.default_rng(seed)
     S, R, B = 6, 4 + seed % 3, 1 + seed % 2
     near = _number_neighbours([3, 2] if seed % 2 else [4])
@@ -43,7 +43,7 @@ def test_the_cheapest_sequence_is_that_of_a_plain_search(seed: int) -> None:
     assert own == pytest.approx(total, rel=1e-9)
 
 
-def test_remembered_distances_prove_what_each_of_them_proves() -> None:
+def test_cached_distances_prove_what_each_of_them_proves() -> None:
     rng = np.random.default_rng(3)
     q, at, distance, levers = (
         rng.normal(size=(50, 2)),

@@ -64,7 +64,7 @@ def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ..
 
 @given(seeds, rapids, weights, st.data())
 @settings(max_examples=scale_example_count(60), deadline=None)
-def test_more_freedom_never_costs(
+def test_more_freedom_never_increases_the_cost(
     seed: int, rapid: tuple[int, ...], priced: ObjectiveWeights, data: st.DataObject
 ) -> None:
     """Rotations or branches struck out, as by a narrower range or a coarser grid: what is left is never better."""
@@ -83,7 +83,7 @@ def test_more_freedom_never_costs(
     assert many.bound <= few.total * (1 + EXACT)
 
 
-def test_coarser_grids_are_those_of_every_kth_rotation() -> None:
+def test_coarser_grids_use_every_kth_rotation() -> None:
     assert list_nested_strides(8) == []  # 45°
     assert list_nested_strides(12) == []  # 30°: 60° is too coarse
     assert list_nested_strides(24) == [2, 3]  # 15°
@@ -99,7 +99,7 @@ def test_coarser_grids_are_those_of_every_kth_rotation() -> None:
     assert priced.scale == scores.scale
 
 
-def test_coarser_choices_made_ahead_are_made_again_once_the_grid_has_lost_a_vertex(
+def test_coarse_choices_are_repeated_after_a_vertex_is_removed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path, candidates, scores = random_problem(3)
@@ -168,7 +168,7 @@ def jobs(draw: st.DrawFn) -> Rows:
 @settings(
     max_examples=scale_example_count(5), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_refining_and_widening_never_make_the_plan_worse(
+def test_refinement_and_wider_range_never_worsen_the_plan(
     tmp_path: FilePath, rows: Rows, worst: float, steps: tuple[float, float]
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
@@ -191,7 +191,7 @@ def test_refining_and_widening_never_make_the_plan_worse(
     assert found.bound <= found.grid * (1 + EXACT)
 
 
-def test_what_is_made_beside_other_work_changes_no_plan_and_is_made_once(
+def test_parallel_computation_changes_no_plan_and_runs_once(
     tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows: Rows = [

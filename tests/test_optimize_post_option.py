@@ -108,7 +108,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_every_program_is_written_read_back_and_told(job: Path) -> None:
+def test_every_program_is_written_read_back_and_reported(job: Path) -> None:
     programs = result(job)["programs"]
     assert [p["post"] for p in programs] == [*POSTS, "mine.toml"]
     for p in programs:
@@ -129,7 +129,7 @@ def test_every_program_is_written_read_back_and_told(job: Path) -> None:
             assert checked["joints_max_deg"] is not None
 
 
-def test_the_makers_words_are_there(job: Path) -> None:
+def test_maker_specific_words_are_present(job: Path) -> None:
     out = job / "out"
     assert "E6AXIS" not in (out / "krl" / "part_apt.src").read_text()  # axis PTP as aggregates
     assert "MoveAbsJ" in (out / "rapid" / "part_apt.mod").read_text()
@@ -144,7 +144,7 @@ def test_the_makers_words_are_there(job: Path) -> None:
 
 
 @pytest.mark.parametrize("file", ["krl/part_apt.src", "mine/part_apt.src", "rapid/part_apt.mod", "csv/part_apt.csv"])
-def test_spindle_coolant_and_feeds_stand_where_the_cam_file_has_them(job: Path, file: str) -> None:
+def test_spindle_coolant_and_feeds_are_at_the_places_of_the_cam_file(job: Path, file: str) -> None:
     """Looked up by place, not by number: what happens between which two points of the toolpath."""
     program = read_program(job / "out" / file)
     by = {e.text: e.index for e in program.events}
@@ -166,12 +166,12 @@ def test_spindle_coolant_and_feeds_stand_where_the_cam_file_has_them(job: Path, 
         assert program.feed[row] * 6e4 == pytest.approx(feed, abs=0.03)  # six decimals of m/s
 
 
-def test_the_cells_own_lines_are_taken(job: Path) -> None:
+def test_custom_lines_of_the_cell_are_used(job: Path) -> None:
     assert "SPINDLE(1500)" in (job / "out" / "krl" / "part_apt.src").read_text()
     assert "SPINDLE" not in (job / "out" / "csv" / "part_apt.csv").read_text()  # a table has no such lines
 
 
-def test_one_post_lies_in_the_output_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_single_post_is_written_into_the_output_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     copied(tmp_path, CONTROLLER.replace("post: krl", "post: rapid").replace("(@{value:.0f})", " @{value:.0f};"))
     assert optimize(tmp_path) == 0
     assert (tmp_path / "out" / "part_apt.mod").is_file()  # the cell's own post
@@ -195,7 +195,7 @@ def test_one_post_lies_in_the_output_folder(tmp_path: Path, capsys: pytest.Captu
         (["--program-tolerance-mm", "nan"], "--program-tolerance-mm"),
     ],
 )
-def test_what_cannot_be_written_is_refused_before_the_plan(
+def test_unwritable_program_is_refused_before_planning(
     options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     copied(tmp_path)
@@ -230,7 +230,7 @@ lin = "CUT @{x:.3f} @{y:.3f} @{z:.3f}"
 """
 
 
-def test_a_language_nobody_here_reads_is_written_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_language_without_a_reader_is_written_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     copied(tmp_path)
     (tmp_path / "own.toml").write_text(OWN, encoding="utf-8")
     assert optimize(tmp_path, "--post", str(tmp_path / "own.toml")) == 0
@@ -246,7 +246,7 @@ def test_a_language_nobody_here_reads_is_written_unchecked(tmp_path: Path, capsy
     assert "readable" in capsys.readouterr().err
 
 
-def test_an_arm_of_unknown_posture_gets_no_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_arm_of_unknown_configuration_type_has_no_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tracks = Path(__file__).resolve().parents[1] / "toolpaths" / "bone_tracks.csv"
     job = ["optimize", str(CELLS / "cutting_cobot"), str(tracks), "-o", str(tmp_path / "out"), "--post", "krl_pos"]
     assert main(job) == 2
@@ -263,7 +263,7 @@ def test_an_arm_of_unknown_posture_gets_no_status(tmp_path: Path, capsys: pytest
         (b"; CAM: COOLNT/ON", b"; cam", "6 for 7"),
     ],
 )
-def test_a_program_that_says_something_else_is_exit_4(
+def test_program_that_differs_from_the_plan_is_exit_4(
     old: bytes,
     new: bytes,
     words: str,
@@ -296,7 +296,7 @@ def test_a_program_that_says_something_else_is_exit_4(
     assert words in page.partition("<section id=programs>")[2]
 
 
-def test_the_tolerance_leaves_room_for_what_the_cell_allows() -> None:
+def test_tolerance_includes_the_allowance_of_the_cell() -> None:
     plain, wide = PlanOptions(), PlanOptions(path_tolerance=1e-4, axis_tolerance=np.radians(1.0))
     assert build_tolerance(None, plain).position == pytest.approx(5e-5)
     assert build_tolerance(0.02, plain).position == pytest.approx(2e-5)
@@ -307,7 +307,7 @@ def test_the_tolerance_leaves_room_for_what_the_cell_allows() -> None:
         build_tolerance(0.05, wide)
 
 
-def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_path: Path) -> None:
+def test_points_are_added_where_the_controller_line_would_leave_the_motion(tmp_path: Path) -> None:
     """The tool tilts by 50° and turns by 60° on one long stretch: an even turn about one axis is another motion."""
     table = tmp_path / "tilt.csv"
     s, c = np.sin(np.radians(25)), np.cos(np.radians(25))
@@ -339,7 +339,7 @@ def test_points_are_added_where_the_controllers_line_would_leave_the_motion(tmp_
     assert (np.diff(x) >= -1e-6).all()  # in the order of the path
 
 
-def test_a_point_where_the_tool_stands_already_asks_for_no_feed(tmp_path: Path) -> None:
+def test_point_at_the_current_tool_position_needs_no_feed(tmp_path: Path) -> None:
     """An approach ends where the first cut begins, each with its own feed: nothing moves between the two."""
     cell = copied(tmp_path, "controller: {post: krl}\n")
     rows = [(60, "rapid", ""), (20, "rapid", ""), (-0.5, "approach", 600), (-0.5, "cut", 1500)]

@@ -83,7 +83,7 @@ def test_each_hole_has_an_outcome_at_its_deepest_point(planned: tuple[list[dict[
             assert re.fullmatch(r"joint:[1-6] 0\.\d\d", r["cause"])
 
 
-def test_the_deflection_is_that_of_the_thrust(planned: tuple[list[dict[str, str]], dict[str, object]]) -> None:
+def test_deflection_equals_that_of_the_thrust(planned: tuple[list[dict[str, str]], dict[str, object]]) -> None:
     rows, _ = planned
     for r in rows:
         if r["move"] == "cut":
@@ -96,7 +96,7 @@ def test_the_deflection_is_that_of_the_thrust(planned: tuple[list[dict[str, str]
     ("column", "change"),
     [("p_in", 0.05), ("f_axial_N", 5.0), ("error_across_mm", 0.02), ("error_axis_deg", 0.01), ("tolerance_mm", -0.1)],
 )
-def test_a_changed_column_fails_the_verification(
+def test_changed_column_fails_the_verification(
     job: Path, planned: tuple[list[dict[str, str]], dict[str, object]], column: str, change: float, tmp_path: Path
 ) -> None:
     del planned
@@ -126,7 +126,7 @@ def test_a_changed_column_fails_the_verification(
     assert any(column in c.name for c in found.failed), [c.name for c in found.failed]
 
 
-def test_a_failure_that_is_stated_as_unknown_fails_the_verification(
+def test_failure_stated_as_unknown_fails_the_verification(
     job: Path, planned: tuple[list[dict[str, str]], dict[str, object]], tmp_path: Path
 ) -> None:
     del planned
@@ -165,7 +165,7 @@ def test_a_failure_that_is_stated_as_unknown_fails_the_verification(
         ("process.yaml", "thrust_spread_percent: 25, ", "", "spread of the force"),
     ],
 )
-def test_what_is_missing_makes_the_outcome_unknown(
+def test_missing_input_makes_the_outcome_unknown(
     job: Path, tmp_path: Path, file: str, pattern: str, new: str, word: str
 ) -> None:
     other = tmp_path / "job"
@@ -183,7 +183,7 @@ def test_what_is_missing_makes_the_outcome_unknown(
     assert any(word in text for text in process["validity"])
 
 
-def test_the_tolerance_objective_has_no_more_failures(
+def test_tolerance_objective_has_no_more_failures(
     job: Path, planned: tuple[list[dict[str, str]], dict[str, object]]
 ) -> None:
     rows, _ = planned
@@ -196,7 +196,7 @@ def test_the_tolerance_objective_has_no_more_failures(
     assert shortfall(other) <= shortfall(rows) + 0.01
 
 
-def test_a_process_file_given_by_option_replaces_that_of_the_cell(job: Path, tmp_path: Path) -> None:
+def test_process_file_option_replaces_that_of_the_cell(job: Path, tmp_path: Path) -> None:
     file = tmp_path / "other.yaml"
     file.write_text(PROCESS.replace("position_mm: 0.4", "position_mm: 4"))
     code, rows, _ = run(job, "other", "--process", str(file))
@@ -207,7 +207,7 @@ def test_a_process_file_given_by_option_replaces_that_of_the_cell(job: Path, tmp
     assert main(arguments) == 4
 
 
-def test_verify_names_the_option_for_a_process_file_that_the_cell_does_not_name(
+def test_verify_names_the_option_for_an_external_process_file(
     job: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cell = tmp_path / "cell"

@@ -36,7 +36,7 @@ def test_importing_the_library_and_the_planner_loads_no_extra() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_a_parquet_copy_says_what_the_csv_says(tmp_path: Path) -> None:
+def test_parquet_copy_equals_the_csv(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is an optional dependency")
     table = tmp_path / "points.csv"
     table.write_text('point,operation,x_mm,reason\n0,1,0.1,\n1,2,,"a, b"\n', encoding="utf-8")
@@ -63,7 +63,7 @@ def test_a_parquet_copy_says_what_the_csv_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("without")
-def test_what_is_missing_is_named_with_its_extra(tmp_path: Path) -> None:
+def test_missing_package_is_named_with_its_extra(tmp_path: Path) -> None:
     parquet = tmp_path / "part.parquet"
     parquet.write_bytes(b"PAR1xxxxPAR1")
     wanted = {
@@ -80,7 +80,7 @@ def test_what_is_missing_is_named_with_its_extra(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_a_table_is_written_as_csv_and_parquet(tmp_path: Path) -> None:
+def test_table_is_written_as_csv_and_parquet(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is an optional dependency")
     columns = {"x_mm": np.array([0.1, np.nan]), "n": np.array([1, 2]), "reason": np.array(["a, b", ""])}
     table = machopt.Table(columns)

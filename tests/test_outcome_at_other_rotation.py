@@ -66,7 +66,7 @@ def find_phi(session: ViewSession, point: int) -> float:
     return float(plan.chosen.assignment.phi[np.searchsorted(plan.path.index, point - 1e-6)])
 
 
-def test_at_the_chosen_rotation_it_is_what_the_tables_say(drilling: ViewSession) -> None:
+def test_chosen_rotation_has_the_outcome_of_the_tables(drilling: ViewSession) -> None:
     columns = drilling.current.job_result.points.table.process
     assert columns is not None
     for point in (2, 6):
@@ -80,7 +80,7 @@ def test_at_the_chosen_rotation_it_is_what_the_tables_say(drilling: ViewSession)
 
 
 @pytest.mark.parametrize("turn", [-40.0, 25.0, 95.0])
-def test_at_another_rotation_it_is_what_a_plan_with_that_pin_says(tmp_path: Path, turn: float) -> None:
+def test_other_rotation_has_the_outcome_of_a_plan_with_that_pin(tmp_path: Path, turn: float) -> None:
     session = start(tmp_path, "kr240_drilling", HOLES, DRILLING)
     plan = session.current.job_result.plan
     row = int(np.searchsorted(plan.path.index, 2 - 1e-6))
@@ -104,7 +104,7 @@ def compensated(tmp_path_factory: pytest.TempPathFactory) -> ViewSession:
     return start(tmp_path_factory.mktemp("shifted"), "kr240_drilling", HOLES, DRILLING, "compensate=true")
 
 
-def test_with_a_compensation_the_unmoved_state_is_the_plan(compensated: ViewSession) -> None:
+def test_unchanged_state_with_compensation_equals_the_plan(compensated: ViewSession) -> None:
     result = compensated.current.job_result
     columns = result.points.table.process
     assert result.plan.compensation is not None
@@ -117,7 +117,7 @@ def test_with_a_compensation_the_unmoved_state_is_the_plan(compensated: ViewSess
         assert found.p_in == pytest.approx(columns.p_in[point], abs=0.02)
 
 
-def test_a_way_out_that_is_called_a_cut_takes_nothing_from_the_shift(tmp_path: Path) -> None:
+def test_retract_move_marked_as_cut_does_not_change_the_shift(tmp_path: Path) -> None:
     """It has no force: the shift of the hole holds until the drill has left."""
     rows = HOLES.replace("retract,", "cut,600")
     errors = {}
@@ -131,7 +131,7 @@ def test_a_way_out_that_is_called_a_cut_takes_nothing_from_the_shift(tmp_path: P
 
 
 @pytest.mark.parametrize("turn", [-40.0, 25.0])
-def test_with_a_compensation_another_rotation_is_that_of_a_new_plan(tmp_path: Path, turn: float) -> None:
+def test_other_rotation_with_compensation_equals_a_new_plan(tmp_path: Path, turn: float) -> None:
     session = start(tmp_path, "kr240_drilling", HOLES, DRILLING, "compensate=true")
     plan = session.current.job_result.plan
     row = int(np.searchsorted(plan.path.index, 2 - 1e-6))
@@ -148,7 +148,7 @@ def test_with_a_compensation_another_rotation_is_that_of_a_new_plan(tmp_path: Pa
     assert told.outcome == columns.outcome[2]
 
 
-def test_a_compensated_wall_at_the_chosen_rotation_is_the_plan(tmp_path: Path) -> None:
+def test_compensated_wall_at_the_chosen_rotation_equals_the_plan(tmp_path: Path) -> None:
     own = (CELLS / "kr500_milling" / "process.yaml").read_text()
     session = start(tmp_path, "kr500_milling", WALL, own, "compensate=true")
     columns = session.current.job_result.points.table.process
@@ -160,7 +160,7 @@ def test_a_compensated_wall_at_the_chosen_rotation_is_the_plan(tmp_path: Path) -
     assert found.outcome == columns.outcome[2]
 
 
-def test_points_without_a_tolerance_have_no_outcome_and_bad_requests_are_refused(drilling: ViewSession) -> None:
+def test_points_without_a_tolerance_have_no_outcome_and_invalid_requests_are_refused(drilling: ViewSession) -> None:
     assert drilling.find_outcome({"point": 0, "phi_deg": 0.0}).outcome is None
     bad = ({}, {"point": 99, "phi_deg": 0.0}, {"point": True, "phi_deg": 0.0}, {"point": 2, "phi_deg": float("nan")})
     for body in bad:
@@ -173,7 +173,7 @@ def test_points_without_a_tolerance_have_no_outcome_and_bad_requests_are_refused
     )
 
 
-def test_a_milled_point_has_the_error_normal_to_its_wall(tmp_path: Path) -> None:
+def test_milled_point_has_the_error_normal_to_its_wall(tmp_path: Path) -> None:
     own = (CELLS / "kr500_milling" / "process.yaml").read_text()
     session = start(tmp_path, "kr500_milling", WALL, own)
     columns = session.current.job_result.points.table.process
@@ -185,7 +185,7 @@ def test_a_milled_point_has_the_error_normal_to_its_wall(tmp_path: Path) -> None
     assert found.outcome == columns.outcome[2]
 
 
-def test_without_a_process_nothing_is_asked_and_unknown_stays_unknown(tmp_path: Path) -> None:
+def test_unknown_outcome_remains_unknown_without_a_process(tmp_path: Path) -> None:
     shutil.copytree(CELLS / "kr240_drilling", tmp_path / "cell")
     text = re.sub(r"(?m)^accuracy:.*\n", "", (tmp_path / "cell" / "cell.yaml").read_text())
     (tmp_path / "cell" / "cell.yaml").write_text(text)
@@ -199,7 +199,7 @@ def test_without_a_process_nothing_is_asked_and_unknown_stays_unknown(tmp_path: 
     assert '"live": true' in session.build_html() or '"live":true' in session.build_html()
 
 
-def test_a_dragged_hole_shows_its_outcome_and_the_plan_comes_back_after_the_drop(tmp_path: Path) -> None:
+def test_dragged_hole_shows_its_outcome_and_the_plan_is_restored(tmp_path: Path) -> None:
     (tmp_path / "job.csv").write_text(HOLES)
     (tmp_path / "mine.yaml").write_text(DRILLING)
     request = OptimizeRequest(

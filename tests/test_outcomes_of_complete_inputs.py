@@ -84,7 +84,7 @@ def test_every_form_of_a_stated_spread_gives_an_outcome(tmp_path: Path, name: st
 
 
 @pytest.mark.slow
-def test_outside_a_grid_nothing_is_invented(tmp_path: Path) -> None:
+def test_no_stiffness_is_assumed_outside_a_grid(tmp_path: Path) -> None:
     holes = drill(tmp_path, "G81", {"grid": write_grid(FAR, with_std=True)})
     assert {hole["outcome"] for hole in holes} == {"unknown"}
     assert all(hole["p_in"] == "" and float(hole["error_across_mm"]) > 0 for hole in holes)

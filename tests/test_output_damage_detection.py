@@ -89,7 +89,7 @@ def found_in(job: Job) -> Verification:
 
 
 @pytest.mark.parametrize("name", sorted(JOBS))
-def test_the_intact_plan_passes(name: str, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
+def test_intact_plan_passes(name: str, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
     """Also after the forger's hand, which must change nothing where there is nothing to hide."""
     job = copy_job(damage_job(name), tmp_path)
     _INTACT[name] = found_in(job)
@@ -120,7 +120,7 @@ def _write_as_first_version(job: Job) -> None:
     update_manifest_hashes(job.out)
 
 
-def test_a_folder_of_an_earlier_version_passes(stopping: Job, tmp_path: Path) -> None:
+def test_folder_of_an_earlier_version_passes(stopping: Job, tmp_path: Path) -> None:
     """Its tables and programs are recomputed; result.json states what it stated then."""
     job = copy_job(stopping, tmp_path)
     _write_as_first_version(job)
@@ -140,7 +140,7 @@ def test_a_folder_of_an_earlier_version_passes(stopping: Job, tmp_path: Path) ->
         (lambda r: r.update(version="0.2.0"), "result.json"),
     ],
 )
-def test_a_damaged_folder_of_an_earlier_version_fails(
+def test_damaged_folder_of_an_earlier_version_fails(
     change: Callable[[dict[str, Any]], None], caught_by: str, stopping: Job, tmp_path: Path
 ) -> None:
     job = copy_job(stopping, tmp_path)
@@ -152,7 +152,7 @@ def test_a_damaged_folder_of_an_earlier_version_fails(
     assert any(name.startswith(caught_by) for name in failed), failed
 
 
-def test_a_folder_with_newer_files_is_of_no_earlier_version(stopping: Job, tmp_path: Path) -> None:
+def test_folder_with_newer_files_has_no_earlier_version(stopping: Job, tmp_path: Path) -> None:
     job = copy_job(stopping, tmp_path)
     _write_as_first_version(job)
     (job.out / "tilt.csv").write_text("point,lead_deg,side_deg\n0,0,0\n")
@@ -165,7 +165,7 @@ def _says(damage: Damage) -> bool:
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda d: d.name)
-def test_a_damage_is_caught(damage: Damage, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
+def test_damage_is_detected(damage: Damage, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
     """By the hashes as it is, and by what the files say where they tell, once the hashes are made to fit.
 
     The hashes are asked by the whole command where nothing else would tell; else by the checks of the manifest, which
@@ -195,7 +195,7 @@ def _of_manifest(job: Job) -> list[VerificationCheck]:
     return contents.check_manifest(job.out, inputs)[1]
 
 
-def test_the_command_gives_the_checks_of_the_manifest(damage_job: Callable[[str], Job], tmp_path: Path) -> None:
+def test_command_reports_the_checks_of_the_manifest(damage_job: Callable[[str], Job], tmp_path: Path) -> None:
     job = copy_job(damage_job("pass"), tmp_path)
     with (job.out / "report.html").open("a") as page:
         page.write(" ")
@@ -209,7 +209,7 @@ def test_every_check_of_the_jobs_can_fail(
 ) -> None:
     """The tests above have verified all jobs and damages; whatever was left out by a selection is verified here."""
     for name in JOBS.keys() - _INTACT.keys():
-        test_the_intact_plan_passes(name, damage_job, tmp_path_factory.mktemp("intact"))
+        test_intact_plan_passes(name, damage_job, tmp_path_factory.mktemp("intact"))
     names = {str(c.check_name) for found in _INTACT.values() for c in found.checks}
     information = {i.check_name for found in _INTACT.values() for i in found.information}
     assert information
@@ -217,7 +217,7 @@ def test_every_check_of_the_jobs_can_fail(
     lacking = (names - INVENTORY - MANIFEST_CHECK).difference(*_FAILED.values())
     for damage in DAMAGES:
         if _says(damage) and damage.name not in _FAILED and lacking:
-            test_a_damage_is_caught(damage, damage_job, tmp_path_factory.mktemp("damaged"))
+            test_damage_is_detected(damage, damage_job, tmp_path_factory.mktemp("damaged"))
             lacking -= _FAILED[damage.name]
     assert lacking <= set(), lacking
 

@@ -55,7 +55,7 @@ def _either_way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(folders, "exchange_folders", lambda a, b: False)
 
 
-def test_an_output_folder_appears_whole(tmp_path: Path) -> None:
+def test_output_folder_appears_as_a_whole(tmp_path: Path) -> None:
     out = tmp_path / "new" / "out"
     with write_output_folder(out) as folder:
         write_json(folder / "result.json", {"machopt_result": 1, "a": np.float64(0.1), "b": np.array([1.0, np.nan])})
@@ -67,7 +67,7 @@ def test_an_output_folder_appears_whole(tmp_path: Path) -> None:
     assert [p.name for p in out.parent.iterdir()] == ["out"]
 
 
-def test_a_failure_leaves_the_old_output(tmp_path: Path) -> None:
+def test_failure_leaves_the_old_output(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with write_output_folder(out) as folder:
         write_json(folder / "result.json", {"machopt_result": 1})
@@ -78,7 +78,7 @@ def test_a_failure_leaves_the_old_output(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
-def test_a_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "result.json").write_text('{"score": 1}')
     (tmp_path / "file").write_text("x")
@@ -90,7 +90,7 @@ def test_a_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_a_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
+def test_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
     script = (
         "import signal, sys, time\nfrom machopt.output import write_output_folder\n"
         # a shell starts background jobs with SIGINT ignored, and children inherit that
@@ -115,7 +115,7 @@ def test_a_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, cod
 
 
 @pytest.mark.usefixtures("_either_way")
-def test_an_earlier_output_is_replaced_as_a_whole(tmp_path: Path) -> None:
+def test_earlier_output_is_replaced_as_a_whole(tmp_path: Path) -> None:
     write(tmp_path / "out", 1, files=5)
     write(tmp_path / "out", 2, files=2)
     assert generation(tmp_path / "out") == 2
@@ -124,7 +124,7 @@ def test_an_earlier_output_is_replaced_as_a_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("_either_way")
-def test_everything_is_on_the_disk_before_the_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_data_are_on_disk_before_the_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     sync, put = folders.sync_tree, folders._OutputPlace.swap
     monkeypatch.setattr(folders, "sync_tree", lambda f: (told.append("synced"), sync(f)))
@@ -133,7 +133,7 @@ def test_everything_is_on_the_disk_before_the_swap(tmp_path: Path, monkeypatch: 
     assert told == ["synced", "swapped"]
 
 
-def test_what_is_synced_is_every_file_and_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_file_and_folder_is_synced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     synced: list[str] = []
     monkeypatch.setattr("machopt.output.folder_swap._sync_file", lambda path: synced.append(path.name))
     with write_output_folder(tmp_path / "out") as folder:
@@ -145,7 +145,7 @@ def test_what_is_synced_is_every_file_and_folder(tmp_path: Path, monkeypatch: py
     assert synced.index("a.src") < synced.index("krl") < synced.index(name) < synced.index(tmp_path.name)
 
 
-def test_a_second_run_is_refused_while_the_first_is_at_work(tmp_path: Path) -> None:
+def test_second_run_is_refused_while_the_first_is_running(tmp_path: Path) -> None:
     with write_output_folder(tmp_path / "out") as folder:
         with pytest.raises(InputError, match="another run is writing this folder"):
             write(tmp_path / "out", 2)
@@ -171,7 +171,7 @@ def killed(tmp_path: Path, code: str) -> None:
         run.kill()
 
 
-def test_what_a_killed_run_left_is_taken_away_by_the_next(tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_run_are_removed_by_the_next(tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
     killed(tmp_path, "held = write_output_folder(sys.argv[1])\nfill(held.__enter__(), 2)")
     left = beside(tmp_path / "out")
@@ -182,7 +182,7 @@ def test_what_a_killed_run_left_is_taken_away_by_the_next(tmp_path: Path) -> Non
     assert beside(tmp_path / "out") == []
 
 
-def test_what_another_run_is_writing_is_left_alone(tmp_path: Path) -> None:
+def test_running_output_of_another_process_is_not_touched(tmp_path: Path) -> None:
     with write_output_folder(tmp_path / "a") as folder:
         write(tmp_path / "b")
         write(tmp_path / "aa")
@@ -193,7 +193,7 @@ def test_what_another_run_is_writing_is_left_alone(tmp_path: Path) -> None:
     assert beside(tmp_path / "a") == ["aa", "b"]
 
 
-def test_a_run_killed_between_two_renames_leaves_the_old_folder_to_the_next(tmp_path: Path) -> None:
+def test_run_killed_between_two_renames_restores_the_old_folder(tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
     killed(
         tmp_path,
@@ -216,7 +216,7 @@ write(Path(sys.argv[1]), 2)""",
     assert beside(tmp_path / "out") == []
 
 
-def test_names_beside_are_not_to_be_foreseen(tmp_path: Path) -> None:
+def test_temporary_names_are_unpredictable(tmp_path: Path) -> None:
     names = set()
     for _ in range(5):
         with write_output_folder(tmp_path / "out") as folder:
@@ -226,7 +226,7 @@ def test_names_beside_are_not_to_be_foreseen(tmp_path: Path) -> None:
     assert all(len(name.rpartition("-")[2]) == 16 for name in names)  # 64 bits
 
 
-def test_a_file_of_the_user_in_an_earlier_output_is_not_lost(tmp_path: Path) -> None:
+def test_user_file_in_an_earlier_output_is_not_lost(tmp_path: Path) -> None:
     write(tmp_path / "out")
     (tmp_path / "out" / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"holds notes\.txt, which machopt did not write"):
@@ -237,7 +237,7 @@ def test_a_file_of_the_user_in_an_earlier_output_is_not_lost(tmp_path: Path) -> 
     write(tmp_path / "out", 2)
 
 
-def test_a_file_that_the_user_adds_meanwhile_is_not_lost(tmp_path: Path) -> None:
+def test_user_file_added_during_the_run_is_not_lost(tmp_path: Path) -> None:
     write(tmp_path / "out")
     with pytest.raises(InputError, match=r"notes\.txt"), write_output_folder(tmp_path / "out") as folder:  # noqa: PT012
         fill(folder, 2)
@@ -246,14 +246,14 @@ def test_a_file_that_the_user_adds_meanwhile_is_not_lost(tmp_path: Path) -> None
     assert beside(tmp_path / "out") == []
 
 
-def test_an_output_from_before_manifests_is_replaced(tmp_path: Path) -> None:
+def test_output_without_a_manifest_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     write_json(tmp_path / "out" / "result.json", {"machopt_result": 1})
     write(tmp_path / "out", 2)
     assert generation(tmp_path / "out") == 2
 
 
-def test_a_link_to_a_folder_stays_and_what_it_names_is_replaced(tmp_path: Path) -> None:
+def test_link_to_a_folder_remains_and_its_target_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "real").mkdir()
     (tmp_path / "out").symlink_to("real", target_is_directory=True)
     write(tmp_path / "out", 2)
@@ -285,12 +285,12 @@ def below_a_file(tmp_path: Path) -> Path:
         (lambda t: Path("/proc/no/out"), "cannot be written"),
     ],
 )
-def test_a_place_where_nothing_can_be_written_is_refused_at_once(place: object, message: str, tmp_path: Path) -> None:
+def test_unwritable_place_is_refused_immediately(place: object, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message), write_output_folder(place(tmp_path)):  # type: ignore[operator]
         pytest.fail("not reached")
 
 
-def test_the_longest_name_works(tmp_path: Path) -> None:
+def test_longest_file_name_works(tmp_path: Path) -> None:
     for name in ("n" * 255, "ö" * 127):
         write(tmp_path / name)
         write(tmp_path / name, 2)
@@ -307,7 +307,7 @@ def test_the_longest_name_works(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("named", [True, False])
-def test_a_disk_that_takes_no_more_is_one_message(number: int, hint: str, named: bool, tmp_path: Path) -> None:
+def test_full_disk_is_one_message(number: int, hint: str, named: bool, tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
     message = rf"{os.strerror(number)}.*{hint}.*What was there is unchanged"
     with pytest.raises(InputError, match=message), write_output_folder(tmp_path / "out") as folder:
@@ -316,7 +316,7 @@ def test_a_disk_that_takes_no_more_is_one_message(number: int, hint: str, named:
     assert beside(tmp_path / "out") == []
 
 
-def test_a_disk_that_takes_no_more_when_synced_is_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_while_syncing_is_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path / "out", 1)
 
     def full(_: int) -> None:
@@ -328,12 +328,12 @@ def test_a_disk_that_takes_no_more_when_synced_is_one_message(tmp_path: Path, mo
     assert generation(tmp_path / "out") == 1
 
 
-def test_an_error_of_reading_is_not_taken_for_the_disk(tmp_path: Path) -> None:
+def test_read_error_is_not_reported_as_a_full_disk(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError), write_output_folder(tmp_path / "out"):
         (tmp_path / "mesh.stl").read_bytes()
 
 
-def test_a_limit_of_the_file_size_is_one_message(tmp_path: Path) -> None:
+def test_file_size_limit_is_one_message(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
     try:
@@ -344,7 +344,7 @@ def test_a_limit_of_the_file_size_is_one_message(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_may_not_be_written_is_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_write_permission_is_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
@@ -353,7 +353,7 @@ def test_a_place_that_may_not_be_written_is_one_message(tmp_path: Path, monkeypa
         write(tmp_path / "new" / "out")
 
 
-def test_folders_made_for_a_failed_run_go_again(tmp_path: Path) -> None:
+def test_folders_of_a_failed_run_are_removed(tmp_path: Path) -> None:
     with pytest.raises(InputError), write_output_folder(tmp_path / "a" / "b" / "out"):
         raise InputError("no")
     assert list(tmp_path.iterdir()) == []
@@ -361,7 +361,7 @@ def test_folders_made_for_a_failed_run_go_again(tmp_path: Path) -> None:
 
 @pytest.mark.proof
 @pytest.mark.usefixtures("_either_way")
-def test_a_hundred_kills_leave_the_old_or_the_new(tmp_path: Path) -> None:
+def test_hundred_kills_leave_the_old_or_the_new_output(tmp_path: Path) -> None:
     """A child of this process writes generation after generation as fast as it can and is killed at any moment."""
     out, rng, last, missing = tmp_path / "out", random.Random(20), 2, 0
     write(out, 1, FILES)

@@ -137,7 +137,7 @@ def test_html_never_overwrites(name: Callable[[Path], Path], table: Path) -> Non
 
 
 @pytest.mark.parametrize("name", [_foreign, _edited, _read_only, _forged_seal])
-def test_force_overwrites_and_is_not_abbreviated(name: Callable[[Path], Path], table: Path) -> None:
+def test_force_overwrites_and_has_no_abbreviation(name: Callable[[Path], Path], table: Path) -> None:
     out = name(table)
     before = _bytes(out)
     with pytest.raises(SystemExit, match="2"):
@@ -147,7 +147,7 @@ def test_force_overwrites_and_is_not_abbreviated(name: Callable[[Path], Path], t
     assert _bytes(out) != before
 
 
-def test_a_page_of_machopt_is_replaced(table: Path, tmp_path: Path) -> None:
+def test_page_of_machopt_is_replaced(table: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     for text in (TABLE, TABLE.replace("20,", "25,")):
         table.write_text(text)
@@ -155,7 +155,7 @@ def test_a_page_of_machopt_is_replaced(table: Path, tmp_path: Path) -> None:
     assert not [p for p in tmp_path.iterdir() if p.name.endswith(".partial")]
 
 
-def test_a_picture_never_overwrites(tmp_path: Path) -> None:
+def test_picture_never_overwrites(tmp_path: Path) -> None:
     cell = tmp_path / "cell"
     shutil.copytree(CELL, cell)
     foreign = tmp_path / "logo.svg"
@@ -171,7 +171,7 @@ def test_a_picture_never_overwrites(tmp_path: Path) -> None:
     assert (cell / "cell.yaml").read_bytes() == before
 
 
-def test_files_of_the_library_never_overwrite(tmp_path: Path) -> None:
+def test_library_files_never_overwrite(tmp_path: Path) -> None:
     for name in ("a.svg", "a.csv"):
         (tmp_path / name).write_text("mine")
     with pytest.raises(InputError):
@@ -235,7 +235,7 @@ CHANGES: list[Callable[[Path], str]] = [
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_an_edited_output_is_kept(change: Callable[[Path], str], tmp_path: Path) -> None:
+def test_edited_output_is_preserved(change: Callable[[Path], str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     _output(out)
     name = change(out)
@@ -247,7 +247,7 @@ def test_an_edited_output_is_kept(change: Callable[[Path], str], tmp_path: Path)
     assert [p.name for p in out.iterdir()] == ["new"]
 
 
-def test_an_input_inside_the_output_is_kept(tmp_path: Path) -> None:
+def test_input_inside_the_output_is_preserved(tmp_path: Path) -> None:
     out = tmp_path / "out"
     _output(out)
     link = tmp_path / "job.src"

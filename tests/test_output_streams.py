@@ -26,18 +26,18 @@ def shell(words: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_a_reader_that_has_gone_is_no_success_and_no_traceback() -> None:
+def test_closed_reader_is_a_failure_without_a_traceback() -> None:
     done = shell("{ COMMAND; echo $? >&2; } | true")
     assert done.stderr.split() == ["141"]
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
-def test_closed_streams_swallow_what_is_printed(closed: str) -> None:
+def test_closed_streams_discard_output(closed: str) -> None:
     done = shell(f"COMMAND {closed}")
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_letters_that_a_terminal_lacks_are_escaped() -> None:
+def test_characters_unknown_to_the_terminal_are_escaped() -> None:
     done = shell("COMMAND", PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.isascii()

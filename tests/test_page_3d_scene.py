@@ -46,7 +46,7 @@ def ball(rings: int) -> tuple[np.ndarray, np.ndarray]:
     return vertices, np.concatenate([np.c_[k, k + rings, k + 1], np.c_[k + 1, k + rings, k + rings + 1]])
 
 
-def test_fewer_triangles_keep_the_shape() -> None:
+def test_simplified_mesh_keeps_the_shape() -> None:
     vertices, faces = ball(80)
     less, kept = decimate_mesh(vertices, faces, 2000)
     assert 500 < len(kept) <= 2000
@@ -60,7 +60,7 @@ def test_fewer_triangles_keep_the_shape() -> None:
     assert same[0] is vertices
 
 
-def test_the_bodies_share_one_budget() -> None:
+def test_bodies_share_one_triangle_budget() -> None:
     big, small = ball(90), ball(8)
     bodies = tuple(
         SceneBody(name=name, kind="link", joint=0, vertices=mesh[0], faces=mesh[1])
@@ -71,7 +71,7 @@ def test_the_bodies_share_one_budget() -> None:
     assert len(shown[1].faces) == len(small[1])  # the little one is left alone
 
 
-def test_joint_values_come_back_from_their_levels() -> None:
+def test_joint_values_are_recovered_from_their_levels() -> None:
     q = Q.copy()
     q[3] = np.nan
     spec = pack_joint_levels(q)
@@ -80,7 +80,7 @@ def test_joint_values_come_back_from_their_levels() -> None:
     np.testing.assert_allclose(back, q, atol=5.0 / 65534, rtol=0)
 
 
-def test_a_page_with_the_picture_is_small_and_names_its_library(tmp_path: Path) -> None:
+def test_page_with_the_scene_is_small_and_names_its_library(tmp_path: Path) -> None:
     data, _ = build_report_with_motion_scene(small_cell(tmp_path), points=5000, samples=60_000)
     html = build_report_html(data)
     assert len(html.encode()) < 12_000_000
@@ -96,7 +96,7 @@ def test_a_page_with_the_picture_is_small_and_names_its_library(tmp_path: Path) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["arm", "linkage", "rail and table"])
-def test_the_page_stands_the_arm_where_pinocchio_does(kind: str, tmp_path: Path) -> None:
+def test_page_places_the_arm_like_pinocchio(kind: str, tmp_path: Path) -> None:
     cell: Cell = small_cell(tmp_path)
     if kind == "linkage":
         (tmp_path / "robot.urdf").write_text(linked_urdf(offset=0.0))
@@ -155,7 +155,7 @@ def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_map_is_walked_by_keys_and_enter_sends_the_robot_there(tmp_path: Path) -> None:
+def test_map_is_navigated_by_keys_and_enter_moves_the_robot(tmp_path: Path) -> None:
     data, _ = build_report_with_motion_scene(small_cell(tmp_path))
     page = tmp_path / "page.html"
     page.write_text(build_report_html(data), encoding="utf-8")
@@ -183,7 +183,7 @@ def test_the_map_is_walked_by_keys_and_enter_sends_the_robot_there(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
+def test_page_without_webgl_reports_it_and_works(tmp_path: Path) -> None:
     data, _ = build_report_with_motion_scene(small_cell(tmp_path))
     blind = (
         "<script>const given = HTMLCanvasElement.prototype.getContext; HTMLCanvasElement.prototype.getContext = "
@@ -196,7 +196,7 @@ def test_without_webgl_the_page_says_so_and_goes_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
+def test_report_prints_on_three_pages(tmp_path: Path) -> None:
     """With eighty checks, as plans have them: what failed is printed, of what passed the first."""
     data, _ = build_report_with_motion_scene(small_cell(tmp_path))
     data = replace(data, checks=tuple(CheckRow(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
@@ -217,7 +217,7 @@ def test_a_report_is_three_sheets_of_paper(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_postures_are_stepped_through_with_their_vectors(tmp_path: Path) -> None:
+def test_configurations_are_stepped_through_with_their_vectors(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     robot, shapes = load_chain(cell)
     force = np.tile([100.0, 0.0, 0.0], (4, 1))
@@ -242,7 +242,7 @@ def test_postures_are_stepped_through_with_their_vectors(tmp_path: Path) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["slice", "volume", "joints", "line"])
-def test_the_arm_stands_at_the_place_of_the_map_that_is_clicked(kind: str, tmp_path: Path) -> None:
+def test_clicked_place_of_the_map_moves_the_arm(kind: str, tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True, tilt=False)
     robot, shapes = load_chain(cell)
     space = MapScene(build_machine_scene(cell, robot, build_bodies(cell, robot, shapes)), np.eye(4), cell.external_home)

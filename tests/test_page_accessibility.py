@@ -16,7 +16,7 @@ WIDE = "document.documentElement.scrollWidth - innerWidth"
 ODD = r"(document.body.innerText.match(/\bNaN\b|Infinity|undefined|\[object|[-−]0(\.0+)?(?![\d.])/g) || []).slice(0, 5)"
 
 
-def test_the_rules_are_those_that_were_published() -> None:
+def test_accessibility_rules_are_the_published_ones() -> None:
     """axe-core 4.14.1 from the npm registry: MPL-2.0, unchanged, its licences beside it, in no wheel."""
     published = {
         "LICENSE": "af175b9d96ee93c21a036152e1b905b0b95304d4ae8c2c921c7609100ba8df7e",
@@ -28,7 +28,7 @@ def test_the_rules_are_those_that_were_published() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("widths", "dark"), [((1440, 2560), False), ((420, 900), True)])
-def test_every_page_keeps_the_rules_fits_and_asks_for_nothing(
+def test_every_page_passes_accessibility_rules_and_loads_nothing(
     widths: tuple[int, int], dark: bool, tmp_path: Path
 ) -> None:
     rules = (AXE / "axe.min.js").read_text(encoding="utf-8")

@@ -26,7 +26,7 @@ def dip(time: float, lowest: float = 0.01) -> FeedDipRow:
     )
 
 
-def test_dips_are_marked_to_the_end_of_the_job_and_the_deepest_of_neighbours_stays() -> None:
+def test_dips_are_marked_up_to_the_end_and_the_deepest_neighbour_remains() -> None:
     dips = [dip(t) for t in np.arange(0.5, 99.0, 0.2)] + [dip(50.01, 0.0), dip(float("nan"))]
     marked = select_deepest_dips(dips, np.linspace(0.0, 100.0, 1001), 200)
     times = [d.time for d in marked]
@@ -44,7 +44,7 @@ def ticks(page: PlacementPageData) -> tuple[list[str], list[str]]:
     return below, re.findall(r'<text[^>]*text-anchor="end"[^>]*>(−?\d+)<', html)
 
 
-def test_the_maps_ticks_are_the_places_that_were_looked_at() -> None:
+def test_map_ticks_are_the_sampled_places() -> None:
     marks = [
         PlaceMark(x=x, y=y, value=0.4, planned=False, words="", refused="")
         for x in (-100.0, 0.0, 100.0)
@@ -53,7 +53,7 @@ def test_the_maps_ticks_are_the_places_that_were_looked_at() -> None:
     assert ticks(replace(build_sample_placement(), marks=tuple(marks))) == (["−100", "0", "100"], ["−50", "50"])
 
 
-def test_of_many_places_no_more_are_named_than_fit_and_the_middle_is() -> None:
+def test_labels_of_many_places_fit_and_include_the_middle() -> None:
     marks = [
         PlaceMark(x=10.0 * k, y=10.0 * n, value=0.4, planned=False, words="", refused="")
         for k in range(-12, 13)
@@ -65,13 +65,13 @@ def test_of_many_places_no_more_are_named_than_fit_and_the_middle_is() -> None:
     assert left == ["−10", "0", "10"]
 
 
-def test_an_axis_has_one_name_on_the_whole_page() -> None:
+def test_axis_has_one_name_on_the_whole_page() -> None:
     slow = FeedSlowdown(first=0.0, last=1.0, ratio=0.5, joint=7, limit="jerk", where="path")
     assert describe_dip_cause(slow) == "external axis e1 jerk"
     assert describe_dip_cause(replace(slow, joint=5)) == "axis 5 jerk"
 
 
-def test_what_was_not_checked_is_not_said_to_be() -> None:
+def test_unchecked_items_are_not_reported_as_checked() -> None:
     data = replace(full_result(points=50, samples=300), checks=())
     part = re.search(r"<section id=verification>.*?</section>", build_report_html(data), re.S)
     assert part
@@ -79,7 +79,7 @@ def test_what_was_not_checked_is_not_said_to_be() -> None:
     assert "Done on the written" not in part[0]
 
 
-def test_rounding_is_called_that_only_where_a_check_passed_and_less_is_better() -> None:
+def test_rounding_is_named_only_where_a_check_passed() -> None:
     even = VerificationCheck(name="uniform time", passed=True, value=5.73e-14, limit=5e-6, unit="s", where="sample 4")
     assert format_found_value(even) == "< 0.1 % of allowed"
     assert format_found_value(replace(even, value=2e-6)) == "0.000002 s"

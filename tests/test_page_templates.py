@@ -62,7 +62,7 @@ def strings(file: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.value
 
 
-def test_no_markup_stands_in_python_strings() -> None:
+def test_python_strings_contain_no_markup() -> None:
     found = []
     for file in sorted(PACKAGE.rglob("*.py")):
         if not MARKUP.search(file.read_text(encoding="utf-8")):
@@ -73,7 +73,7 @@ def test_no_markup_stands_in_python_strings() -> None:
     assert found == []
 
 
-def test_the_search_for_markup_finds_it(tmp_path: Path) -> None:
+def test_markup_search_detects_markup(tmp_path: Path) -> None:
     file = tmp_path / "a.py"
     file.write_text(
         '"""<b>told</b>"""\na = f"<td class={1}>{2}</td>"\nb = "1 < 2"\nc = "(?P<name>x)"\n', encoding="utf-8"
@@ -81,13 +81,13 @@ def test_the_search_for_markup_finds_it(tmp_path: Path) -> None:
     assert {line for line, text in strings(file) if MARKUP.search(text)} == {2}
 
 
-def test_text_is_escaped_and_markup_stays() -> None:
+def test_text_is_escaped_and_markup_remains() -> None:
     assert render_part("paragraph", EVIL) == "<p>&lt;script&gt;alert(1)&lt;/script&gt;&lt;b&gt;&amp;&#34;&#39;</p>"
     assert render_part("paragraph", render_part("strong", "a<b")) == "<p><b>a&lt;b</b></p>"
     assert join_markup([render_part("strong", "a"), "<i>"]) == "<b>a</b>&lt;i&gt;"
 
 
-def test_what_is_not_given_is_an_error_and_no_gap() -> None:
+def test_missing_template_value_is_an_error() -> None:
     with pytest.raises(UndefinedError, match="lead"):
         render_part("section", "a", "b", body="c")
     with pytest.raises(UndefinedError, match="title"):
@@ -268,7 +268,7 @@ def evil_batch() -> str:
         (evil_batch, 3),
     ],
 )
-def test_a_hostile_name_is_a_name(page: Callable[[], str], scripts: int) -> None:
+def test_hostile_names_are_escaped(page: Callable[[], str], scripts: int) -> None:
     """In the toolpath, the cell, the recording and all they hold; no script runs but the page's own."""
     html = page()
     seen = Seen(html)
@@ -277,6 +277,6 @@ def test_a_hostile_name_is_a_name(page: Callable[[], str], scripts: int) -> None
     assert EVIL in seen.text
 
 
-def test_a_macro_that_is_not_there_is_an_error() -> None:
+def test_missing_macro_is_an_error() -> None:
     with pytest.raises(AttributeError):
         render_macro("parts.html", "sectoin")

@@ -43,7 +43,7 @@ def in_browser(page: str, script: str, folder: Path, given: dict[str, Any] | Non
         return {**found, "failed": browser.complaints}
 
 
-def test_in_ci_a_missing_browser_fails_and_elsewhere_skips(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_browser_fails_in_ci_and_skips_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.setenv("CI", "true")
     with pytest.raises(pytest.fail.Exception, match="no browser"):
@@ -53,7 +53,7 @@ def test_in_ci_a_missing_browser_fails_and_elsewhere_skips(monkeypatch: pytest.M
         program()
 
 
-def test_the_chart_library_is_the_one_that_was_published() -> None:
+def test_chart_library_is_the_published_one() -> None:
     """uPlot 1.6.32 from the npm registry, its licence beside it and on every page that uses it."""
     published = {
         "LICENSE": "8f989229699b4fe2f1a0432d0e9edc338a8a911e250e2d1b01ecd770a5f5b1bd",
@@ -117,7 +117,7 @@ def test_map_is_drawn_with_isolines_and_answers_the_pointer(kind: str, tmp_path:
 
 
 @pytest.mark.slow
-def test_the_form_of_view_sends_places_of_external_joints_as_a_plan_file_has_them(tmp_path: Path) -> None:
+def test_view_form_sends_external_values_as_in_a_plan_file(tmp_path: Path) -> None:
     """At a point, for an operation, a zone; a table's limits of ±3.2 rad are no round number of degrees."""
     axes = (
         SteeringAxis("rail", "mm", -1000.0, 1000.0),

@@ -134,7 +134,7 @@ def in_zone(two: np.ndarray, three: np.ndarray, zone: tuple[int, int, int, int])
 # --- appendix A: the Jacobian ------------------------------------------------------------------------------
 
 
-def test_equation_31_is_right_but_for_its_third_row() -> None:
+def test_equation_31_is_correct_except_its_third_row() -> None:
     """J_32 swallowed J_33 (a product where the line should end), and the labels after it slid by one."""
     robot, wrong = table_3(), np.zeros((6, 6))
     for t in np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 6)):
@@ -154,7 +154,7 @@ def test_equation_31_is_right_but_for_its_third_row() -> None:
     assert wrong[slips].min() > 0.1  # m/rad: J_32 to J_35, each wrong by more than half of RL6
 
 
-def test_shipped_cell_is_table_3_in_kukas_own_angles() -> None:
+def test_shipped_cell_equals_table_3_in_kuka_angles() -> None:
     """θ = (−A1, −A2, −A3 − 90°, −A4, −A5, −A6): Table 1's θ3 of −245° to 29° is the A3 of 155° to −119°."""
     cell = load_cell(CELL)
     shipped, paper = load_robot(cell), table_3()
@@ -179,7 +179,7 @@ def length_of(robot: Robot, tool: np.ndarray, bounded: bool = False) -> Characte
     )
 
 
-def test_characteristic_length_is_the_papers_at_the_bare_flange_within_the_joint_ranges() -> None:
+def test_characteristic_length_agrees_at_the_bare_flange_within_the_joint_ranges() -> None:
     """Section 3.1: 0.682 m. Only d4 = +55 mm, the data sheet's ranges and the flange give its three digits."""
     robot = table_3()
     bounded = length_of(robot, np.eye(4), bounded=True)
@@ -259,7 +259,7 @@ def test_singular_lines_of_figure_3() -> None:
     assert near > 0 > far
 
 
-def test_location_of_the_zones_does_depend_on_the_length() -> None:
+def test_location_of_the_zones_depends_on_the_length() -> None:
     """Section 3.1 says it does not. True of the singular lines; the best quarter of the plane moves."""
     q = plane()[2]
     robot = table_3()
@@ -288,7 +288,7 @@ def influence(k: np.ndarray, tool: float = 0.0, wrench: np.ndarray = WRENCH) -> 
     return compute_geometric_influence(J, k, compute_geometric_stiffness(J, wrench), wrench)
 
 
-def test_influence_of_the_complementary_stiffness_holds_with_the_cited_joint_stiffness() -> None:
+def test_complementary_stiffness_is_small_with_the_cited_joint_stiffness() -> None:
     """ν_p ≤ 0.016 and ν_r ≤ 0.025°: near the bound with the cited values, ten times below it with Table 2."""
     cited, table = influence(CITED), influence(TABLE_2)
     assert cited.nu_p.max() == pytest.approx(0.0141, abs=2e-4)
@@ -307,7 +307,7 @@ def test_influence_of_the_complementary_stiffness_holds_with_the_cited_joint_sti
     assert reversed_moment.nu_p.max() == pytest.approx(0.0164, abs=2e-4)
 
 
-def test_measured_displacements_speak_for_table_2() -> None:
+def test_measured_displacements_support_table_2() -> None:
     """Section 5.3: an average gap of 0.1 mm is the unexplained 20 % of the displacement, which makes it 0.5 mm.
 
     Under 2000 N of hanging weight the zones' median is 0.9 mm with Table 2 and 9 mm with the cited values, whose
@@ -327,7 +327,7 @@ def test_measured_displacements_speak_for_table_2() -> None:
 # --- section 5.2: scatter of the identified stiffness ------------------------------------------------------
 
 
-def test_table_2_percentages_follow_from_its_errors_and_the_text_does_not() -> None:
+def test_table_2_percentages_follow_from_its_errors_but_the_text_does_not() -> None:
     share = 100 * TABLE_2_ERROR / TABLE_2
     np.testing.assert_allclose(share, TABLE_2_PERCENT, atol=0.5)  # rounded to whole percent
     # the text gives joint 2 as "±1e5 N·m/rad, i.e. 8 %"; 8 % of 6.6e6 is 5.3e5, as Table 2 has it
@@ -372,7 +372,7 @@ def scatter(k: np.ndarray, in_mm: bool, seed: int, draws: int = 100) -> tuple[np
     return 100 * np.std(fits, axis=0) / k, 100 * (np.mean(fits, axis=0) / k - 1)
 
 
-def test_plain_least_squares_scatters_as_table_2_says() -> None:
+def test_plain_least_squares_scatters_as_in_table_2() -> None:
     """Table 2 prints 2 to 9 %; ten tests drawn at random in the zones give 2.3 to 9.0 %, median 3 to 5 % a joint.
 
     The split over the joints is not the paper's (8, 8, 9, 2, 2, 5): it turns on the ten tests, which are not given.

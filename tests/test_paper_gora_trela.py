@@ -69,7 +69,7 @@ def c33(levers: np.ndarray, k: np.ndarray) -> float:
 # --- formula (A.3) -----------------------------------------------------------------------------------------
 
 
-def test_a3_has_four_slips_and_is_the_jacobians_third_row_without_them() -> None:
+def test_a3_has_four_errors_and_is_the_third_jacobian_row_without_them() -> None:
     """κ stands for stiffness here; eq. 8 made it the compliance."""
     wrong = np.zeros(4)
     for theta in np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 6)):
@@ -90,7 +90,7 @@ def test_shipped_cell_has_the_same_levers() -> None:
 # --- the example -------------------------------------------------------------------------------------------
 
 
-def test_stated_position_is_beyond_the_arms_reach() -> None:
+def test_stated_position_is_out_of_reach() -> None:
     """2766 mm from axis 1 where Table 1 reaches 2758 at most, and where its own angles give 2078 on the other side."""
     stated = float(np.hypot(POSITION[0], POSITION[1]))
     reach = 1e3 * (L1 + L2 + np.hypot(L3, LAMBDA4) + LAMBDA6)
@@ -109,7 +109,7 @@ def test_stated_position_is_beyond_the_arms_reach() -> None:
     assert abs(second - 90) < 57.5 < second
 
 
-def test_computed_compliance_does_not_follow_from_the_papers_own_inputs() -> None:
+def test_computed_compliance_does_not_follow_from_the_stated_inputs() -> None:
     """0.00183 mm/N printed; the PUMA 560 values give 0.225 mm/N from Table 1 and 0.241 mm/N from (A.3) as it stands."""
     levers = chain(THETA)[1][2, 1:3]
     np.testing.assert_allclose(levers, [1.8083, 1.4279], atol=1e-4)
@@ -127,7 +127,7 @@ def test_computed_compliance_does_not_follow_from_the_papers_own_inputs() -> Non
     assert 1e3 * lever**2 / PUMA[1] / C33_PUMA == pytest.approx(51.2, abs=0.1)
 
 
-def test_measured_compliance_asks_for_38_times_the_puma_values_not_3() -> None:
+def test_measured_compliance_is_38_times_stiffer_than_puma_values() -> None:
     """Measured 0.0059 mm/N is 38 times less than the PUMA values give, and 3 times *more* than the paper computes."""
     ours = c33(chain(THETA)[1][2, 1:3], PUMA)
     assert ours / C33_MEASURED == pytest.approx(38.1, abs=0.1)
@@ -141,7 +141,7 @@ def test_measured_compliance_asks_for_38_times_the_puma_values_not_3() -> None:
     assert c33(chain(THETA)[1][2, 1:3], cell.stiffness.joints) == pytest.approx(C33_MEASURED, rel=2e-3)
 
 
-def test_printed_stiffness_is_the_reciprocal_and_not_the_matrix_element() -> None:
+def test_printed_stiffness_is_the_reciprocal_not_the_matrix_element() -> None:
     """k33 = 1/c33 to the digits printed; the (3, 3) element of C_tt⁻¹, which its text names, is 3.5 times that."""
     assert pytest.approx(K33_PUMA, rel=3e-3) == 1 / C33_PUMA  # 0.00183 has three digits
     assert pytest.approx(K33_MEASURED, rel=1e-2) == 1 / C33_MEASURED  # two digits

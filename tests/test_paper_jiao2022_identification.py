@@ -79,7 +79,7 @@ def test_equations_38_to_40_are_stiffness_files() -> None:
     np.testing.assert_array_equal(outside.k, EQ38)
 
 
-def test_the_constant_values_lie_outside_both_halves() -> None:
+def test_constant_values_lie_outside_both_halves() -> None:
     """Joints 1, 4 and 6 of eq. 38 are stiffer than in either half that makes up the same space, by up to 85 %.
 
     One set for all poses lies between the sets of two halves of them, were the model right and the fits comparable;
@@ -94,7 +94,7 @@ def test_the_constant_values_lie_outside_both_halves() -> None:
 # -------------------------------------------------------------------------------------------------- section 5.1
 
 
-def test_27_configurations_a_cell() -> None:
+def test_twenty_seven_configurations_per_cell() -> None:
     cell = load_cell(FOLDER)
     robot = load_robot(cell)
     expected = {2: 14, 16: 61, 128: 353}  # positions: corners are shared
@@ -197,7 +197,7 @@ def test_finer_grids_compensate_better() -> None:
 
 
 @pytest.mark.proof
-def test_error_falls_from_one_to_128_cells_as_in_the_paper() -> None:
+def test_error_decreases_from_one_to_128_cells_as_in_the_paper() -> None:
     """Mean error after compensation, mm; the paper: 0.2868 before, 0.1201 with 1 cell, 0.0570 with 128, ratio 0.475.
 
     Ours over four seeds: 0.339 before; 0.092, 0.087, 0.074, 0.066 with 1, 2, 16, 128 cells as measured, where the

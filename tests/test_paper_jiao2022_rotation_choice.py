@@ -112,7 +112,7 @@ def test_tags_mirror_each_other(arm: tuple[Robot, np.ndarray, np.ndarray]) -> No
         np.testing.assert_allclose(a, b[::-1], rtol=0.03)
 
 
-def test_table_1_states_its_own_loss_rightly() -> None:
+def test_table_1_states_its_own_loss_correctly() -> None:
     loss = {tag: 100.0 * (1.0 - smooth / best) for tag, _, smooth, _, best in TABLE_1}
     assert max(loss, key=lambda tag: loss[tag]) == 8
     assert loss[8] == pytest.approx(0.409, abs=0.0005)
@@ -123,7 +123,7 @@ def test_table_1_states_its_own_loss_rightly() -> None:
     assert (max(values) - min(values)) / max(values) < 0.005
 
 
-def test_smoothing_along_our_pass_costs_more_than_the_paper_says(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
+def test_smoothing_along_our_pass_costs_more_than_stated(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     """Rotation in proportion from the best of one tag to the best of the other (eq. 35), against each place's own best.
 
     In the middle both methods meet the trough at 0°. The paper's trough is 0.4 % deep, ours 4.5 %: with eq. 38 for the

@@ -150,7 +150,7 @@ def lever_and_constant(force: Array, moment: Array) -> tuple[Array, Array, Array
     return x[:3], x[3:], (A @ x).reshape(-1, 3) - moment
 
 
-def test_zhang_moments_know_one_lever_for_all_postures(zhang: Arm, table_3: dict[str, Array]) -> None:
+def test_zhang_moments_have_one_lever_for_all_poses(zhang: Arm, table_3: dict[str, Array]) -> None:
     """m = r × f + m₀ with the same r and m₀ in the 15 postures of both tables, to the rounding of three digits."""
     good_2 = np.arange(30) != 6  # row 7 and rows 4 and 12 of Table 3 are misprints: the next test
     good_3 = ~np.isin(np.arange(15), [3, 11])
@@ -188,7 +188,7 @@ def test_zhang_misprints(zhang: Arm, table_3: dict[str, Array]) -> None:
         assert float(f"{table_3[f'f{c}_N'][11]:.2e}") == pytest.approx(1e3 * table_3[f"m{c}_Nm"][11])
 
 
-def test_zhang_displacements_against_the_force(zhang: Arm) -> None:
+def test_zhang_displacements_oppose_the_force(zhang: Arm) -> None:
     """A passive arm under a force moves with it: f·d > 0, and Δf·Δd > 0 between two loads of a posture."""
     assert np.sum(np.sum(zhang.force * zhang.d, axis=1) < 0) == 8
     against = 0
@@ -251,7 +251,7 @@ def test_zhang_joint_springs_refitted(zhang: Arm) -> None:
         assert zhang.fit(zhang.columns(f, zhang.T_flange_tcp), d)[1] > held_out + 0.03
 
 
-def test_zhang_postures_matter(zhang: Arm) -> None:
+def test_zhang_assignment_to_poses_matters(zhang: Arm) -> None:
     """Postures dealt out at random among the ten blocks fit worse in each of 100 deals.
 
     So the printed joint angles do say something of the displacements, and the cell's reading of them is not absurd.
@@ -336,7 +336,7 @@ def test_tian_tables_are_transcribed(tian: Arm, table_4: dict[str, Array]) -> No
     np.testing.assert_allclose(triple(table_4, "d{}_mm").sum(axis=0), [13.98, 3.61, 15.54], atol=1e-6)
 
 
-def test_tian_forces_are_made_from_the_mass(tian: Arm) -> None:
+def test_tian_forces_are_computed_from_the_mass(tian: Arm) -> None:
     """|f| is 10 N per kg within the rounding of the table, though a sensor good for 0.2 N is said to have read it."""
     off = norm(tian.force) - 10 * HUNG_KG
     assert np.sum(np.abs(off) > 0.0087) == 1  # √3 × 0.005 N is the most that rounding can do
@@ -350,7 +350,7 @@ def test_tian_forces_are_made_from_the_mass(tian: Arm) -> None:
     np.testing.assert_allclose(turn, [36.0, 33.9, 29.4, 25.6, 20.3], atol=0.1)
 
 
-def test_tian_every_displacement_goes_against_the_force(tian: Arm) -> None:
+def test_tian_every_displacement_opposes_the_force(tian: Arm) -> None:
     assert np.all(np.sum(tian.force * tian.d, axis=1) < 0)
 
 
@@ -402,7 +402,7 @@ def test_tian_published_stiffness_is_26_times_too_high(tian: Arm) -> None:
     assert rms(printed - tian.d) == pytest.approx(0.379, abs=0.002)
 
 
-def test_tian_table_4_is_no_spring_model(tian: Arm, table_4: dict[str, Array]) -> None:
+def test_tian_table_4_is_not_a_spring_model(tian: Arm, table_4: dict[str, Array]) -> None:
     """Calculated displacements must be linear in the force: d = C f with one C in a pose, in whatever axes."""
     theory = triple(table_4, "d{}_mm")
     left = np.empty_like(theory)
@@ -417,7 +417,7 @@ def test_tian_table_4_is_no_spring_model(tian: Arm, table_4: dict[str, Array]) -
     assert np.abs(tian.force[1::6][0] - tian.force[1::6][3]).max() > 2.0
 
 
-def test_tian_errors_claimed_and_found(tian: Arm, table_4: dict[str, Array]) -> None:
+def test_tian_claimed_and_recomputed_errors(tian: Arm, table_4: dict[str, Array]) -> None:
     """The paper divides a displacement in mm by a force in N and calls the forces displacements."""
     theory = triple(table_4, "d{}_mm")
     heaviest = HUNG_KG == 3.5

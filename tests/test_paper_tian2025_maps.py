@@ -137,7 +137,7 @@ def stiffness(robot: Robot, q: np.ndarray, direction: np.ndarray, held: str, too
 # --- Table 5 and Table 1 -----------------------------------------------------------------------------------
 
 
-def test_table_5_read_by_its_own_heading_is_no_six_axis_arm() -> None:
+def test_table_5_by_its_own_heading_is_no_six_axis_arm() -> None:
     """a_(i−1), α_(i−1) would put axis 6 on axis 5: singular everywhere. The rows are standard DH (a_i, α_i)."""
     q = np.random.default_rng(0).uniform(-3, 3, (20, 6))
     for signs in SIGNS:
@@ -156,7 +156,7 @@ def test_shipped_cell_is_one_of_the_sign_choices() -> None:
     )
 
 
-def test_dexterity_of_table_1_follows_from_no_reading() -> None:
+def test_dexterity_of_table_1_follows_from_no_interpretation() -> None:
     """Eight sign choices, flange or a tool along axis 6 or beside it, every length: the nearest is 0.07 away.
 
     Postures 3 and 5 differ by at most 5° in the joints that count, so that their dexterities are 3 % apart at
@@ -188,7 +188,7 @@ def test_dexterity_of_table_1_follows_from_no_reading() -> None:
 # --- Tables 2 and 4: loads and displacements ---------------------------------------------------------------
 
 
-def test_section_3_2_reads_forces_as_displacements() -> None:
+def test_section_3_2_quotes_forces_as_displacements() -> None:
     """ "4.12 to 8.56 mm under 1 kg, 30.12 to 33.78 mm under 3.5 kg" are Table 2's F_x in newtons."""
     assert (TABLE_2_1KG[:, 0].min(), TABLE_2_1KG[:, 0].max()) == (4.12, 8.56)
     assert (TABLE_2_3_5KG[:, 0].min(), TABLE_2_3_5KG[:, 0].max()) == (30.12, 33.78)
@@ -198,7 +198,7 @@ def test_section_3_2_reads_forces_as_displacements() -> None:
     assert np.linalg.norm(TABLE_2_1KG[0]) == pytest.approx(10.15, abs=0.01)
 
 
-def test_calculated_displacements_of_table_4_are_not_of_table_3() -> None:
+def test_calculated_displacements_of_table_4_contradict_table_3() -> None:
     """Whatever the signs: 0.9 to 1.5 mm "calculated" is 34 to 200 times what Table 3 gives at the flange."""
     printed = np.linalg.norm(TABLE_4_3_5KG, axis=1)
     ratios = []
@@ -272,7 +272,7 @@ def sweep(wrist: tuple[float, float], joint: int, two: float = 0.0, three: float
         ("pose", 0.557, 0.892, 0.265, 5754),
     ],
 )
-def test_printed_peaks_are_at_no_wrist_posture(
+def test_printed_peaks_occur_at_no_wrist_configuration(
     held: str, x_off: float, z_off: float, turning: float, level: float
 ) -> None:
     """θ4 … θ6 are not given. Over θ4 and θ5 in steps of 45° and all signs, by each definition of stiffness: never are
@@ -324,7 +324,7 @@ def test_peak_over_joint_3_is_where_eq_9_has_no_pole() -> None:
     assert np.abs(along_arm).min() == pytest.approx(0.067, abs=1e-3)
 
 
-def test_share_of_the_wrist_is_below_12_percent_for_equal_joints_but_not_for_table_3() -> None:
+def test_wrist_share_is_below_12_percent_for_equal_joints_but_not_for_table_3() -> None:
     """Section 4.1: joints 4 to 6 give "below 12 %" of the end's compliance even if as stiff as the others."""
     q = np.vstack([TABLE_1, TABLE_7[:, :6]])
     equal, table_3 = [], []
@@ -379,7 +379,7 @@ def test_table_7_jump_at_point_4_is_not_in_the_model() -> None:
     assert gap.max() == pytest.approx(0.460, abs=1e-3)
 
 
-def test_table_8_is_force_over_displacement_below_the_trackers_accuracy() -> None:
+def test_table_8_is_force_over_displacement_below_tracker_accuracy() -> None:
     """K_exp = F/Δ to the whole N/mm in all 21 cells (eq. 29)."""
     force, moved = TABLE_8[:, 0:6:2], TABLE_8[:, 1:6:2]
     np.testing.assert_allclose(force / moved, TABLE_8[:, 6:], atol=0.5)

@@ -63,13 +63,13 @@ def test_rounding_stays_within_tolerance(name: str) -> None:
     assert np.abs(away[[0, -1]]).max() < 1e-15
 
 
-def test_tolerance_is_used_where_a_corner_is_sharp() -> None:
+def test_tolerance_is_used_at_a_sharp_corner() -> None:
     (curve,) = curves(PATHS["right angle"])
     at_vertex = curve.coordinates(curve.u[1:2])[0, 0, :3] - PATHS["right angle"][1]
     assert np.linalg.norm(at_vertex) == pytest.approx(TOLERANCE, rel=0.05)
 
 
-def test_a_tiny_jog_does_not_make_a_sharp_corner() -> None:
+def test_tiny_jog_does_not_make_a_sharp_corner() -> None:
     (curve,) = curves(PATHS["jog of 1 µm"])
     assert curve.width[1:-1, 0].min() > 1e-3
 
@@ -98,7 +98,7 @@ def test_derivatives_are_those_of_the_curve(name: str) -> None:
         assert np.abs(slope - X[:, 1, order + 1]).max() < 2e-2 * scale
 
 
-def test_poses_are_rotations_and_hit_the_ends() -> None:
+def test_poses_are_rotations_and_reach_the_ends() -> None:
     n = 50
     s = np.linspace(0, 1, n)
     axis = np.column_stack([0.3 * np.sin(4 * s), 0.2 * s, np.ones(n)])
@@ -114,12 +114,12 @@ def test_poses_are_rotations_and_hit_the_ends() -> None:
     assert np.abs(driven - planned).max() < np.radians(0.5)
 
 
-def test_a_turn_back_is_a_stop() -> None:
+def test_reversal_is_a_stop() -> None:
     made = curves(np.array([[0, 0, 0], [0.05, 0, 0], [0.02, 0, 0], [0.08, 0, 0]]))
     assert [(int(c.first[0]), int(c.last[-1])) for c in made] == [(0, 1), (1, 2), (2, 3)]
 
 
-def test_repeated_points_are_passed_and_counted() -> None:
+def test_repeated_points_are_merged_and_counted() -> None:
     (curve,) = curves(np.repeat(arc(10, 0.003, 0.1), 3, axis=0))
     index = curve.index(np.linspace(curve.u[0], curve.u[-1], 2000))
     assert (np.diff(index) >= 0).all()
@@ -128,7 +128,7 @@ def test_repeated_points_are_passed_and_counted() -> None:
     assert curve.last[-1] == 29
 
 
-def test_no_length_no_curve() -> None:
+def test_path_without_length_has_no_curve() -> None:
     assert curves(np.zeros((4, 3))) == []
     assert curves(np.zeros((1, 3))) == []
 
@@ -141,7 +141,7 @@ def test_opposite_axes_are_refused() -> None:
     assert build_curves(points, CornerTolerances(TOLERANCE, AXIS_TOLERANCE)) == 1
 
 
-def test_path_parameter_counts_travel_and_turning() -> None:
+def test_path_parameter_measures_travel_and_rotation() -> None:
     position = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0, 0]])
     axis, ref = np.tile([0.0, 0, 1], (3, 1)), np.tile([1.0, 0, 0], (3, 1))
     s = compute_path_parameter(position, axis, ref, np.array([0.0, 0.0, 0.1]))

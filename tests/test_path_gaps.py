@@ -68,7 +68,7 @@ def jump_between(before: float, after: float) -> SequenceBreak:
         ((), (jump_between(1, 2),), [(0, 1), (2, 3), (4, 8)], [2]),
     ],
 )
-def test_stretches_and_the_cuts_that_are_left_out(
+def test_runs_and_omitted_cuts(
     path: PlanningPath,
     unreachable: tuple[int, ...],
     breaks: tuple[SequenceBreak, ...],
@@ -90,7 +90,7 @@ def marked(
     return mark_gaps(plan, driven, given_up or {})
 
 
-def test_every_cut_that_is_left_out_says_why(path: PlanningPath) -> None:
+def test_every_omitted_cut_states_a_reason(path: PlanningPath) -> None:
     plan = marked(path, (6,))
     assert plan.chosen.assignment.reason[[5, 6, 7, 8]].tolist() == [
         InfeasibilityReason.OK,
@@ -108,13 +108,13 @@ def test_every_cut_that_is_left_out_says_why(path: PlanningPath) -> None:
     assert plan.notes == dict.fromkeys((5, 6, 7, 8), "no way to it is free")
 
 
-def test_where_all_is_driven_nothing_is_marked(path: PlanningPath) -> None:
+def test_complete_path_has_no_marks(path: PlanningPath) -> None:
     plan = marked(path, ())
     assert plan.notes == {}
     assert np.isfinite(plan.chosen.cost).all()
 
 
-def test_a_jump_of_a_sequence_that_was_not_searched_for_is_a_break(path: PlanningPath) -> None:
+def test_unsearched_jump_of_a_sequence_is_a_break(path: PlanningPath) -> None:
     """130° at joint 4 on the way to point 6; as much on the rapid way to 4 is none, nor 110° anywhere."""
     q = np.zeros((9, 6))
     q[4:, 1] += np.radians(130.0)

@@ -55,7 +55,7 @@ def tilted(degrees: float) -> Triple:
     return (0.0, float(np.sin(np.radians(degrees))), float(np.cos(np.radians(degrees))))
 
 
-def test_a_flat_cutter_on_a_flat_face_does_not_gouge_and_a_tilted_one_does(tmp_path: Path) -> None:
+def test_flat_cutter_on_a_flat_face_does_not_gouge_and_a_tilted_one_does(tmp_path: Path) -> None:
     cell = cell_of(tmp_path, (plate(),))
     flat = path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, 0), UP), ("cut", (0.05, 0, 0), UP))
     assert not find_gouges(flat, cell, LIMIT).deep.any()
@@ -71,7 +71,7 @@ def test_a_flat_cutter_on_a_flat_face_does_not_gouge_and_a_tilted_one_does(tmp_p
     assert find_gouges(tilt, ball, 1e-6).depth.max() < 1e-5
 
 
-def test_a_depth_that_is_the_tolerance_is_none(tmp_path: Path) -> None:
+def test_depth_within_the_tolerance_is_no_gouge(tmp_path: Path) -> None:
     """Half a micrometre is told as the same number, so it is no gouge; a whole one is, and is told as another."""
     cell = cell_of(tmp_path, (plate(),))
     for beyond, deep in ((0.0, False), (4e-7, False), (1e-6, True)):
@@ -81,7 +81,7 @@ def test_a_depth_that_is_the_tolerance_is_none(tmp_path: Path) -> None:
     assert "by 0.501 mm" in found.sentences()[int(np.argmax(found.deep))]
 
 
-def test_a_gouge_between_two_points_is_found_where_it_is(tmp_path: Path) -> None:
+def test_gouge_between_two_points_is_located(tmp_path: Path) -> None:
     """A rib between two points that lie clear of it, and a corner the tool leans into on the way."""
     rib = CollisionShape(
         name="rib", kind="box", size=(0.002, 0.1, 0.004), mesh=None, T_parent_shape=pose(0.0473, 0.0, 0.002)
@@ -97,7 +97,7 @@ def test_a_gouge_between_two_points_is_found_where_it_is(tmp_path: Path) -> None
     assert found.depth.max() == pytest.approx(0.001, abs=1e-4)  # half its thickness: no place of it is deeper
 
 
-def test_a_wall_is_gouged_as_deep_from_every_side(tmp_path: Path) -> None:
+def test_wall_is_gouged_equally_from_every_side(tmp_path: Path) -> None:
     """Also where it lies between two points of each ring, as walls along y did with 26 points: told 0.18 mm of 0.25."""
     for radius in (0.004, 0.01, 0.025):
         cell = cell_of(tmp_path, ())
@@ -113,7 +113,7 @@ def test_a_wall_is_gouged_as_deep_from_every_side(tmp_path: Path) -> None:
             assert find_gouges(cut, cell, 0.2e-3).depth.max() == pytest.approx(0.25e-3, abs=2e-6)
 
 
-def test_all_the_length_of_the_cutter_counts_and_rapid_moves_do_not(tmp_path: Path) -> None:
+def test_whole_cutter_length_is_checked_and_rapid_moves_are_not(tmp_path: Path) -> None:
     wall = CollisionShape(
         name="wall", kind="box", size=(0.2, 0.02, 0.1), mesh=None, T_parent_shape=pose(0.05, 0.016 + 1e-6, 0.05)
     )  # the side just touches
@@ -133,7 +133,7 @@ def test_all_the_length_of_the_cutter_counts_and_rapid_moves_do_not(tmp_path: Pa
     assert not rapid.deep[-1]
 
 
-def test_what_cannot_be_looked_for_is_refused(tmp_path: Path) -> None:
+def test_unsuitable_part_is_refused(tmp_path: Path) -> None:
     path = path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, 0), UP))
     with pytest.raises(InputError, match=r"has no workpiece\.geometry"):
         find_gouges(path, cell_of(tmp_path, ()), LIMIT)
@@ -141,7 +141,7 @@ def test_what_cannot_be_looked_for_is_refused(tmp_path: Path) -> None:
         find_gouges(path, replace(cell_of(tmp_path, (plate(),)), tool=Tool(T_flange_tcp=np.eye(4))), LIMIT)
 
 
-def test_a_plan_gives_up_what_gouges_and_says_so(tmp_path: Path) -> None:
+def test_plan_omits_gouging_points_and_reports_them(tmp_path: Path) -> None:
     """Of two cuts at one height the second leans over: its points are lost to every posture, the first's are not."""
     cell = replace(cell_of(tmp_path, (plate(),)), stiffness=ArmStiffness(joints=np.full(6, 1e6)))
     lean = tilted(4.0)
@@ -159,7 +159,7 @@ def test_a_plan_gives_up_what_gouges_and_says_so(tmp_path: Path) -> None:
     assert not len(plan_path(cell, path, replace(options, gouge=5e-4)).missing)
 
 
-def test_thin_lips_that_the_verifier_sees_the_planner_sees(tmp_path: Path) -> None:
+def test_planner_finds_the_thin_lips_that_the_verifier_finds(tmp_path: Path) -> None:
     """Plates of 0.25 to 0.8 mm anywhere at the cutter: one in thirteen was missed, now one in some hundreds is."""
     rng = np.random.default_rng(0)
     x = np.arange(0.0, 0.02 + 1e-9, 5e-4)

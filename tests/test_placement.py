@@ -64,7 +64,7 @@ HOLES = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "".join(
 )
 
 
-def test_the_first_place_is_the_cells_own_and_the_rest_an_even_grid() -> None:
+def test_first_place_is_that_of_the_cell_and_the_others_an_even_grid() -> None:
     search = PlacementOptions(x=(-0.2, 0.2), y=(-0.1, 0.1), z=(0.0, 0.0), turn=(0.0, 0.0), places=15)
     found = build_shift_grid(search)
     assert found[0] == NO_SHIFT
@@ -79,7 +79,7 @@ def test_the_first_place_is_the_cells_own_and_the_rest_an_even_grid() -> None:
     st.tuples(*[st.floats(0.0, 1.0)] * 3, st.floats(0.0, 3.0)).filter(lambda v: max(v) > 1e-3),
     st.integers(1, 300),
 )
-def test_there_are_never_more_places_than_asked_for(spans: tuple[float, ...], most: int) -> None:
+def test_number_of_places_is_limited(spans: tuple[float, ...], most: int) -> None:
     search = PlacementOptions(
         **{n: (0.1, 0.1 + v) for n, v in zip(("x", "y", "z", "turn"), spans, strict=True)}, places=most
     )
@@ -102,17 +102,17 @@ def test_there_are_never_more_places_than_asked_for(spans: tuple[float, ...], mo
         ({"seconds": 0.0}, "positive number"),
     ],
 )
-def test_ranges_that_are_none_are_refused(asked: dict[str, object], works: str) -> None:
+def test_invalid_ranges_are_refused(asked: dict[str, object], works: str) -> None:
     with pytest.raises(InputError, match=works):
         PlacementOptions(**asked)  # type: ignore[arg-type]
 
 
-def test_a_range_without_another_place_is_refused() -> None:
+def test_range_without_another_place_is_refused() -> None:
     with pytest.raises(InputError, match="--x-mm -300 300"):
         build_shift_grid(PlacementOptions(x=(0.0, 0.0), y=(0.0, 0.0)))
 
 
-def test_a_turn_keeps_the_middle_and_carries_the_fixture_along(tmp_path: Path) -> None:
+def test_rotation_preserves_the_centre_and_moves_the_fixture(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     middle = compute_rotation_centre(cell, np.array([[-0.1, -0.2, 0.0], [0.1, 0.2, 0.0]]), base=False)
     np.testing.assert_allclose(middle, [1.5, 0, 0.6])
@@ -125,7 +125,7 @@ def test_a_turn_keeps_the_middle_and_carries_the_fixture_along(tmp_path: Path) -
     assert at.obstacles[1] is cell.obstacles[1]  # the post stays
 
 
-def test_moving_the_robot_is_moving_all_else_the_other_way(tmp_path: Path) -> None:
+def test_moving_the_robot_equals_moving_everything_else_inversely(tmp_path: Path) -> None:
     cell, shift = small_cell(tmp_path), PlacementShift(0.2, -0.1, 0.0, 0.3)
     at = move_cell(cell, MovedBodies(True, frozenset(), cell.T_world_base[:3, 3]), shift)
     S = shift.build_matrix(cell.T_world_base[:3, 3])
@@ -136,7 +136,7 @@ def test_moving_the_robot_is_moving_all_else_the_other_way(tmp_path: Path) -> No
     )
 
 
-def test_what_holds_the_part_moves_with_it_and_the_floor_does_not(tmp_path: Path) -> None:
+def test_fixture_moves_with_the_part_and_the_floor_does_not(tmp_path: Path) -> None:
     floor = CollisionShape(
         name="floor", kind="box", size=(6.0, 6.0, 0.1), mesh=None, T_parent_shape=pose(1.0, 0, -0.05)
     )
@@ -147,7 +147,7 @@ def test_what_holds_the_part_moves_with_it_and_the_floor_does_not(tmp_path: Path
     assert standing.find_moved_obstacles(base=True) == set()  # robot and leg stand on the floor
 
 
-def test_a_table_that_robot_and_part_stand_on_stays(tmp_path: Path) -> None:
+def test_common_table_of_robot_and_part_is_fixed(tmp_path: Path) -> None:
     bench = CollisionShape(
         name="bench", kind="box", size=(3.0, 2.0, 0.49), mesh=None, T_parent_shape=pose(1.0, 0, 0.245)
     )
@@ -169,7 +169,7 @@ def test_a_table_that_robot_and_part_stand_on_stays(tmp_path: Path) -> None:
     assert SupportModel.build(cell).find_moved_obstacles(base=False) == {"vice", "bench"}
 
 
-def test_nothing_is_put_into_anything(tmp_path: Path) -> None:
+def test_no_body_is_moved_into_another(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     standing = SupportModel.build(cell)
     centre = np.array([1.5, 0, 0.6])
@@ -198,7 +198,7 @@ def test_nothing_is_put_into_anything(tmp_path: Path) -> None:
     assert swallowed == "workpiece would intersect hall"
 
 
-def test_what_rests_on_something_does_not_sink_into_it(tmp_path: Path) -> None:
+def test_part_does_not_sink_into_its_support(tmp_path: Path) -> None:
     cell = small_cell(
         tmp_path,
         obstacles=(
@@ -215,7 +215,7 @@ def test_what_rests_on_something_does_not_sink_into_it(tmp_path: Path) -> None:
     assert refusal.find_refusal_reason(aside, aside.build_matrix(np.zeros(3))) == ""
 
 
-def test_obstacles_are_named_right(tmp_path: Path) -> None:
+def test_obstacles_have_correct_names(tmp_path: Path) -> None:
     cell, holding = small_cell(tmp_path), frozenset({"table"})
     assert select_moved_obstacles(cell, PlacementOptions(), holding) == {"table"}
     assert select_moved_obstacles(cell, PlacementOptions(stay=("table",)), holding) == frozenset()
@@ -224,13 +224,13 @@ def test_obstacles_are_named_right(tmp_path: Path) -> None:
         select_moved_obstacles(cell, PlacementOptions(carry=("tabel",)), holding)
 
 
-def test_a_robot_beside_a_positioner_is_not_moved(tmp_path: Path) -> None:
+def test_robot_beside_a_positioner_is_not_moved(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     with pytest.raises(InputError, match="--move workpiece"):
         check_robot_movable(replace(cell, workpiece=replace(cell.workpiece, link="table")), base=True)
 
 
-def test_the_journal_knows_its_own_question_and_survives_a_cut_line(tmp_path: Path) -> None:
+def test_journal_matches_its_request_and_survives_truncation(tmp_path: Path) -> None:
     file = tmp_path / "x.jsonl"
     first = SearchJournal(file, "a")
     place = first.append(PlacementCandidate(number=3, shift=PlacementShift(0.1), bound=0.5, worst=float("inf")))
@@ -251,7 +251,7 @@ def test_the_journal_knows_its_own_question_and_survives_a_cut_line(tmp_path: Pa
 
 
 @pytest.mark.parametrize("base", [False, True])
-def test_the_moved_cell_loads_as_what_was_planned(tmp_path: Path, base: bool) -> None:
+def test_moved_cell_loads_as_planned(tmp_path: Path, base: bool) -> None:
     cell = load_cell(CELLS / "kr240_drilling")
     carried = MovedBodies(base, frozenset({"leg_1", "frame_left"}), np.array([1.7, 0.0, 0.8]))
     at = move_cell(cell, carried, PlacementShift(0.123, -0.2, 0.01, 0.7))
@@ -288,7 +288,7 @@ class _Eager:
 
 
 @pytest.mark.slow
-def test_the_best_place_is_the_best_of_all_and_stopping_changes_nothing(tmp_path: Path) -> None:
+def test_best_place_is_the_best_of_all_and_early_stopping_changes_nothing(tmp_path: Path) -> None:
     """Against every place planned wholly, which is what the bound saves."""
     search = PlacementOptions(x=(-0.3, 0.5), y=(-0.2, 0.2), places=12, best=1)
     site = _site(tmp_path, search)
@@ -342,7 +342,7 @@ def placed(tmp_path_factory: pytest.TempPathFactory) -> PlacedJob:
 
 
 @pytest.mark.slow
-def test_the_command_writes_verified_plans_in_moved_cells(placed: PlacedJob) -> None:
+def test_command_writes_verified_plans_in_moved_cells(placed: PlacedJob) -> None:
     out, told = placed.out, placed.told
     assert told["proven"]
     assert told["best"][0]["folder"] == "best-1"
@@ -361,7 +361,7 @@ def test_the_command_writes_verified_plans_in_moved_cells(placed: PlacedJob) -> 
 
 
 @pytest.mark.slow
-def test_the_library_finds_what_the_command_finds(tmp_path: Path, placed: PlacedJob) -> None:
+def test_library_finds_what_the_command_finds(tmp_path: Path, placed: PlacedJob) -> None:
     (tmp_path / "holes.csv").write_text(WIDE_HOLES)
     asked = {"x_mm": (-100, 100), "y_mm": (0, 0), "places": 4, "best": 1, "rotation_step_deg": 15.0}
     found = machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", **asked)
@@ -377,7 +377,7 @@ def test_the_library_finds_what_the_command_finds(tmp_path: Path, placed: Placed
         machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", rotation_stp_deg=15.0)
 
 
-def test_an_unknown_word_of_the_library_is_held_against_its_own_words_first() -> None:
+def test_unknown_argument_suggests_library_names_first() -> None:
     for word, meant in (("plcaes", "places"), ("rotation_stp_deg", "rotation_step_deg")):
         with pytest.raises(InputError, match=f"unknown option '{word}'; did you mean '{meant}'. valid: x_mm, y_mm"):
             machopt.place(CELLS / "kr240_drilling", "holes.csv", **{word: 3})  # type: ignore[arg-type]
@@ -393,7 +393,7 @@ def test_an_unknown_word_of_the_library_is_held_against_its_own_words_first() ->
         (["--carry", "clampp_1"], "did you mean 'clamp_1'"),
     ],
 )
-def test_what_cannot_be_compared_is_refused(
+def test_incomparable_request_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], says: str
 ) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
@@ -404,7 +404,7 @@ def test_what_cannot_be_compared_is_refused(
 
 
 @pytest.mark.slow
-def test_a_part_out_of_reach_as_it_stands_may_be_brought_into_it(tmp_path: Path) -> None:
+def test_unreachable_part_may_be_moved_into_reach(tmp_path: Path) -> None:
     """By a shift; where none does, the unit is asked about, and nothing is written."""
     holes = HOLES.replace("\n-80,", "\n4920,").replace("\n80,", "\n5080,").replace(",20,0,0,1", ",60,0,0,1")
     (tmp_path / "holes.csv").write_text(holes)
@@ -418,7 +418,7 @@ def test_a_part_out_of_reach_as_it_stands_may_be_brought_into_it(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_workers_of_a_cluster_find_what_processes_find(
+def test_cluster_workers_find_what_processes_find(
     tmp_path: Path, scheduler: str, placed: PlacedJob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Relative paths too: the workers stand elsewhere."""
@@ -440,7 +440,7 @@ def test_workers_of_a_cluster_find_what_processes_find(
         ("--places", "3", "--places: 3 leave one place"),
     ],
 )
-def test_what_cannot_be_is_refused_and_nothing_is_left(
+def test_invalid_request_is_refused_and_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, told: str
 ) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
@@ -451,7 +451,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_left(
 
 
 @pytest.mark.slow
-def test_who_looks_at_places_ends_with_the_one_who_asked(tmp_path: Path) -> None:
+def test_worker_processes_end_with_their_parent(tmp_path: Path) -> None:
     """Killed, so that nothing can be tidied up: its output stays open as long as a process of it lives."""
     script = tmp_path / "asks.py"
     script.write_text(
@@ -470,7 +470,7 @@ def test_who_looks_at_places_ends_with_the_one_who_asked(tmp_path: Path) -> None
             raise
 
 
-def test_a_stopped_search_says_that_it_goes_on(
+def test_stopped_search_states_that_it_can_be_resumed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stopped(*_: object) -> None:
@@ -483,7 +483,7 @@ def test_a_stopped_search_says_that_it_goes_on(
     assert "what was found is kept, the same command goes on" in capsys.readouterr().err
 
 
-def test_places_weigh_turns_as_shifts() -> None:
+def test_places_weigh_rotations_like_shifts() -> None:
     found = compute_grid_steps(PlacementOptions(x=(0, 0.3), y=(0, 0), turn=(0, 1.0), places=16))
     assert found.x == pytest.approx(0.1)
     assert found.turn == pytest.approx(0.1 / ROTATION_LEVER_M)
@@ -501,9 +501,7 @@ def test_places_weigh_turns_as_shifts() -> None:
         ([0], 2.0, "the best place is where the cell has it; no other of the 5 places can be better"),
     ],
 )
-def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
-    numbers: list[int], open_bound: float, says: str
-) -> None:
+def test_stopped_search_names_no_uncompared_best(numbers: list[int], open_bound: float, says: str) -> None:
     planned = [
         PlannedPlacement(
             place=PlacementCandidate(number=n, shift=PlacementShift()), worst=2.0 + n, mean=1.0, cycle_time=1.0
@@ -523,7 +521,7 @@ def test_a_search_that_was_stopped_calls_nothing_best_that_it_did_not_compare(
 
 @pytest.mark.parametrize("x", [-1.2, -0.8, -0.57, -0.4, -0.1, 0.0, 0.2, 0.5, 0.58, 0.7, 1.5])
 @pytest.mark.parametrize("z", [0.0, 0.005, 0.02])
-def test_a_part_that_leaves_its_table_is_named(tmp_path: Path, x: float, z: float) -> None:
+def test_part_that_leaves_its_table_is_named(tmp_path: Path, x: float, z: float) -> None:
     """A plate of 100 mm on a table of 1 m: it leaves it where no part of it is within 10 mm of the table."""
     table = CollisionShape(
         name="table", kind="box", size=(1.0, 1.0, 0.1), mesh=None, T_parent_shape=pose(1.5, 0.0, -0.05)
@@ -541,7 +539,7 @@ def test_a_part_that_leaves_its_table_is_named(tmp_path: Path, x: float, z: floa
     )
 
 
-def test_a_pose_is_shown_as_the_cell_takes_it() -> None:
+def test_place_is_shown_in_cell_format() -> None:
     one = (
         build_sample_placement()
         .result.best[0]

@@ -56,7 +56,7 @@ def _holes(folder: Path, places: list[tuple[float, float]], tools: str = "", dep
     return out
 
 
-def test_a_part_on_a_turned_table_is_shifted_along_the_world(tmp_path: Path) -> None:
+def test_part_on_a_rotated_table_is_shifted_along_the_world(tmp_path: Path) -> None:
     cell = replace(external_cell(tmp_path, table=True), external_home=np.array([0.7]))
     frames = compute_link_frames(cell)
     assert set(frames) == {"plate"}
@@ -72,7 +72,7 @@ def test_a_part_on_a_turned_table_is_shifted_along_the_world(tmp_path: Path) -> 
     )
 
 
-def test_a_part_does_not_sink_into_the_plate_it_stands_on(tmp_path: Path) -> None:
+def test_part_does_not_sink_into_its_plate(tmp_path: Path) -> None:
     cell = replace(external_cell(tmp_path, table=True, rail=True), external_home=np.array([1.0, 0.3]))
     standing = SupportModel.build(cell)
     assert standing.links == {"plate", "carriage"}
@@ -86,7 +86,7 @@ def test_a_part_does_not_sink_into_the_plate_it_stands_on(tmp_path: Path) -> Non
     assert "workpiece would intersect" in refusal.find_refusal_reason(to_the_arm, to_the_arm.build_matrix(centre))
 
 
-def test_setups_and_what_holds_them_move_together(tmp_path: Path) -> None:
+def test_setups_and_their_fixtures_move_together(tmp_path: Path) -> None:
     cell = load_cell(CELLS / "kr240_setups")
     assert set(cell.fixtures) == {"jaw_fixed", "jaw_moved", "vice", "angle_plate", "angle_foot"}
     names = select_moved_obstacles(cell, PlacementOptions(carry=("table",)), frozenset())
@@ -102,14 +102,14 @@ def test_setups_and_what_holds_them_move_together(tmp_path: Path) -> None:
         np.testing.assert_allclose(T, cell.offsets[name], atol=1e-12)
 
 
-def test_an_obstacle_of_another_link_is_not_carried(tmp_path: Path) -> None:
+def test_obstacle_of_another_link_is_not_moved(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, table=True)
     post = replace(small_cell(tmp_path).obstacles[1], name="post")
     with pytest.raises(InputError, match="is on world, what moves on plate"):
         select_moved_obstacles(replace(cell, obstacles=(post,)), PlacementOptions(carry=("post",)), frozenset())
 
 
-def test_the_bound_is_that_of_the_best_value_and_moving_has_the_least(tmp_path: Path) -> None:
+def test_bound_equals_that_of_the_best_value_and_moving_has_the_minimum(tmp_path: Path) -> None:
     """Against every value of the grid, each as if the rail were locked there."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=SPRINGS)
     path = read_toolpath(_holes(tmp_path, [(0.0, -800.0), (0.0, 300.0)]))
@@ -131,7 +131,7 @@ def test_the_bound_is_that_of_the_best_value_and_moving_has_the_least(tmp_path: 
     assert bound(mode="moving") < min(locked) * 0.99
 
 
-def test_few_places_that_are_cut_are_never_left_out_of_a_part(tmp_path: Path) -> None:
+def test_few_cut_places_are_never_left_out(tmp_path: Path) -> None:
     path = build_planning_path(read_toolpath(_holes(tmp_path, [(10.0 * k, 0.0) for k in range(12)])))
     part = select_path_runs(path, tuple(range(len(path.runs))), 50)
     assert len(part.stations) < len(path.stations)
@@ -139,7 +139,7 @@ def test_few_places_that_are_cut_are_never_left_out_of_a_part(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_place_of_a_job_that_changes_tools_is_planned_as_the_job_is(tmp_path: Path) -> None:
+def test_place_of_a_job_with_tool_changes_is_planned_as_the_job(tmp_path: Path) -> None:
     cell = replace(small_cell(tmp_path), stiffness=SPRINGS)
     tools = {"a": cell.tool, "b": replace(cell.tool, mass=cell.tool.mass + 15.0)}
     cell = replace(cell, tools=tools, tool_name=None)

@@ -75,7 +75,7 @@ def get_estimator(site: PlacementSite) -> ToleranceEstimator:
 
 
 @pytest.mark.slow
-def test_the_bound_counts_what_passes_in_no_configuration(job: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bound_counts_what_passes_in_no_configuration(job: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against all configurations, one after the other; the grid's best sequence has no more in tolerance."""
     grids = []
     enumerate_candidates = placement_estimate.enumerate_candidates
@@ -124,7 +124,7 @@ def _place(task: object, site: PlacementSite, shift: PlacementShift) -> tuple[ob
     return arm, path, compute_load_directions(path, arm, setup.elasticity, site.options.force)
 
 
-def test_what_is_unknown_is_never_counted_as_in_tolerance(job: Path) -> None:
+def test_unknown_never_counts_as_in_tolerance(job: Path) -> None:
     (found,) = load_site(job, PROCESS.replace("reference: relative", "reference: absolute")).estimate_jobs(NO_SHIFT)
     known = found.outcomes
     (found,) = load_site(job, PROCESS.replace("thrust_spread_percent: 30,", "")).estimate_jobs(NO_SHIFT)
@@ -133,7 +133,7 @@ def test_what_is_unknown_is_never_counted_as_in_tolerance(job: Path) -> None:
     assert known != found.outcomes
 
 
-def test_a_hole_outside_the_stiffness_grid_is_unknown_as_in_the_plan(job: Path, tmp_path: Path) -> None:
+def test_hole_outside_the_stiffness_grid_is_unknown_as_in_the_plan(job: Path, tmp_path: Path) -> None:
     """The grid covers the holes of one side; its springs have a stated spread, the constant ones have none."""
     cell = tmp_path / "cell"
     shutil.copytree(CELL, cell)
@@ -161,7 +161,7 @@ def test_a_hole_outside_the_stiffness_grid_is_unknown_as_in_the_plan(job: Path, 
     assert away.missed == 4
 
 
-def test_without_tolerances_nothing_is_counted(job: Path) -> None:
+def test_nothing_is_counted_without_tolerances(job: Path) -> None:
     text = PROCESS[: PROCESS.index(",\n    tolerance")] + "}\n"
     site = load_site(job, text)
     assert site.jobs[0][0].tolerances is None
@@ -169,7 +169,7 @@ def test_without_tolerances_nothing_is_counted(job: Path) -> None:
     assert (found.missed, found.outcomes) == (0, ())
 
 
-def test_the_tolerance_objective_has_no_fewer_in_tolerance(job: Path) -> None:
+def test_tolerance_objective_has_no_fewer_in_tolerance(job: Path) -> None:
     (by_index,) = load_site(job).estimate_jobs(NO_SHIFT)
     (by_tolerance,) = load_site(job, direct={"objective": "tolerance"}).estimate_jobs(NO_SHIFT)
     assert by_tolerance.outcomes[0] >= by_index.outcomes[0]
@@ -183,7 +183,7 @@ def build_planned(number: int, outcomes: tuple[int, ...], worst: float, bound: f
     return PlannedPlacement(place=place, worst=worst, mean=worst, outcomes=outcomes)
 
 
-def test_places_are_compared_by_what_is_in_tolerance_then_by_the_index() -> None:
+def test_places_are_compared_by_tolerance_then_by_index() -> None:
     planned = (
         build_planned(0, (3, 1, 0, 0), 1.0),
         build_planned(1, (4, 0, 0, 0), 2.0),
@@ -231,7 +231,7 @@ def test_outcomes_of_jobs_are_added_and_the_worst_is_found() -> None:
     assert add_outcomes([(), (1, 2, 3, 4)]) == (1, 2, 3, 4)
 
 
-def test_the_journal_keeps_outcomes(tmp_path: Path) -> None:
+def test_journal_stores_outcomes(tmp_path: Path) -> None:
     one = replace(build_planned(3, (4, 1, 0, 2), 0.5, bound=0.4), tolerance_error=np.inf, shares=(0.5, 0.5))
     one = replace(one, point=2.0, cycle_time=1.0, tolerance_p_in=0.5)
     SearchJournal(tmp_path / "j", "q").append(one)
@@ -239,7 +239,7 @@ def test_the_journal_keeps_outcomes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_best_places_have_what_their_plans_say(job: Path) -> None:
+def test_best_places_have_the_values_of_their_plans(job: Path) -> None:
     """place.json and places.csv against result.json of the written plan, whose cell holds the process.yaml."""
     out = job / "out"
     asked = ["place", str(job / "cell"), str(job / "holes.csv"), "-o", str(out), "--places", "4", "--best", "2"]

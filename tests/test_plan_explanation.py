@@ -50,7 +50,7 @@ def lost(plan: Plan, row: int, why: InfeasibilityReason) -> Plan:
     return answered(plan, reason=reason)
 
 
-def test_a_change_of_configuration_between_runs_is_told(made: Plan) -> None:
+def test_change_of_configuration_between_runs_is_reported(made: Plan) -> None:
     assert not any("changes its configuration" in h for h in list_hints(made))
     first, last = made.path.runs[1]
     branch, q = made.chosen.assignment.branch.copy(), made.chosen.assignment.q.copy()
@@ -63,7 +63,7 @@ def test_a_change_of_configuration_between_runs_is_told(made: Plan) -> None:
     assert any(f"joint 6 unwinds {turned:.0f}° {at}" in h for h in list_hints(answered(made, q=q)))
 
 
-def test_a_force_that_bends_the_arm_beyond_linear_elasticity_is_doubted(made: Plan) -> None:
+def test_force_beyond_linear_elasticity_is_reported(made: Plan) -> None:
     bent = replace(made.chosen, cost=np.full(len(made.path.index), 0.05))
     other = replace(made, chosen=bent, scores=replace(made.scores, index="deflection"))
     (said,) = (h for h in list_hints(other) if "bends the arm" in h)
@@ -73,7 +73,7 @@ def test_a_force_that_bends_the_arm_beyond_linear_elasticity_is_doubted(made: Pl
     assert not any("bends the arm" in h for h in list_hints(small))
 
 
-def test_what_would_help_follows_the_reason(made: Plan) -> None:
+def test_advice_follows_the_reason(made: Plan) -> None:
     row = made.path.runs[0][1]
     assert "what helps at the gap" in describe_remedy(lost(made, row, InfeasibilityReason.GAP), row)
     assert "another path in the CAM file would help" in describe_remedy(
@@ -82,7 +82,7 @@ def test_what_would_help_follows_the_reason(made: Plan) -> None:
     assert "compensation_max_mm" in describe_remedy(lost(made, row, InfeasibilityReason.SHIFT), row)
 
 
-def test_a_point_that_is_near_enough_is_not_to_be_moved_by_nothing(made: Plan) -> None:
+def test_near_point_is_not_advised_to_move_by_zero(made: Plan) -> None:
     """As an arm without a wrist centre has it: no posture, and no length that lacks."""
     row = int(made.path.stations[0])
     c = made.candidates
@@ -106,7 +106,7 @@ def _short(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
     return replace(plan, candidates=replace(plan.candidates, shortfall=lacks))
 
 
-def test_rotations_that_work_but_cannot_be_reached_are_counted(made: Plan) -> None:
+def test_feasible_but_unconnected_rotations_are_counted(made: Plan) -> None:
     row = made.path.runs[0][1]
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
     working = int((made.candidates.reason_of_rotation()[s] == InfeasibilityReason.OK).sum())
@@ -115,7 +115,7 @@ def test_rotations_that_work_but_cannot_be_reached_are_counted(made: Plan) -> No
     assert said.startswith(f"{working} of {len(made.candidates.phi)} rotations work here, but none can be reached")
 
 
-def test_what_a_point_touches_is_named(made: Plan) -> None:
+def test_bodies_in_contact_at_a_point_are_named(made: Plan) -> None:
     assert made.check is not None
     assert made.setup.collision is not None
     row, pair = made.path.runs[0][1], made.check.pair.copy()
@@ -128,7 +128,7 @@ def test_what_a_point_touches_is_named(made: Plan) -> None:
     assert f"ignore_pairs: [[{own.a}, {own.b}]]" in said  # what the robot itself is built of may be so
 
 
-def test_a_place_between_two_points_is_a_break_of_its_own(made: Plan) -> None:
+def test_place_between_two_points_is_a_separate_break(made: Plan) -> None:
     between = np.flatnonzero(~made.path.is_point)
     assert len(between)
     row = int(between[0])
@@ -141,7 +141,7 @@ def test_a_place_between_two_points_is_a_break_of_its_own(made: Plan) -> None:
     assert list_breaks(both) == ()  # the point itself tells
 
 
-def test_a_misfit_of_the_stiffness_is_said_with_what_it_counts_for(made: Plan) -> None:
+def test_stiffness_misfit_is_reported_with_its_use(made: Plan) -> None:
     stiffness = made.setup.elasticity.stiffness
     none = np.zeros((1, 6))
     for counted, words in (
@@ -161,7 +161,7 @@ def test_a_misfit_of_the_stiffness_is_said_with_what_it_counts_for(made: Plan) -
     assert describe_model_misfit(made) == ""
 
 
-def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
+def test_reach_lost_by_a_shift_is_reported_with_its_size(made: Plan) -> None:
     assert made.check is not None
     assert made.setup.collision is not None
     row, pair = made.path.runs[0][1], made.check.pair.copy()
@@ -185,7 +185,7 @@ def test_what_a_shift_takes_away_is_said_with_its_size(made: Plan) -> None:
         assert "no compensation would help; --allow-gaps" in help_there
 
 
-def test_a_method_that_takes_one_rotation_says_that_others_work(made: Plan) -> None:
+def test_single_rotation_method_reports_other_feasible_rotations(made: Plan) -> None:
     row = made.path.runs[0][1]
     stopped = lost(made, row, InfeasibilityReason.LIMIT)
     for method, words in (("default", "the CAM file's own rotation"), ("jiao2022", "the rotation that jiao2022 takes")):
@@ -195,7 +195,7 @@ def test_a_method_that_takes_one_rotation_says_that_others_work(made: Plan) -> N
         assert "--method global" in describe_remedy(one, row)
 
 
-def test_a_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
+def test_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
     """Not where the nearest configuration misses a joint's limit by more than rotations a step apart can differ."""
     row = made.path.runs[0][1]
     stopped = lost(made, row, InfeasibilityReason.LIMIT)
@@ -219,14 +219,14 @@ def test_a_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
         assert "a wider joint range" in help_there
 
 
-def test_what_is_allowed_already_is_not_advised(made: Plan) -> None:
+def test_active_options_are_not_advised(made: Plan) -> None:
     row = made.path.runs[0][1]
     stopped = lost(made, row, InfeasibilityReason.LIMIT)
     assert "--allow-gaps" in describe_remedy(stopped, row)
     assert "--allow-gaps" not in describe_remedy(replace(stopped, options=replace(made.options, allow_gaps=True)), row)
 
 
-def test_a_point_that_lost_its_way_has_the_reason_of_what_came_farthest(made: Plan) -> None:
+def test_point_without_a_path_has_the_reason_of_the_furthest_attempt(made: Plan) -> None:
     row = made.path.runs[0][1]
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
     no_path, reason = lost(made, row, InfeasibilityReason.NO_PATH), made.candidates.reason.copy()
@@ -244,7 +244,7 @@ def test_a_point_that_lost_its_way_has_the_reason_of_what_came_farthest(made: Pl
         assert find_reason(stopped, row) is told
 
 
-def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -> None:
+def test_residual_pose_error_is_reported_and_moves_nothing(made: Plan) -> None:
     """Where the plan's joints are covered, with and without the corrections, and where one is not."""
     q = made.chosen.assignment.q[made.path.counted]
     whole = np.stack([q.min(axis=0), q.max(axis=0)], axis=1)
@@ -277,7 +277,7 @@ def test_what_poses_left_of_the_position_is_said_and_moves_nothing(made: Plan) -
     assert beyond.any() == ("joint 4" in outside.words())
 
 
-def test_the_worst_point_is_one_that_the_plan_keeps(made: Plan) -> None:
+def test_worst_point_is_a_driven_point(made: Plan) -> None:
     """One that is ruled out by a contact has an index as well; it was told without a rotation: an internal error."""
     path = toolpath(ROWS)
     worst = build_worst_point_entry(made, build_point_table(made, path))
@@ -288,7 +288,7 @@ def test_the_worst_point_is_one_that_the_plan_keeps(made: Plan) -> None:
     assert other.point != worst.point
 
 
-def test_rotations_that_nobody_looked_at_for_contacts_are_not_promised(made: Plan) -> None:
+def test_rotations_unchecked_for_contacts_are_not_promised(made: Plan) -> None:
     """jiao2022 said that 72 of 72 rotations work at a point where global found that all of them collide."""
     assert made.setup.collision is not None
     row = made.path.runs[0][1]

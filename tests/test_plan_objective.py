@@ -69,7 +69,7 @@ def by_stretches(
 
 
 @pytest.mark.parametrize("rapid", [(0, 3), (0,), (0, 2, 4)])
-def test_search_smoother_and_finished_plan_agree_on_random_sequences(rapid: tuple[int, ...]) -> None:
+def test_search_smoothing_and_finished_plan_agree_on_random_sequences(rapid: tuple[int, ...]) -> None:
     """Each with other costs, so that another sequence is the best."""
     found = 0
     for seed in range(40):
@@ -86,7 +86,7 @@ def test_search_smoother_and_finished_plan_agree_on_random_sequences(rapid: tupl
     assert found >= 15
 
 
-def test_rotations_fixed_off_the_grid_turn_by_what_they_turn() -> None:
+def test_fixed_rotations_off_the_grid_rotate_exactly() -> None:
     path, candidates, scores = random_problem(1, (0,))
     rng = np.random.default_rng(0)
     nudged = replace(candidates, nudge=rng.uniform(-0.5, 0.5, len(path.stations)))
@@ -121,7 +121,7 @@ def programme_of(part: SmoothingStretch, knots: np.ndarray, ends: StretchEnds, b
 
 
 @pytest.mark.parametrize("crowds", [False, True])
-def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> None:
+def test_smoothing_cost_equals_the_objective_along_a_curve(crowds: bool) -> None:
     """Where joints are linear in phi, merit and J are one number, and the rounded J is as wide as it is rounded."""
     path, part, ends = stretch(crowds)
     answers, merit = build_spline_solutions(path, part, 0.0, ends)
@@ -151,7 +151,7 @@ def test_programme_and_merit_are_the_objective_along_a_curve(crowds: bool) -> No
 
 
 @pytest.mark.parametrize("width", [0.1, 0.003])
-def test_gradient_and_hessian_of_the_programme_by_differences(width: float) -> None:
+def test_gradient_and_hessian_agree_with_finite_differences(width: float) -> None:
     path, part, ends = stretch(crowds=False)
     answers, _ = build_spline_solutions(path, part, 0.0, ends)
     knots, rng = answers[0].knots, np.random.default_rng(2)
@@ -173,7 +173,7 @@ def test_gradient_and_hessian_of_the_programme_by_differences(width: float) -> N
             np.testing.assert_allclose(H[i], slopes, rtol=1e-3, atol=1e-3 * np.abs(H).max())
 
 
-def test_nothing_near_the_programmes_answer_is_better() -> None:
+def test_no_perturbation_of_the_smoothed_curve_is_better() -> None:
     """In the exact J with the price of bending, for random changes of one coefficient, of neighbours and of all."""
     path, part, ends = stretch(crowds=False)
     answers, merit = build_spline_solutions(path, part, 0.0, ends)

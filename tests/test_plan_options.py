@@ -27,7 +27,7 @@ from machopt.options.option_schema import OptionKeys
 from machopt.options.plan_option_reader import OPTIONS, find_options_without_effect, format_user_options, load_options
 
 
-def test_no_layer_gives_the_domain_defaults() -> None:
+def test_no_layer_gives_the_default_options() -> None:
     assert load_options() == PlanOptions()
 
 
@@ -48,7 +48,7 @@ def flat(options: PlanOptions) -> dict[str, object]:
     return out
 
 
-def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
+def test_every_option_converts_to_user_form_and_back() -> None:
     """Each field, moved off its default, survives PlanOptions → user → PlanOptions."""
     other = PlanOptions(
         objective="tolerance",
@@ -134,13 +134,13 @@ def test_every_option_of_the_planner_has_a_user_key_and_back() -> None:
     clearance=st.floats(0, 500).map(lambda v: round(v, 3)),
     feed=st.floats(0.001, 120_000).map(lambda v: round(v, 3)),
 )
-def test_user_numbers_come_back_as_written(step: float, clearance: float, feed: float) -> None:
+def test_user_numbers_are_written_as_given(step: float, clearance: float, feed: float) -> None:
     user: dict[str, object] = {"rotation_step_deg": step, "clearance_mm": clearance, "approach_feed_mm_min": feed}
     shown = format_user_options(load_options(user))
     assert {k: shown[k] for k in user} == user
 
 
-def test_later_layers_win_and_mappings_merge(tmp_path: Path) -> None:
+def test_later_layers_override_and_mappings_merge(tmp_path: Path) -> None:
     file = tmp_path / "plan.yaml"
     file.write_text("machopt_plan: 1\nrotation_step_deg: 4\nforce_N: {normal: 2}\nseed: 1\nclearance_mm: 3\n")
     options = load_options(
@@ -194,19 +194,19 @@ BAD = [
 
 
 @pytest.mark.parametrize(("word", "parts"), BAD, ids=[b[0] for b in BAD])
-def test_refusals(word: str, parts: list[str]) -> None:
+def test_invalid_options_are_refused(word: str, parts: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         load_options({}, None, [word])
     for part in parts:
         assert part in str(caught.value)
 
 
-def test_a_fixed_rotation_must_lie_in_the_range() -> None:
+def test_fixed_rotation_must_be_in_the_range() -> None:
     with pytest.raises(InputError, match=r"point 2 is fixed at 100.0°, outside the range -90.0°…90.0°"):
         load_options({"rotation_range_deg": [-90, 90]}, None, ["fixed=[{point: 2, gamma_deg: 100}]"])
 
 
-def test_the_plan_file_is_named_with_its_line(tmp_path: Path) -> None:
+def test_plan_file_is_named_with_its_line(tmp_path: Path) -> None:
     file = tmp_path / "plan.yaml"
     file.write_text("seed: 1\nsample: 12\n")
     with pytest.raises(InputError, match=r"plan.yaml: line 2: sample: unknown key 'sample'; did you mean 'sample_ms'"):
@@ -215,7 +215,7 @@ def test_the_plan_file_is_named_with_its_line(tmp_path: Path) -> None:
         load_options({}, tmp_path / "nowhere.yaml")
 
 
-def test_cell_and_direct_options_are_checked_too() -> None:
+def test_cell_and_direct_options_are_validated() -> None:
     with pytest.raises(InputError, match=r"cell.yaml: plan.seed: found -1"):
         load_options({"seed": -1})
     with pytest.raises(InputError, match=r"options: sead: unknown key"):
@@ -235,13 +235,13 @@ def test_cell_and_direct_options_are_checked_too() -> None:
         (["external.e1={mode: moving, at_deg: 3}"], "external.e1.at_deg has no effect: the joint is locked nowhere"),
     ],
 )
-def test_options_that_others_keep_from_acting_are_named(words: list[str], part: str) -> None:
+def test_options_disabled_by_others_are_named(words: list[str], part: str) -> None:
     (said,) = find_options_without_effect(load_options(overrides=words))
     assert part in said
     assert find_options_without_effect(load_options(overrides=words[:0])) == ()
 
 
-def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path) -> None:
+def test_fixed_rotations_unsupported_by_the_method_are_refused(tmp_path: Path) -> None:
     (tmp_path / "path.csv").write_text(
         "x_mm,y_mm,z_mm,i,j,k,feed_mm_min,kind\n0,0,0,0,0,1,100,path\n9,0,0,0,0,1,100,\n"
     )
@@ -252,7 +252,7 @@ def test_fixed_rotations_that_a_method_would_not_keep_are_refused(tmp_path: Path
     assert not (tmp_path / "out").exists()
 
 
-def test_clearance_in_the_objective_needs_collisions() -> None:
+def test_clearance_weight_requires_collision_checks() -> None:
     options = load_options({"weights": {"clearance": 0.4}, "clearance_full_mm": 80})
     assert (options.weights.clearance, options.clearance_full) == (0.4, pytest.approx(0.08))
     assert load_options(format_user_options(options)) == options
@@ -260,7 +260,7 @@ def test_clearance_in_the_objective_needs_collisions() -> None:
         load_options({"weights": {"clearance": 0.4}, "collision": False})
 
 
-def test_every_option_has_one_row_that_goes_to_si_and_back() -> None:
+def test_every_option_has_one_row_for_si_conversion() -> None:
     assert {o.key for o in OPTIONS} == set(OptionKeys.model_fields) - {"machopt_plan"}
     assert {o.name for o in OPTIONS} == {f.name for f in fields(PlanOptions)}
     assert load_options(format_user_options(PlanOptions())) == PlanOptions()

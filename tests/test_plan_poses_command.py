@@ -42,7 +42,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> PlanPosesResult:
     return plan(tmp_path_factory.mktemp("poses") / "out", terms=("link_compliance@link:4",), sensor="tracker3")
 
 
-def test_folder_holds_what_the_contract_says(done: PlanPosesResult) -> None:
+def test_folder_agrees_with_the_contract(done: PlanPosesResult) -> None:
     folder = done.report.parent
     assert done.exit_code == 0
     assert sorted(p.name for p in folder.iterdir()) == [
@@ -65,7 +65,7 @@ def test_folder_holds_what_the_contract_says(done: PlanPosesResult) -> None:
     assert any("be separated" in w for w in result["warnings"])
 
 
-def test_table_is_a_plan_that_can_be_driven_and_measured(done: PlanPosesResult) -> None:
+def test_table_is_a_drivable_and_measurable_plan(done: PlanPosesResult) -> None:
     table = read_poses_csv(done.report.parent / "poses.csv")
     cell = load_cell(CELL)
     robot, shapes = load_chain(cell)
@@ -94,7 +94,7 @@ def test_table_is_a_plan_that_can_be_driven_and_measured(done: PlanPosesResult) 
     assert list(table.way_free) == (~hit).tolist()
 
 
-def test_template_is_a_recording_once_it_is_filled_in(done: PlanPosesResult, tmp_path: Path) -> None:
+def test_completed_template_is_a_recording(done: PlanPosesResult, tmp_path: Path) -> None:
     folder = done.report.parent
     table = read_poses_csv(folder / "poses.csv")
     template = folder / "recording_template"
@@ -120,7 +120,7 @@ def test_template_is_a_recording_once_it_is_filled_in(done: PlanPosesResult, tmp
     np.testing.assert_array_equal(recording.pose, table.pose)
 
 
-def test_page_says_what_matters(done: PlanPosesResult) -> None:
+def test_page_states_the_main_results(done: PlanPosesResult) -> None:
     page = done.report.read_text()
     for words in (
         "NOT EVERYTHING IS SEEN",
@@ -157,21 +157,21 @@ def test_same_seed_gives_the_same_bytes(aimed: PlanPosesResult, tmp_path: Path) 
         assert (tmp_path / "out" / name).read_bytes() == (aimed.report.parent / name).read_bytes(), name
 
 
-def test_weights_alone_do_not_show_joint_one(tmp_path: Path) -> None:
+def test_weights_alone_do_not_observe_joint_one(tmp_path: Path) -> None:
     found = plan(tmp_path / "out", pull_N=None, max_deflection_mm=20.0)
     joint = found.result.to_json_types()["unknowns"][0]
     assert joint["seen"] is False
     assert any("joint 1 is not seen" in w and "horizontal pull" in w for w in found.result.to_json_types()["warnings"])
 
 
-def test_doubted_prior_halves_the_deflection_and_is_reported(tmp_path: Path) -> None:
+def test_uncertain_prior_halves_the_deflection_and_is_reported(tmp_path: Path) -> None:
     found = plan(tmp_path / "out", prior_factor=2.0, loads=1, candidates=80)
     table = read_poses_csv(tmp_path / "out" / "poses.csv")
     assert np.linalg.norm(table.displacement[:, :3], axis=1).max() <= 2.5e-3
     assert len(found.result.to_json_types()["design"]["worst_if_prior_wrong"]) == 4
 
 
-def test_target_names_the_smallest_number_of_poses(aimed: PlanPosesResult, tmp_path: Path) -> None:
+def test_target_gives_the_smallest_number_of_poses(aimed: PlanPosesResult, tmp_path: Path) -> None:
     needed = aimed.result.to_json_types()["target"]["poses"]
     at = {
         n: plan(tmp_path / str(n), poses=n, candidates=60).result.to_json_types()["design"]["worst"]
@@ -191,7 +191,7 @@ def test_target_names_the_smallest_number_of_poses(aimed: PlanPosesResult, tmp_p
         ({"floor_mm": 8000.0, "ceiling_mm": 9000.0}, "--floor-mm"),
     ],
 )
-def test_nothing_to_measure_is_an_answer(tmp_path: Path, options: dict[str, Any], words: str) -> None:
+def test_no_measurable_pose_is_a_result(tmp_path: Path, options: dict[str, Any], words: str) -> None:
     found = plan(tmp_path / "out", **{**options, "candidates": 10, "poses": 6})
     assert found.exit_code == 3
     assert found.result.to_json_types()["verdict"] == "infeasible"
@@ -234,7 +234,7 @@ def test_impossible_options_are_refused(tmp_path: Path, options: dict[str, Any],
     assert not (tmp_path / "out").exists()
 
 
-def test_cell_without_stiffness_asks_for_a_prior(tmp_path: Path) -> None:
+def test_cell_without_stiffness_requires_a_prior(tmp_path: Path) -> None:
     cell = tmp_path / "cell"
     cell.mkdir()
     text = (CELL / "cell.yaml").read_text().replace("stiffness: stiffness.yaml\n", "")
@@ -245,7 +245,7 @@ def test_cell_without_stiffness_asks_for_a_prior(tmp_path: Path) -> None:
         run_plan_poses(PosesRequest(cell=cell, out=tmp_path / "out", allow_external=True, **QUICK))
 
 
-def test_table_reads_back_and_is_strict(tmp_path: Path) -> None:
+def test_table_is_read_back_strictly(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     n = 3
     table = PosesTable(

@@ -113,7 +113,7 @@ def test_box_and_tracker_are_in_world_axes(bench: Bench) -> None:
     assert (cosine <= np.cos(np.radians(60)) + 1e-9).all()
 
 
-def test_loads_pull_where_they_say() -> None:
+def test_loads_pull_in_their_stated_direction() -> None:
     R = compute_rpy_matrix(np.array([0.4, -0.3, 1.0]))  # world axes in a tilted base
     anchors = np.array([[2.0, 1.0, 0.5]])
     T = np.eye(4)
@@ -139,7 +139,7 @@ def test_loads_pull_where_they_say() -> None:
     assert np.isnan(compute_unit_wrench(rope[0], T)[0]).all()
 
 
-def test_cases_keep_their_limits_and_predict_the_deflection(bench: Bench) -> None:
+def test_cases_respect_their_limits_and_predict_the_deflection(bench: Bench) -> None:
     cases, pool = bench.cases, bench.pool
     assert (np.diff(cases.pose) >= 0).all()
     J, k = pool.state.J[cases.pose], bench.prior.stiffness.joints
@@ -173,7 +173,7 @@ def test_each_limit_counts_its_rejections(bench: Bench) -> None:
     assert set(rejected(LoadCriteria(nu_p=1e-9))) <= {"K_C matters too much"}
 
 
-def test_terms_enter_the_response_as_the_fit_sees_them(bench: Bench) -> None:
+def test_terms_enter_the_response_as_in_the_fit(bench: Bench) -> None:
     term = build_fitted_term("link_compliance", "link:4", bench.robot, bench.T)
     few = sample_poses(bench.screen, bench.limits, bench.cell.home, 20, seed=3)
     cases = build_load_cases(
@@ -188,7 +188,7 @@ def test_terms_enter_the_response_as_the_fit_sees_them(bench: Bench) -> None:
     assert unknowns.relative.tolist() == [True] * 6 + [False] * 2
 
 
-def test_papers_choose_as_they_say(bench: Bench) -> None:
+def test_published_designs_are_reproduced(bench: Bench) -> None:
     zhang = build_zhang2025_heuristic(bench.pool)
     assert (bench.pool.kci[zhang.poses] > 0.45).all()
     dumas = build_dumas2011_heuristic(bench.pool, bench.cases, bench.screen, bench.limits)
@@ -211,7 +211,7 @@ def test_papers_choose_as_they_say(bench: Bench) -> None:
         ("s420f_handling", 1, ReadingNoise(displacement=12e-6, cycle=15e-6, pose=0.0, force=0.0075, targets=0.2)),
     ],
 )
-def test_half_the_readings_reach_the_papers_accuracy(name: str, loads: int, noise: ReadingNoise) -> None:
+def test_half_the_readings_reach_the_published_accuracy(name: str, loads: int, noise: ReadingNoise) -> None:
     """Expected rms relative error of the stiffness over 40 draws of each way of choosing, same loads to choose from."""
     bench = Bench(name, noise=noise)
     rng = np.random.default_rng(0)
@@ -258,7 +258,7 @@ def identified(bench: Bench, arm: TrueArm, rows: np.ndarray, rng: np.random.Gene
     return np.array(errors)
 
 
-def test_half_the_readings_identify_a_simulated_arm_as_well(bench: Bench) -> None:
+def test_half_the_readings_identify_a_simulated_arm_equally_well(bench: Bench) -> None:
     """The prior is wrong by up to 40 %; the arm is solved at rest under load, which the fit's equations are not."""
     rng = np.random.default_rng(1)
     k = bench.prior.stiffness.joints * np.array([1.3, 0.8, 1.4, 0.7, 1.2, 0.9])

@@ -38,7 +38,7 @@ FEW = PosesRequest(
 )
 
 
-def test_values_are_held_by_name_and_told(tmp_path: Path) -> None:
+def test_fixed_values_are_set_by_name_and_reported(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True)
     held = set_external_axis_positions(cell, ("rail=-1500", "e2=30"))
     np.testing.assert_allclose(held.external_home, [-1.5, np.radians(30.0)])
@@ -50,19 +50,19 @@ def test_values_are_held_by_name_and_told(tmp_path: Path) -> None:
     assert describe_external_axis_positions(small_cell(tmp_path)) == ""
 
 
-def test_who_reads_a_recording_is_told_that_the_rail_stands_still(tmp_path: Path) -> None:
+def test_recording_reader_reports_a_fixed_rail(tmp_path: Path) -> None:
     (told,) = describe_fixed_external_joints(external_cell(tmp_path, rail=True, table=True))
     assert "external joints (rail, turn) are taken to stand still" in told
     assert describe_fixed_external_joints(small_cell(tmp_path)) == ()
 
 
 @pytest.mark.parametrize("word", ["rail=99999", "rail", "rail=far", "turn=1", "e2=1"])
-def test_what_cannot_be_held_is_refused(tmp_path: Path, word: str) -> None:
+def test_unfixable_joints_are_refused(tmp_path: Path, word: str) -> None:
     with pytest.raises(InputError, match=r"--external: .*rail"):
         set_external_axis_positions(external_cell(tmp_path, rail=True), (word,))
 
 
-def test_a_plan_says_that_the_rail_counts_as_rigid(tmp_path: Path) -> None:
+def test_plan_reports_the_rail_as_rigid(tmp_path: Path) -> None:
     rail = ExternalJointSpring(joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3))
     cell = replace(external_cell(tmp_path, rail=True), stiffness=replace(K, external=(rail,)))
     made = compute_pose_plan(FEW, lambda _: None, cell)
@@ -70,7 +70,7 @@ def test_a_plan_says_that_the_rail_counts_as_rigid(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_arm_on_a_rail_is_measured_like_one_that_stands_there(tmp_path: Path) -> None:
+def test_arm_on_a_rail_is_measured_like_a_fixed_one(tmp_path: Path) -> None:
     """Places in world, weight and contacts are those of an arm that was built where the rail stands."""
     railed = replace(set_external_axis_positions(external_cell(tmp_path, rail=True), ("rail=400",)), stiffness=K)
     machine = load_machine(railed, load_robot(railed))

@@ -70,7 +70,7 @@ def bench() -> Bench:
     return Bench()
 
 
-def test_noncentrality_of_play_is_what_a_refit_leaves_of_it(bench: Bench) -> None:
+def test_noncentrality_of_backlash_equals_its_refit_residual(bench: Bench) -> None:
     steps = (0.3, 1.0)
     t, rows, j = bench.turning(steps), bench.design.readings, 2
     pose = bench.cases.pose[rows]
@@ -90,7 +90,7 @@ def test_noncentrality_of_play_is_what_a_refit_leaves_of_it(bench: Bench) -> Non
     )
 
 
-def test_one_size_of_load_hides_play_that_two_show(bench: Bench) -> None:
+def test_one_load_size_hides_backlash_that_two_show(bench: Bench) -> None:
     rows = bench.design.readings.tolist()
     twice, both = (
         bench.turning((1.0, 1.0)).compute_backlash_noncentrality(rows),
@@ -100,7 +100,7 @@ def test_one_size_of_load_hides_play_that_two_show(bench: Bench) -> None:
     assert both[1] == pytest.approx(0.0, abs=1e-6)  # and joint 2's weight is turned round by none of these
 
 
-def test_loads_are_exchanged_until_play_shows_at_a_small_price(bench: Bench) -> None:
+def test_loads_are_exchanged_until_backlash_is_observable(bench: Bench) -> None:
     t = bench.turning((0.25, 1.0))
     found = exchange_loads_for_reversal(bench.design, bench.cases, t, bench.problem)
     before, after = (t.value(d.readings.tolist()) for d in (bench.design, found))
@@ -117,14 +117,14 @@ def test_loads_are_exchanged_until_play_shows_at_a_small_price(bench: Bench) -> 
     assert (load.max(axis=0) > 0.0).all()
 
 
-def test_the_smaller_size_is_the_jobs(bench: Bench) -> None:
+def test_smaller_size_is_that_of_the_job(bench: Bench) -> None:
     def smaller(low: float) -> float:
         return compute_load_steps(ProcessLoads(force=(low, 1000.0)), bench.cases)[0]
 
     assert [smaller(f) for f in (0.0, 300.0, 900.0)] == [0.2, 0.3, 0.5]
 
 
-def test_what_would_not_show_is_said_of_joints_that_the_job_turns(bench: Bench) -> None:
+def test_unobservable_effects_of_job_joints_are_reported(bench: Bench) -> None:
     t = bench.turning((0.25, 1.0))
     hidden = replace(t, backlash_information=t.backlash_information * 0.0, cross=t.cross * 0.0)
     torque = np.array([[-1.0, 2.0, -1.0, -1.0, 1.0, 1.0], [1.0, 3.0, 1.0, 1.0, 2.0, 2.0]])
@@ -143,7 +143,7 @@ def planned(out: Path, **more: Any) -> PlanPosesResult:
     return run_plan_poses(PosesRequest(cell=CELL, out=out, pull_N=(500.0, 1000.0), **(usual | more)))
 
 
-def test_a_range_of_forces_gives_two_rows_a_cycle(tmp_path: Path) -> None:
+def test_force_range_gives_two_rows_per_cycle(tmp_path: Path) -> None:
     done = planned(tmp_path / "out", force_N=(250.0, 800.0))
     told = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert told["job"]["steps"] == [0.25, 1.0]
@@ -183,7 +183,7 @@ def test_both_sizes_count_as_readings_and_only_full_loads_are_compared(
 
 
 @pytest.mark.slow
-def test_a_toolpath_says_what_the_job_turns_round(tmp_path: Path) -> None:
+def test_toolpath_gives_the_torque_reversals_of_the_job(tmp_path: Path) -> None:
     quick = ("collision=false", "rotation_step_deg=30")
     planned(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=quick)
     told = json.loads((tmp_path / "out" / "plan.json").read_text())
@@ -194,13 +194,13 @@ def test_a_toolpath_says_what_the_job_turns_round(tmp_path: Path) -> None:
     assert "panel_holes.csv" in (tmp_path / "out" / "manifest.json").read_text()
 
 
-def test_each_load_at_one_size_is_said(tmp_path: Path) -> None:
+def test_single_size_of_a_load_is_reported(tmp_path: Path) -> None:
     done = planned(tmp_path / "out")
     assert any("--force-N" in w for w in done.result.warnings)
     assert not any("at one size" in w for w in planned(tmp_path / "two", force_N=(200.0,)).result.warnings)
 
 
-def test_what_cannot_be_meant_is_refused(tmp_path: Path) -> None:
+def test_invalid_request_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="least and the largest process force"):
         planned(tmp_path / "out", force_N=(-1.0, 5.0))
     free = ("force_N={travel: 0, normal: 0, axial: 0}",)

@@ -83,7 +83,7 @@ def process_columns(n: int) -> ProcessColumns:
 
 
 @pytest.mark.parametrize("prismatic", [(), (True,), (False, True)])
-def test_a_trajectory_comes_back_as_it_went(tmp_path: Path, prismatic: tuple[bool, ...]) -> None:
+def test_trajectory_is_read_back_unchanged(tmp_path: Path, prismatic: tuple[bool, ...]) -> None:
     t = smooth_motion(200, external=len(prismatic))
     labels = ("drill, ø6", 'face "A"')
     write_trajectory_csv(tmp_path / "t.csv", t, labels, prismatic)
@@ -102,7 +102,7 @@ def test_a_trajectory_comes_back_as_it_went(tmp_path: Path, prismatic: tuple[boo
     np.testing.assert_allclose(np.diff(back.time), 0.012, atol=1e-13, rtol=0)
 
 
-def test_columns_are_the_contracts(tmp_path: Path) -> None:
+def test_columns_are_those_of_the_contract(tmp_path: Path) -> None:
     write_trajectory_csv(tmp_path / "t.csv", smooth_motion(10, external=2), ("a", "b"), (True, False))
     write_points_csv(tmp_path / "p.csv", points_table(3))
     q = ",".join(f"q{i}_deg" for i in range(1, 7))
@@ -119,7 +119,7 @@ def test_columns_are_the_contracts(tmp_path: Path) -> None:
     assert ",1500.0000,400.0000,0.1000000,," in rows[0]
 
 
-def test_added_columns_stand_last_and_only_where_there_is_something(tmp_path: Path) -> None:
+def test_additional_columns_are_last_and_only_where_needed(tmp_path: Path) -> None:
     table = replace(
         points_table(3),
         deflection_std=np.array([1e-6, np.nan, 2e-6]),
@@ -140,7 +140,7 @@ def test_added_columns_stand_last_and_only_where_there_is_something(tmp_path: Pa
 
 
 @pytest.mark.parametrize("prismatic", [(), (True, False, True)])
-def test_tables_are_as_their_published_rows_say(tmp_path: Path, prismatic: tuple[bool, ...]) -> None:
+def test_tables_agree_with_their_published_schema(tmp_path: Path, prismatic: tuple[bool, ...]) -> None:
     """Every column that is written has its description, in that order, and every row fits the schema."""
     n, E = 4, len(prismatic)
     table = replace(
@@ -187,7 +187,7 @@ def test_third_differences_survive_the_rounding(tmp_path: Path) -> None:
     assert np.abs(printed - exact).max() < 8 * 0.51e-9 / 0.012**3  # 2.4e-3 deg/s³; coefficients 1 3 3 1
 
 
-def test_an_odd_sample_time_gets_more_decimals(tmp_path: Path) -> None:
+def test_unusual_sample_time_gets_more_decimals(tmp_path: Path) -> None:
     t = smooth_motion(50, dt=1 / 240)
     write_trajectory_csv(tmp_path / "t.csv", t, ("a", "b"))
     np.testing.assert_allclose(read_trajectory_csv(tmp_path / "t.csv").trajectory.time, t.time, atol=1e-9, rtol=0)
@@ -214,7 +214,7 @@ def test_writing_is_deterministic(tmp_path: Path) -> None:
         (lambda s: s.split("\n")[0], "found no rows"),
     ],
 )
-def test_a_broken_file_is_refused_with_its_place(tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
+def test_broken_file_is_refused_with_its_place(tmp_path: Path, change, message: str) -> None:  # type: ignore[no-untyped-def]
     file = tmp_path / "t.csv"
     write_trajectory_csv(file, smooth_motion(20), ("a", "b"))
     file.write_text(change(file.read_text()))
@@ -231,13 +231,13 @@ def test_bom_crlf_and_comments_are_accepted(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_trajectory_csv(file).trajectory.q, plain.q)
 
 
-def test_an_external_axis_without_a_kind_is_a_bug(tmp_path: Path) -> None:
+def test_external_axis_without_a_kind_is_an_internal_error(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="1 external axes but 0"):
         write_trajectory_csv(tmp_path / "t.csv", smooth_motion(5, external=1), ("a", "b"))
     with pytest.raises(ValueError, match="external axes"):
         write_points_csv(tmp_path / "p.csv", replace(points_table(3), external=np.zeros((3, 1))))
 
 
-def test_json_refuses_what_it_cannot_say(tmp_path: Path) -> None:
+def test_json_refuses_unrepresentable_values(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="set has no JSON form"):
         write_json(tmp_path / "x.json", {"a": {1, 2}})

@@ -20,7 +20,7 @@ from machopt.planning.external_axis_optimization.single_toolpath_planning import
 from machopt.planning.motion.trajectory_builder import build_timeline
 
 
-def test_a_step_is_done_again_only_where_an_input_differs() -> None:
+def test_step_is_repeated_only_where_an_input_differs() -> None:
     made: list[float] = []
 
     def of(values: np.ndarray, options: PlanOptions, model: object) -> np.ndarray:
@@ -58,7 +58,7 @@ def drilled(path: Toolpath) -> Toolpath:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rail", [False, True])
-def test_a_plan_from_kept_results_is_the_plan_made_alone(tmp_path: Path, *, rail: bool) -> None:
+def test_plan_from_cached_results_equals_a_new_one(tmp_path: Path, *, rail: bool) -> None:
     """A pin in one of six holes, or of four slots: with a rail, places of the other slots are not judged again."""
     path = apart(toolpath(slots(-0.3, -0.1, 0.1, 0.3), feed=0.05)) if rail else drilled(ring(holes=6))
     options = replace(VALUES, collision=not rail, external=VALUES.external if rail else ())

@@ -81,7 +81,7 @@ def at_point(path: PlanningPath, k: int) -> int:
 
 @settings(max_examples=scale_example_count(30), deadline=None, derandomize=not NIGHTLY)
 @given(st.integers(1, 40), st.integers(0, 1000))
-def test_every_toolpath_point_is_there_once_and_in_order(n: int, seed: int) -> None:
+def test_every_toolpath_point_is_present_once_in_order(n: int, seed: int) -> None:
     tp = swaying(n, seed)
     path = build_planning_path(tp)
     np.testing.assert_array_equal(path.index[path.is_point], np.arange(n))
@@ -110,7 +110,7 @@ def test_every_toolpath_point_is_there_once_and_in_order(n: int, seed: int) -> N
         assert (path.run[a : b + 1] == r).all()
 
 
-def test_length_and_time_count_what_is_not_rapid() -> None:
+def test_length_and_time_count_all_but_rapid_moves() -> None:
     path = build_planning_path(toolpath(square()))
     assert path.s[-1] == pytest.approx(0.05 + 0.4 + 0.05)
     assert path.time[-1] == pytest.approx((0.05 + 0.4 + 0.05) / 0.02)
@@ -120,7 +120,7 @@ def test_length_and_time_count_what_is_not_rapid() -> None:
 
 
 @pytest.mark.parametrize("stations", [1500, 60])
-def test_weights_are_the_length_cut(stations: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_weights_equal_the_cut_length(stations: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(path_station_selection, "ALL_STATIONS", stations)
     monkeypatch.setattr(path_station_selection, "MAX_STATIONS", stations)
     rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0.0), UP, A)]
@@ -147,7 +147,7 @@ def test_weights_are_the_length_cut(stations: int, monkeypatch: pytest.MonkeyPat
     np.testing.assert_allclose(touches.weight, [0.5, 0, 0.5])
 
 
-def test_corners_and_ends_of_cuts_get_points_around_them_where_asked() -> None:
+def test_corners_and_cut_ends_get_additional_points_on_request() -> None:
     tp = toolpath(square())
     plain, dense = build_planning_path(tp), build_planning_path(tp, corners=0.002)
     added = np.setdiff1d(dense.index, plain.index)
@@ -164,7 +164,7 @@ def test_corners_and_ends_of_cuts_get_points_around_them_where_asked() -> None:
     assert len(build_planning_path(short, corners=0.001).index) == 5  # half-way; what would lie on a point is not added
 
 
-def test_one_point_and_repeated_points_are_paths_too() -> None:
+def test_single_and_repeated_points_are_valid_paths() -> None:
     one = build_planning_path(toolpath([((0, 0, 0), UP, C)]))
     assert len(one.index) == 1
     assert one.runs == ((0, 0),)
@@ -178,7 +178,7 @@ def test_one_point_and_repeated_points_are_paths_too() -> None:
 # --- direction of travel and gamma -------------------------------------------------------------------------
 
 
-def test_travel_is_outgoing_and_a_plunge_takes_that_of_the_cut_it_serves() -> None:
+def test_travel_is_outgoing_and_a_plunge_uses_that_of_its_cut() -> None:
     path = build_planning_path(toolpath(square()))
     expected = {0: (1, 0, 0), 1: (1, 0, 0), 2: (0, 1, 0), 3: (-1, 0, 0), 4: (0, -1, 0), 5: (0, -1, 0), 6: (0, -1, 0)}
     for k, direction in expected.items():
@@ -200,14 +200,14 @@ def test_travel_is_normal_to_an_inclined_tool() -> None:
     np.testing.assert_allclose(np.linalg.norm(path.travel, axis=1), 1, atol=1e-12)
 
 
-def test_plunge_tolerates_one_degree_and_not_two() -> None:
+def test_plunge_tolerance_is_between_one_and_two_degrees() -> None:
     for angle, expected in ((0.9, True), (2.0, False)):
         x = 0.01 * np.tan(np.radians(angle))
         path = build_planning_path(toolpath([((0, 0, 0.01), UP, R), ((x, 0, 0), UP, C), ((0.05, 0, 0), UP, C)]))
         assert bool(path.plunge[at_point(path, 1)]) is expected
 
 
-def test_gamma_zero_is_travel_for_milling_and_workpiece_x_for_holes() -> None:
+def test_reference_is_travel_for_milling_and_workpiece_x_for_holes() -> None:
     milling = build_planning_path(toolpath(square()))
     R0 = compute_tool_rotation(milling.axis, milling.reference, -milling.offset)  # gamma = 0
     np.testing.assert_allclose(R0[:, :, 0], milling.travel, atol=1e-12)
@@ -225,7 +225,7 @@ def test_gamma_zero_is_travel_for_milling_and_workpiece_x_for_holes() -> None:
 
 @settings(max_examples=scale_example_count(40), deadline=None, derandomize=not NIGHTLY)
 @given(st.integers(2, 30), st.integers(0, 1000), st.floats(-3, 3))
-def test_phi_about_the_carried_reference_is_gamma_about_the_natural_one(n: int, seed: int, phi: float) -> None:
+def test_phi_about_the_transported_reference_equals_gamma_about_the_natural_one(n: int, seed: int, phi: float) -> None:
     path = build_planning_path(swaying(n, seed))
     every = np.arange(len(path.index), dtype=np.int32)
     poses = compute_tcp_poses(path, every, np.full(len(every), phi))
@@ -237,7 +237,7 @@ def test_phi_about_the_carried_reference_is_gamma_about_the_natural_one(n: int, 
     np.testing.assert_allclose(two, np.broadcast_to(poses[:3, None], two.shape), atol=1e-15)
 
 
-def test_constant_phi_does_not_turn_the_tool_about_itself() -> None:
+def test_constant_phi_does_not_rotate_the_tool_about_itself() -> None:
     """Carried by minimal rotation: from one planning point to the next there is no rotation about the tool axis."""
     path = build_planning_path(swaying(30, 3))
     every = np.arange(len(path.index), dtype=np.int32)
@@ -251,7 +251,7 @@ def test_constant_phi_does_not_turn_the_tool_about_itself() -> None:
             assert abs(twist @ path.axis[p + 1]) < 1e-9
 
 
-def test_a_closed_contour_turns_gamma_once_round_and_phi_not_at_all() -> None:
+def test_closed_contour_turns_gamma_once_and_phi_not_at_all() -> None:
     path = build_planning_path(toolpath(square()))
     corner = [path.offset[at_point(path, k)] for k in (1, 2, 3, 4)]
     # TCP z points down: a left turn of the path is a negative turn about it, so gamma grows against the fixed tool
@@ -260,7 +260,7 @@ def test_a_closed_contour_turns_gamma_once_round_and_phi_not_at_all() -> None:
     np.testing.assert_allclose(path.reference, np.broadcast_to([1.0, 0, 0], path.reference.shape), atol=1e-12)
 
 
-def test_the_files_own_reference_wins() -> None:
+def test_reference_of_the_file_takes_precedence() -> None:
     rows = square()
     own = np.tile([0.0, 1.0, 0.2], (len(rows), 1))
     path = build_planning_path(toolpath(rows, reference=own))
@@ -268,7 +268,7 @@ def test_the_files_own_reference_wins() -> None:
     np.testing.assert_allclose(R0[:, :, 0], np.broadcast_to([0.0, 1, 0], (len(R0), 3)), atol=1e-9)
 
 
-def test_a_reference_along_the_tool_axis_does_not_spoil_the_path() -> None:
+def test_reference_along_the_tool_axis_falls_back_to_the_natural_one() -> None:
     """It names no direction; the natural one holds there (a NaN would make every rotation unreachable)."""
     rows = square()
     own = np.tile([0.0, 1.0, 0.0], (len(rows), 1))
@@ -281,7 +281,7 @@ def test_a_reference_along_the_tool_axis_does_not_spoil_the_path() -> None:
 # --- stations ----------------------------------------------------------------------------------------------
 
 
-def test_dense_paths_are_decimated_evenly_with_the_ends_of_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dense_paths_are_thinned_evenly_with_the_ends_of_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(path_station_selection, "ALL_STATIONS", 60)
     monkeypatch.setattr(path_station_selection, "MAX_STATIONS", 60)
     rows: Rows = []
@@ -303,7 +303,7 @@ def test_dense_paths_are_decimated_evenly_with_the_ends_of_every_run(monkeypatch
     np.testing.assert_array_equal(short.stations, np.arange(len(short.index)))
 
 
-def test_stations_follow_detail_and_not_a_count() -> None:
+def test_stations_follow_detail_not_a_count() -> None:
     def straight(length: float, points: int) -> Rows:
         return [((0, 0, 0.02), UP, R)] + [((x, 0, 0.0), UP, C) for x in np.linspace(0, length, points)]
 
@@ -331,7 +331,7 @@ def test_rounded_coordinates_are_no_bends() -> None:
     )
 
 
-def test_a_path_with_more_detail_than_there_is_room_for_keeps_its_proportions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_path_with_too_much_detail_keeps_its_proportions(monkeypatch: pytest.MonkeyPatch) -> None:
     rows: Rows = [((0, 0, 0.02), UP, R)] + [((x, 0, 0.0), UP, C) for x in np.linspace(0, 1.0, 3000)]
     rows += [((1.0 + 0.005 * np.sin(a), 0.005 - 0.005 * np.cos(a), 0.0), UP, C) for a in np.linspace(0, 6, 3000)]
     every = build_planning_path(toolpath(rows)).stations
@@ -341,7 +341,7 @@ def test_a_path_with_more_detail_than_there_is_room_for_keeps_its_proportions(mo
     assert (few > 3000).mean() == pytest.approx((every > 3000).mean(), abs=0.05)
 
 
-def test_points_put_into_a_late_segment_are_no_toolpath_points() -> None:
+def test_points_inserted_late_in_a_path_are_no_toolpath_points() -> None:
     """An index of 30,000 has fractions of its own: whether a point is the toolpath's is not a relative question."""
     near = [((1e-5 * k, 0.0, 0.0), UP, C) for k in range(30_000)]
     path = build_planning_path(toolpath([((0.0, 0.0, 0.05), UP, R), *near, ((0.4, 0.0, 0.0), UP, C)]))
@@ -351,7 +351,7 @@ def test_points_put_into_a_late_segment_are_no_toolpath_points() -> None:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 5)), min_size=1, max_size=30))
-def test_a_point_without_a_direction_takes_the_next_of_its_run_else_the_one_before(
+def test_point_without_direction_uses_the_next_or_previous_of_its_run(
     points: list[tuple[bool, int]],
 ) -> None:
     """Against the definition, point by point; a zero in six begins a run."""

@@ -71,7 +71,7 @@ def pass_over_block(n: int = 9, z: float = 0.01) -> Rows:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_chosen_is_never_worse_than_jiao2022_or_the_cam_default(case: str) -> None:
+def test_chosen_plan_is_never_worse_than_jiao2022_or_the_cam_default(case: str) -> None:
     p = planned(case)
     total = p.chosen.objective.total
     assert np.isfinite(total)
@@ -84,7 +84,7 @@ def test_chosen_is_never_worse_than_jiao2022_or_the_cam_default(case: str) -> No
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_objective_is_its_definition(case: str) -> None:
+def test_objective_equals_its_definition(case: str) -> None:
     """Recomputed from the joints alone: mean and worst index, travel and rotation by run, time lost to slow axes."""
     p = planned(case)
     a, w, path, d = p.chosen.assignment, p.options.weights, p.path, p.directions
@@ -144,7 +144,7 @@ def test_objective_is_its_definition(case: str) -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_configurations_are_exact_within_limits_and_clear_of_singularities(case: str) -> None:
+def test_configurations_are_exact_within_limits_and_away_from_singularities(case: str) -> None:
     p = planned(case)
     a, arm = p.chosen.assignment, p.setup.arm
     every = np.arange(len(p.path.index), dtype=np.int32)
@@ -203,7 +203,7 @@ def test_fixed_rotation_holds_at_its_point_and_bounds_everywhere(tmp_path: FileP
     assert (g <= high + np.radians(0.3)).all()
 
 
-def test_methods_plan_what_they_are_called() -> None:
+def test_methods_plan_as_named() -> None:
     cell, tp = load_cell(ROOT / "cells" / "kr240_drilling"), read_toolpath(ROOT / "toolpaths" / "panel_holes.csv")
     for method, source in (("jiao2022", "jiao2022"), ("default", "cam default")):
         p = plan_path(cell, tp, PlanOptions(collision=False, method=method))  # type: ignore[arg-type]
@@ -234,7 +234,7 @@ def test_unreachable_points_are_named_with_the_missing_length(tmp_path: FilePath
     assert (p.chosen.assignment.reason[p.path.index < 10] == InfeasibilityReason.OK).all()
 
 
-def test_points_outside_the_users_range_or_margins_say_so(tmp_path: FilePath) -> None:
+def test_points_outside_user_range_or_margins_are_reported(tmp_path: FilePath) -> None:
     p = small_job(tmp_path, pass_over_block(), replace(FREE, singularity_wrist=np.radians(89.0)))
     assert len(p.missing) == len(p.path.index)  # and a plan without a single answer is still a plan
     assert (p.chosen.assignment.reason == InfeasibilityReason.SINGULAR_WRIST).all()
@@ -243,7 +243,7 @@ def test_points_outside_the_users_range_or_margins_say_so(tmp_path: FilePath) ->
     assert all("outside the given rotation range" in s for s in explain_points(narrow).values())
 
 
-def test_a_wall_around_the_work_is_a_collision_with_its_name(tmp_path: FilePath) -> None:
+def test_wall_around_the_work_is_a_named_collision(tmp_path: FilePath) -> None:
     lid = CollisionShape(name="lid", kind="box", size=(0.6, 0.6, 0.02), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.7))
     p = small_job(tmp_path, pass_over_block(), PlanOptions(), obstacles=(lid,))
     assert len(p.missing) > 0
@@ -252,7 +252,7 @@ def test_a_wall_around_the_work_is_a_collision_with_its_name(tmp_path: FilePath)
     assert any("lid" in t or "collide" in t for t in texts), texts
 
 
-def test_tool_parallel_to_axis_6_is_told(tmp_path: FilePath) -> None:
+def test_tool_parallel_to_axis_6_is_reported(tmp_path: FilePath) -> None:
     p = small_job(tmp_path, pass_over_block())
     assert any(
         "from axis 6" in h and "joint 6" in h for h in list_hints(p)
@@ -263,7 +263,7 @@ def test_tool_parallel_to_axis_6_is_told(tmp_path: FilePath) -> None:
         assert not any("from axis 6" in h for h in list_hints(planned(case)))
 
 
-def test_points_outside_the_stiffness_grid_are_told(tmp_path: FilePath) -> None:
+def test_points_outside_the_stiffness_grid_are_reported(tmp_path: FilePath) -> None:
     grid = load_stiffness(ROOT / "cells" / "kr500_milling" / "stiffness_two_grid.yaml")
     p = small_job(tmp_path, pass_over_block(), stiffness=grid)
     assert any("100 % of the cutting points lie outside" in h for h in list_hints(p))
@@ -272,7 +272,7 @@ def test_points_outside_the_stiffness_grid_are_told(tmp_path: FilePath) -> None:
     assert not any("stiffness grid" in h for h in list_hints(inside))
 
 
-def test_a_cell_that_cannot_be_planned_is_refused(tmp_path: FilePath) -> None:
+def test_unplannable_cell_is_refused(tmp_path: FilePath) -> None:
     cell = small_cell(tmp_path)
     with pytest.raises(InputError, match="no stiffness file"):
         prepare_planning(cell, FREE)

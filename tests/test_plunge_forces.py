@@ -92,7 +92,7 @@ JOBS = {
 
 @pytest.mark.parametrize("name", list(JOBS))
 @pytest.mark.parametrize("turns", [False, True])
-def test_moves_whose_end_removes_material_have_no_force(tmp_path: Path, name: str, turns: bool) -> None:
+def test_moves_that_remove_material_with_their_end_have_no_force(tmp_path: Path, name: str, turns: bool) -> None:
     points, wanted = JOBS[name]
     axes = None
     if turns:  # the last move ends in the air, and turns the axis there
@@ -105,13 +105,13 @@ def test_moves_whose_end_removes_material_have_no_force(tmp_path: Path, name: st
 
 
 @pytest.mark.parametrize(("corner", "wanted"), [(0.0, [2]), (2.0, [2]), (8.5, [2])])
-def test_every_shape_of_cutter_plunges_without_a_force(tmp_path: Path, corner: float, wanted: list[int]) -> None:
+def test_every_cutter_shape_plunges_without_a_force(tmp_path: Path, corner: float, wanted: list[int]) -> None:
     segments = attach(*write_job(tmp_path, np.concatenate([PLUNGE, LEVEL[1:]]), corner=corner))
     assert find_unknown(segments) == wanted
     assert all(check.passed for check in check_stock_contact(segments))
 
 
-def test_a_given_force_holds_on_a_plunge(tmp_path: Path) -> None:
+def test_given_force_applies_to_a_plunge(tmp_path: Path) -> None:
     given = (
         "operations:\n  default: {kind: force, force_N: {travel: -80, normal: 150, axial: 40}, spread_percent: 20}\n"
     )
@@ -124,7 +124,7 @@ def test_a_given_force_holds_on_a_plunge(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["plunge", "ramp"])
-def test_wrong_forces_of_plunges_fail_against_exact_shapes(tmp_path: Path, name: str) -> None:
+def test_wrong_plunge_forces_fail_against_exact_shapes(tmp_path: Path, name: str) -> None:
     points, wanted = JOBS[name]
     segment = attach(*write_job(tmp_path, points))[0]
     found = segment.toolpath.engagement
@@ -160,7 +160,7 @@ NUMBERS = ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm", "f_peak_N", "e
 SHOWN_FOR_PLUNGES = (*NUMBERS, "p_in_deflection_only", "feed_max_mm_min", "cause", "deflection_mm")
 
 
-def test_a_plunge_is_planned_with_an_unknown_outcome_and_verified(planned: tuple[Path, Path, Path]) -> None:
+def test_plunge_is_planned_with_an_unknown_outcome_and_verified(planned: tuple[Path, Path, Path]) -> None:
     cell, file, out = planned
     rows = read_points(out)
     for k in (4, 10):
@@ -177,7 +177,7 @@ def test_a_plunge_is_planned_with_an_unknown_outcome_and_verified(planned: tuple
 
 
 @pytest.mark.parametrize(("row", "value"), [(4, "0.0"), (6, "")])
-def test_a_stated_force_of_a_plunge_fails_the_verification(
+def test_stated_force_of_a_plunge_fails_the_verification(
     planned: tuple[Path, Path, Path], tmp_path: Path, row: int, value: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cell, file, out = planned
@@ -195,7 +195,7 @@ def test_a_stated_force_of_a_plunge_fails_the_verification(
     assert any("forces of plunges and ramps" in line for line in failed)
 
 
-def test_a_job_of_plunges_alone_is_refused_at_its_engagement(tmp_path: Path) -> None:
+def test_job_of_plunges_alone_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationKeyError) as caught:
         attach(*write_job(tmp_path, np.concatenate([PLUNGE, PLUNGE[::-1]])))
     assert caught.value.key == "engagement"
@@ -210,9 +210,7 @@ def read_cuts(folder: Path, count: int) -> Toolpath:
 
 @pytest.mark.parametrize("axis", [[0.0, 0.0, 1.0], [0.3, -0.2, 0.9]])
 @pytest.mark.parametrize("down", [0.005, 2.0])
-def test_descents_at_a_threshold_are_the_same_in_plan_and_verification(
-    tmp_path: Path, axis: list[float], down: float
-) -> None:
+def test_descents_at_a_threshold_agree_in_plan_and_verification(tmp_path: Path, axis: list[float], down: float) -> None:
     """Steps of 5 µm, or as far down as across, whatever the rounding of their coordinates."""
     a = np.array(axis) / np.linalg.norm(axis)
     u = np.cross(a, [0.6, 0.8, 0.0])
@@ -241,7 +239,7 @@ def test_descents_at_a_threshold_are_the_same_in_plan_and_verification(
 
 
 @pytest.mark.parametrize("depth", [0.3, 0.45, 0.8, 1.5])
-def test_shallow_passes_of_a_ball_agree_with_exact_shapes(tmp_path: Path, depth: float) -> None:
+def test_shallow_ball_passes_agree_with_exact_shapes(tmp_path: Path, depth: float) -> None:
     points = np.column_stack([np.arange(-75.0, -20.0, 9.0), np.zeros(7), np.full(7, -depth)])
     segments = attach(*write_job(tmp_path, points, corner=8.5))
     check = check_stock_contact(segments)[0]
@@ -249,7 +247,7 @@ def test_shallow_passes_of_a_ball_agree_with_exact_shapes(tmp_path: Path, depth:
     assert check.value < 0.5
 
 
-def test_a_ball_whose_axis_leans_forwards_and_backwards_agrees_with_exact_shapes(tmp_path: Path) -> None:
+def test_tilted_ball_cutter_agrees_with_exact_shapes(tmp_path: Path) -> None:
     """Leaning forwards, its lower end leaves the material: it cuts nothing behind it."""
     n = 10
     points = np.column_stack([np.linspace(-75.0, 15.0, n), np.zeros(n), np.full(n, -3.0)])

@@ -73,7 +73,7 @@ def test_only_moves_that_remove_material_have_a_thrust(tmp_path: Path) -> None:
     assert loads.bite[[2, 5, 8]] == pytest.approx(0.1e-3)
 
 
-def test_the_arm_bears_the_clamp_force_while_the_foot_presses(tmp_path: Path) -> None:
+def test_arm_carries_the_clamp_force_while_the_foot_presses(tmp_path: Path) -> None:
     pressed = HOLES.replace("depth_mm: 9", "depth_mm: 9, clamp_N: 5000")
     _, _, loads = bind(tmp_path, PECKED, pressed)
     assert loads.arm_force[8, 2] == 5000.0
@@ -84,7 +84,7 @@ def test_the_arm_bears_the_clamp_force_while_the_foot_presses(tmp_path: Path) ->
     assert any("foot lifts" in note for note in loads.notes)
 
 
-def test_a_peck_in_the_second_layer_has_its_material(tmp_path: Path) -> None:
+def test_peck_in_the_second_layer_has_its_material(tmp_path: Path) -> None:
     stack = HOLES.replace(
         "{material: al, thickness_mm: 20}", "{material: al, thickness_mm: 5}, {material: ti, thickness_mm: 9}"
     )
@@ -92,13 +92,13 @@ def test_a_peck_in_the_second_layer_has_its_material(tmp_path: Path) -> None:
     assert loads.force[5, 2] > 1.5 * loads.force[2, 2]
 
 
-def test_wear_counts_in_the_middle_of_its_range(tmp_path: Path) -> None:
+def test_wear_counts_at_the_middle_of_its_range(tmp_path: Path) -> None:
     _, _, new = bind(tmp_path, PECKED, HOLES)
     _, _, worn = bind(tmp_path, PECKED, HOLES.replace("depth_mm: 9", "depth_mm: 9, wear: [1.0, 2.0]"))
     assert worn.force[8, 2] == pytest.approx(1.5 * new.force[8, 2])
 
 
-def test_points_without_an_operation_keep_the_planning_option(tmp_path: Path) -> None:
+def test_points_without_an_operation_use_the_planning_option(tmp_path: Path) -> None:
     rows = PECKED + "\n60,0,5,0,0,1,rapid,,other\n60,0,-2,0,0,1,cut,300,other\n"
     _, toolpath, loads = bind(tmp_path, rows, HOLES)
     assert toolpath.process_operation is not None
@@ -118,13 +118,13 @@ def test_points_without_an_operation_keep_the_planning_option(tmp_path: Path) ->
         (HOLES.replace("spindle_rpm: 3000, ", ""), "spindle_rpm is missing"),
     ],
 )
-def test_what_does_not_fit_the_toolpath_is_refused(tmp_path: Path, operations: str, words: str) -> None:
+def test_inconsistent_toolpath_is_refused(tmp_path: Path, operations: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         bind(tmp_path, PECKED, operations)
     assert str(caught.value.file).endswith("process.yaml")
 
 
-def test_a_drill_needs_its_point_angle(tmp_path: Path) -> None:
+def test_drill_requires_its_point_angle(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="point_deg"):
         bind(tmp_path, PECKED, HOLES, CutterGeometry(0.006, 0.07))
 
@@ -143,7 +143,7 @@ ZIGZAG = HEADER + "\n".join(
 FACE = "  face: {kind: milling, material: al, spindle_rpm: 12000, ae_mm: 4, ap_mm: 2, cut: up, wear: [1, 1]}\n"
 
 
-def test_reversing_passes_alternate_between_up_and_down(tmp_path: Path) -> None:
+def test_reversing_passes_alternate_between_up_and_down_milling(tmp_path: Path) -> None:
     _, _, same = bind(tmp_path, ZIGZAG, FACE, MILL)
     assert same.side[1:].tolist() == [1, 1, 1, 1, 1]
     _, _, loads = bind(tmp_path, ZIGZAG, FACE.replace("cut: up", "cut: up, alternate: true"), MILL)
@@ -151,7 +151,7 @@ def test_reversing_passes_alternate_between_up_and_down(tmp_path: Path) -> None:
     assert loads.force[1, 1] != pytest.approx(loads.force[3, 1])
 
 
-def test_the_other_spindle_direction_mirrors_the_cut(tmp_path: Path) -> None:
+def test_reversed_spindle_mirrors_the_cut(tmp_path: Path) -> None:
     flat = replace(MILL, helix=radians(30))
     _, _, cw = bind(tmp_path, ZIGZAG, FACE, flat)
     _, _, ccw = bind(
@@ -213,7 +213,7 @@ CYCLES = {
 }
 
 
-def test_a_spindle_that_starts_again_has_its_speed(tmp_path: Path) -> None:
+def test_restarted_spindle_has_its_speed(tmp_path: Path) -> None:
     text = CYCLES["h.apt"].replace("RAPID\n", "SPINDL/OFF\nSPINDL/ON\nRAPID\n", 1)
     (tmp_path / "again.apt").write_text(text)
     toolpath = read_toolpath(tmp_path / "again.apt", unit="mm")
@@ -227,7 +227,7 @@ def test_a_spindle_that_starts_again_has_its_speed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", CYCLES)
-def test_the_depth_of_a_hole_comes_from_the_cycle_that_states_it(tmp_path: Path, name: str) -> None:
+def test_hole_depth_comes_from_the_cycle_that_states_it(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text(CYCLES[name])
     toolpath = read_toolpath(tmp_path / name, unit="mm")
     assert toolpath.hole_depth is not None

@@ -93,7 +93,7 @@ def read(file: Path, **options: object) -> Toolpath:
 
 
 @pytest.mark.parametrize("name", HOLES)
-def test_rows_that_could_be_holes_are_asked_for(tmp_path: Path, name: str) -> None:
+def test_ambiguous_rows_lead_to_a_question(tmp_path: Path, name: str) -> None:
     file = write(tmp_path, HOLES[name])
     with pytest.raises(InputError) as refused:
         read(file)
@@ -104,7 +104,7 @@ def test_rows_that_could_be_holes_are_asked_for(tmp_path: Path, name: str) -> No
 
 
 @pytest.mark.parametrize("name", PATHS)
-def test_rows_that_are_a_path_are_read_without_a_question(tmp_path: Path, name: str) -> None:
+def test_path_rows_are_read_without_a_question(tmp_path: Path, name: str) -> None:
     found = read(write(tmp_path, PATHS[name]))
     assert len(found) == len(PATHS[name])
     assert found.cutting.all()
@@ -121,7 +121,7 @@ def test_holes_of_one_operation_among_paths_are_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("by_option", [True, False])
-def test_each_row_of_holes_is_drilled_along_its_axis(tmp_path: Path, by_option: bool) -> None:
+def test_each_hole_is_drilled_along_its_axis(tmp_path: Path, by_option: bool) -> None:
     rows = HOLES["on a drum"]
     kind, tail = ("", ",6,4") if by_option else (",kind", ",6,4,holes")
     file = write(tmp_path, rows, ",depth_mm,approach_mm" + kind, tail)
@@ -165,7 +165,7 @@ def test_holes_and_path_in_one_table(tmp_path: Path) -> None:
         (",kind,move,depth_mm,approach_mm", ",holes,rapid,5,5", {}, "another kind"),
     ],
 )
-def test_what_contradicts_itself_is_refused(
+def test_contradictory_table_is_refused(
     tmp_path: Path, head: str, tail: str, options: dict[str, str], part: str
 ) -> None:
     file = write(tmp_path, PATHS["a dense line"], head, tail)
@@ -174,14 +174,14 @@ def test_what_contradicts_itself_is_refused(
     assert part in refused.value.reason
 
 
-def test_the_commands_take_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_accept_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write(tmp_path, HOLES["a grid"], ",depth_mm,approach_mm", ",5,5")
     assert main(["inspect", str(file), "--feed", "100"]) == 2
     assert "--kind" in capsys.readouterr().err
     assert main(["inspect", str(file), "--feed", "100", "--kind", "holes"]) == 0
 
 
-def test_the_shipped_tables_say_what_they_are() -> None:
+def test_shipped_tables_state_their_kind() -> None:
     for file in sorted((Path(__file__).resolve().parents[1] / "toolpaths").glob("*.csv")):
         assert len(read(file)) > 0
 
@@ -214,7 +214,7 @@ HARMLESS = (
 
 
 @pytest.mark.parametrize("column", MOVING)
-def test_a_column_that_may_move_points_stops_a_plan(tmp_path: Path, column: str) -> None:
+def test_unknown_column_that_may_move_points_stops_a_plan(tmp_path: Path, column: str) -> None:
     file = write(tmp_path, PATHS["a dense line"], f",{column}", ",1")
     with pytest.raises(InputError) as refused:
         refuse_unknown_words(read(file), file)

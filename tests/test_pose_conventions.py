@@ -88,7 +88,7 @@ def turn_body(q: np.ndarray) -> np.ndarray:
         (turn_body, "measured body"),
     ],
 )
-def test_quaternions_are_understood(registration: str, change, words: str) -> None:  # type: ignore[no-untyped-def]
+def test_quaternion_conventions_are_identified(registration: str, change, words: str) -> None:  # type: ignore[no-untyped-def]
     _, robot, T = built()
     right = poses(registration)
     assert right.quaternion is not None
@@ -100,7 +100,7 @@ def test_quaternions_are_understood(registration: str, change, words: str) -> No
     assert correct_quaternion_convention(right, robot, T) == (right, [])
 
 
-def test_a_tracker_of_its_own_is_not_base_link() -> None:
+def test_tracker_frame_differs_from_base_link() -> None:
     _, robot, T = built()
     right = poses()
     assert right.position is not None
@@ -115,7 +115,7 @@ def test_a_tracker_of_its_own_is_not_base_link() -> None:
 
 
 @pytest.mark.parametrize("offset_mm", [(12.0, -16.0, 0.0), (-20.0, 40.0, 40.0)])
-def test_a_tcp_that_is_elsewhere_is_found(offset_mm: tuple[float, float, float]) -> None:
+def test_displaced_tcp_is_found(offset_mm: tuple[float, float, float]) -> None:
     _, robot, T = built()
     right = poses()
     assert right.quaternion is not None
@@ -127,7 +127,7 @@ def test_a_tcp_that_is_elsewhere_is_found(offset_mm: tuple[float, float, float])
 
 
 @pytest.mark.parametrize("common", [True, False])
-def test_places_of_all_reflectors_are_solved_for(common: bool) -> None:
+def test_places_of_all_reflectors_are_estimated(common: bool) -> None:
     cell, robot, _ = built()
     right = poses("fit", reflectors=True)
     rng = np.random.default_rng(4)
@@ -142,7 +142,7 @@ def test_places_of_all_reflectors_are_solved_for(common: bool) -> None:
     assert correct_misplaced_reflectors(right, cell, robot, load_masses(cell)) == (right, [])
 
 
-def test_a_mirrored_tracker_is_no_mirrored_arm() -> None:
+def test_mirrored_tracker_is_no_mirrored_arm() -> None:
     _, robot, T = built()
     right = replace(poses(), quaternion=None)
     assert right.position is not None
@@ -151,7 +151,7 @@ def test_a_mirrored_tracker_is_no_mirrored_arm() -> None:
 
 
 @pytest.mark.parametrize("cause", ["target", "frame"])
-def test_a_session_without_common_poses_is_brought_to_the_others(cause: str) -> None:
+def test_session_without_common_poses_is_aligned_to_the_others(cause: str) -> None:
     cell, robot, T = built()
     right = replace(poses("fit"), quaternion=None)
     assert right.position is not None

@@ -52,7 +52,7 @@ def diagnose(folder: Path, recording: Recording) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", ["session", "cycle, pose by pose", "no label"])
-def test_the_answer_does_not_depend_on_the_label_of_the_repeats(name: str, tmp_path: Path) -> None:
+def test_result_does_not_depend_on_the_label_of_replicates(name: str, tmp_path: Path) -> None:
     found = diagnose(tmp_path, relabel(two_laps(soft=True), name))
     assert [(f["effect"], f["location"]) for f in found["findings"]] == [("base_compliance", "base")]
     assert found["verdict"] == "explained"
@@ -89,7 +89,7 @@ def poses_read_three_times(return_mm: float) -> Recording:
     )
 
 
-def test_readings_of_one_stay_are_no_replicates(tmp_path: Path) -> None:
+def test_readings_of_one_visit_are_no_replicates(tmp_path: Path) -> None:
     """Their shared error is no mismatch that comes back."""
     document = diagnose(tmp_path, poses_read_three_times(0.05))
     assert (document["verdict"], document["findings"]) == ("consistent", [])
@@ -97,7 +97,7 @@ def test_readings_of_one_stay_are_no_replicates(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("laps", [1, 2])
-def test_an_ordered_error_is_a_mismatch_though_no_time_is_stated(laps: int, tmp_path: Path) -> None:
+def test_ordered_error_is_a_mismatch_without_stated_time(laps: int, tmp_path: Path) -> None:
     """A drift of four times the stated uncertainty over one session, and the same errors in random order."""
     rng = np.random.default_rng(7)
     recording = poses_read_three_times(0.02)

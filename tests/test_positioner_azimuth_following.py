@@ -47,14 +47,16 @@ def test_tool_keeps_its_azimuth(drum: tuple[PlanningSetup, PlanningPath, list[Op
         assert e[:, 1].max() <= high
 
 
-def test_constants_are_spread_over_a_turn(drum: tuple[PlanningSetup, PlanningPath, list[OperationGroup]]) -> None:
+def test_constant_values_are_spread_over_one_turn(
+    drum: tuple[PlanningSetup, PlanningPath, list[OperationGroup]],
+) -> None:
     setup, path, groups = drum
     found = list_following_paths(setup, path, groups, [setup.cell.external_home for _ in groups])
     first = np.sort([e[0, 1] % (2 * np.pi) for e in found if np.ptp(e[:, 1]) > 3.0])
     np.testing.assert_allclose(np.diff(first), 2 * np.pi / AZIMUTHS, atol=1e-9)
 
 
-def test_a_joint_that_keeps_one_value_follows_nothing(
+def test_constant_joint_follows_nothing(
     drum: tuple[PlanningSetup, PlanningPath, list[OperationGroup]],
 ) -> None:
     setup, path, groups = drum

@@ -44,14 +44,14 @@ def add(folder: Path, text: str) -> Path:
     return folder
 
 
-def test_a_cell_without_controller_knows_nothing(folder: Path) -> None:
+def test_cell_without_controller_has_defaults(folder: Path) -> None:
     c = load_cell(folder).controller
     assert c.post is None  # and no maker is assumed
     assert (c.joint_map, c.T_base_root, c.T_flange_mount, c.tool_number, c.base_number, c.nonflip_j5) == (None,) * 6
     assert c.lines == {}
 
 
-def test_all_keys_are_taken(folder: Path) -> None:
+def test_all_keys_are_read(folder: Path) -> None:
     c = load_cell(add(folder, CONTROLLER)).controller
     assert c.joint_map is not None
     np.testing.assert_array_equal(c.joint_map.sign, [-1, 1, 1, -1, 1, -1])
@@ -66,7 +66,7 @@ def test_all_keys_are_taken(folder: Path) -> None:
     assert c.lines == {"spindle_on": "SPINDLE(@{value:.0f})", "coolant_off": "$OUT[4]=FALSE"}
 
 
-def test_a_post_of_its_own_lies_in_the_cell_folder(folder: Path) -> None:
+def test_custom_post_is_read_from_the_cell_folder(folder: Path) -> None:
     (folder / "mine.toml").write_text(read_post_text("rapid"), encoding="utf-8")
     cell = load_cell(add(folder, "controller: {post: mine.toml}\n"))
     assert cell.controller.post == str(folder / "mine.toml")

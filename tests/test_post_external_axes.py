@@ -95,7 +95,7 @@ def written(folder: Path, cell: Cell, post: str, c: RobotController, p: RobotPro
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("post", POSTS)
-def test_values_and_frames_come_back(tmp_path: Path, post: str, kind: str) -> None:
+def test_values_and_frames_are_read_back(tmp_path: Path, post: str, kind: str) -> None:
     cell = external_cell(tmp_path, **KINDS[kind])
     arm, c, p = UrdfKinematics(cell), controller(cell), program(cell)
     parsed = written(tmp_path, cell, post, c, p)
@@ -111,7 +111,7 @@ def test_values_and_frames_come_back(tmp_path: Path, post: str, kind: str) -> No
         np.testing.assert_allclose(parsed.T_base_tcp[lines], p.T_workpiece_tcp[lines], atol=2e-7)
 
 
-def test_words_of_each_maker(tmp_path: Path) -> None:
+def test_programs_have_the_words_of_each_maker(tmp_path: Path) -> None:
     """What couples the axes, as public programs of each maker have it."""
     both = external_cell(tmp_path, rail=True, table=True)
     c = controller(both)
@@ -148,7 +148,7 @@ def test_pulses_of_base_and_station(tmp_path: Path) -> None:
     np.testing.assert_allclose(found * unit, p.external * unit, atol=0.51 / 878.0, rtol=0)
 
 
-def test_on_a_rail_alone_the_base_lies_in_world(tmp_path: Path) -> None:
+def test_base_on_a_rail_alone_is_in_world(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
     c = controller(cell)
     parsed = written(tmp_path, cell, "krl", c)
@@ -160,7 +160,7 @@ def test_on_a_rail_alone_the_base_lies_in_world(tmp_path: Path) -> None:
     assert any("controller.external.rail" in t for t in told)
 
 
-def test_what_a_frame_that_rides_or_stands_wrongly_is_told(tmp_path: Path) -> None:
+def test_wrong_or_moving_frame_is_reported(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, table=True)
     c = controller(cell)
     written(tmp_path, cell, "rapid", c)
@@ -175,7 +175,7 @@ def test_what_a_frame_that_rides_or_stands_wrongly_is_told(tmp_path: Path) -> No
     assert "is at rest, the workpiece is carried" in found[0]
 
 
-def test_languages_without_external_axes(tmp_path: Path) -> None:
+def test_languages_without_external_axes_refuse(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
     p = program(cell)
     with pytest.raises(InputError, match=r"URScript has no external axes.*rail"):
@@ -187,7 +187,7 @@ def test_languages_without_external_axes(tmp_path: Path) -> None:
         write_program(tmp_path, "PART", program(table), "jbi_rectan", controller(table))
 
 
-def test_val3_says_where_the_rail_must_stand(tmp_path: Path) -> None:
+def test_val3_states_the_required_rail_position(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
     stood = np.full((7, 1), 0.8)
     arm, p = UrdfKinematics(cell), program(cell)
@@ -202,7 +202,7 @@ def test_val3_says_where_the_rail_must_stand(tmp_path: Path) -> None:
     assert find_wrong_frames(parsed, controller(cell), given, cell.tool.T_flange_tcp, rides=False) == []
 
 
-def test_who_carries_what(tmp_path: Path) -> None:
+def test_frames_follow_the_carrying_axis(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True, tilt=True)
     assert [(a.joint, a.slides, a.carries_part) for a in list_external_axes(cell)] == [
         ("rail", True, False),

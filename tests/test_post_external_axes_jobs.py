@@ -60,7 +60,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 
 @pytest.mark.parametrize("post", POSTS)
-def test_every_maker(tmp_path: Path, job: Job, post: str) -> None:
+def test_every_maker_writes_external_axes(tmp_path: Path, job: Job, post: str) -> None:
     found = job.posted(tmp_path / "out", post)
     assert found.differences == ()
     assert found.get_verdict("external axes at targets") is True
@@ -93,7 +93,9 @@ DAMAGES: list[tuple[str, str, Callable[[str], str], str]] = [
 
 
 @pytest.mark.parametrize(("post", "damage", "change", "told"), DAMAGES, ids=[d[1] for d in DAMAGES])
-def test_damages(tmp_path: Path, job: Job, post: str, damage: str, change: Callable[[str], str], told: str) -> None:
+def test_damages_are_detected(
+    tmp_path: Path, job: Job, post: str, damage: str, change: Callable[[str], str], told: str
+) -> None:
     sound = job.posted(tmp_path / "out", post)
     file = tmp_path / "out" / sound.program.files[0]
     text = file.read_bytes().decode()

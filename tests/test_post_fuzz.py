@@ -63,7 +63,7 @@ def ls(line: str, position: str = "", more: str = "") -> str:
         ("a.txt", "hello\n", "not recognised as a robot program; readable are"),
     ],
 )
-def test_refusals_say_where_and_what_would_work(tmp_path: Path, name: str, text: str, message: str) -> None:
+def test_refusals_state_place_and_accepted_values(tmp_path: Path, name: str, text: str, message: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message) as caught:
         read_program(tmp_path / name)
@@ -99,7 +99,7 @@ def test_arcs_become_chords(tmp_path: Path) -> None:
         assert (np.diff(turn) > 0).all()  # turns evenly along the arc
 
 
-def test_a_program_follows_its_calls_and_data(tmp_path: Path) -> None:
+def test_program_follows_its_calls_and_data(tmp_path: Path) -> None:
     """Arrays in a data list, a loop over them, a component changed, a call into another file, a numbered frame."""
     (tmp_path / "job.src").write_text(
         "&ACCESS RVP\nDEF job( )\nINT n\nBAS(#BASE,3)\nBAS(#VEL_CP,0.2)\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 30,A6 0}\n"
@@ -138,7 +138,7 @@ ROS = "joint_names: [a, b, c, d, e, f]\npoints:\n  # move: cut\n" + "".join(f"  
         ROS.replace("0.1, -0.2", "\n      0.1, -0.2"),
     ],
 )
-def test_a_trajectory_is_the_same_however_its_yaml_is_laid_out(tmp_path: Path, text: str) -> None:
+def test_trajectory_does_not_depend_on_yaml_layout(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.yaml").write_text(text)
     parsed = read_program(tmp_path / "a.yaml")
     np.testing.assert_allclose(np.radians(parsed.axes_deg), [[0.1, -0.2, 0.3, 0, 0.5, 0]] * 3, atol=1e-15)
@@ -165,7 +165,7 @@ def test_faults_of_a_trajectory_are_named(tmp_path: Path, old: str, new: str, me
 
 
 @pytest.mark.parametrize("before", ["1e999", "NaN", "true", "1.5", '"1"'])
-def test_an_event_stands_before_a_whole_number(tmp_path: Path, before: str) -> None:
+def test_event_index_must_be_a_finite_whole_number(tmp_path: Path, before: str) -> None:
     """1e999 was found by a long run."""
     joints = '"joint_names": ["a","b","c","d","e","f"]'
     point = '{"positions": [0,0,0,0,0,0], "time_from_start": {"sec": 1, "nanosec": 0}}'
@@ -178,13 +178,13 @@ def test_an_event_stands_before_a_whole_number(tmp_path: Path, before: str) -> N
         read_program(tmp_path / "a.json")
 
 
-def test_a_trajectory_of_minutes_is_read_in_seconds(tmp_path: Path) -> None:
+def test_trajectory_of_minutes_is_read_in_seconds(tmp_path: Path) -> None:
     """A quarter of an hour every 12 ms: more numbers than the strict YAML reader takes at all."""
     (tmp_path / "a.yaml").write_text(ROS + "".join(f"  - {POINT % k}\n" for k in range(3, 75_000)))
     assert len(read_program(tmp_path / "a.yaml")) == 75_000
 
 
-def test_a_long_program_is_no_endless_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_program_is_not_treated_as_endless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A program of a million lines was refused: the limits are there for loops."""
     monkeypatch.setattr("machopt.programs.reading.program_builder.MOST_MOVES", 10)
     monkeypatch.setattr("machopt.programs.reading.program_builder.MOST_STEPS", 10)

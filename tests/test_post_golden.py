@@ -24,7 +24,7 @@ def relative(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("post", list_post_names())
-def test_the_program_is_the_golden_one(tmp_path: Path, post: str) -> None:
+def test_program_equals_the_golden_one(tmp_path: Path, post: str) -> None:
     write(tmp_path, post)
     assert relative(tmp_path) == relative(GOLDEN / post)
     for name in relative(tmp_path):
@@ -33,11 +33,11 @@ def test_the_program_is_the_golden_one(tmp_path: Path, post: str) -> None:
         )
 
 
-def test_nothing_golden_is_left_over() -> None:
+def test_no_unused_golden_files() -> None:
     assert {p.name for p in GOLDEN.iterdir() if p.is_dir() and not p.name.startswith("__")} == set(list_post_names())
 
 
-def test_the_golden_job_is_what_its_joints_say() -> None:
+def test_golden_job_agrees_with_its_joints() -> None:
     p = job()
     T = np.linalg.inv(WORKPIECE) @ ARM.compute_fk(p.q, TOOL)
     np.testing.assert_allclose(p.T_workpiece_tcp, T, atol=1e-12)

@@ -63,11 +63,11 @@ def status(robot: Robot, axes_deg: np.ndarray) -> int:
         ((170, -90, 90, 0, 30, 0), 0b010),  # turned about: the same posture
     ],
 )
-def test_status_of_known_postures(axes: tuple[float, ...], expected: int) -> None:
+def test_status_of_known_configurations(axes: tuple[float, ...], expected: int) -> None:
     assert status(KR, np.array(axes, float)) == expected
 
 
-def test_the_elbow_bit_changes_where_the_arm_is_stretched() -> None:
+def test_elbow_bit_changes_where_the_arm_is_stretched() -> None:
     """Distance from axis 2 to the wrist root is longest exactly where bit 1 changes."""
     a3 = np.linspace(-30, 30, 60_001)
     x = 1.25 + 1.1 * np.cos(np.radians(a3)) - 0.055 * np.sin(np.radians(a3))
@@ -80,7 +80,7 @@ def test_the_elbow_bit_changes_where_the_arm_is_stretched() -> None:
     assert a3[np.argmax(standing[1])] == pytest.approx(longest, abs=0.0011)  # the grid's step
 
 
-def test_a_robot_that_faces_elsewhere_at_zero_stands_the_same() -> None:
+def test_base_orientation_at_zero_does_not_change_the_status() -> None:
     turned = np.array([0.0, 1.0, 0.0])
     q = np.radians([[-90, -90, 90, 0, 30, 0], [90, -90, 90, 0, 30, 0]])  # axis 1 points down: −90° turns to +y
     standing = compute_posture_sides(KR, q, turned, q1_zero=np.radians(-90.0))
@@ -89,7 +89,7 @@ def test_a_robot_that_faces_elsewhere_at_zero_stands_the_same() -> None:
     assert standing[1].tolist() == [True, True]
 
 
-def test_postures_of_many_rows_are_those_of_all_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_status_of_many_rows_equals_that_of_single_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     q = np.random.default_rng(5).uniform(-2.0, 2.0, (23, 6))
     whole = compute_posture_sides(KR, q, X)
     monkeypatch.setattr("machopt.kinematics.controller_posture.BLOCK_ROWS", 5)
@@ -102,12 +102,12 @@ def test_postures_of_many_rows_are_those_of_all_at_once(monkeypatch: pytest.Monk
             assert (one == other[: len(rows)]).all()
 
 
-def test_an_arm_without_wrist_root_has_no_posture() -> None:
+def test_arm_without_wrist_centre_has_no_status() -> None:
     bent = replace(ARM, point=ARM.point + np.array([[0, 0, 0]] * 5 + [[0, 0.1, 0.05]]))
     assert compute_posture_sides(bent, np.zeros((1, 6)), X) is None
 
 
-def test_turn_bits_agree_with_points_seen_on_robots() -> None:
+def test_turn_bits_agree_with_points_recorded_on_robots() -> None:
     assert compute_turn_bits(np.array([-5.0, -60, 90, 10, 40, -3])) == 35  # S 2,T 35
     assert compute_turn_bits(np.array([5.0, -60, 90, 10, -40, -3])) == 50  # S 6,T 50
 
@@ -116,7 +116,7 @@ def test_bits_agree_with_the_printed_number() -> None:
     assert compute_turn_bits(np.array([-4e-6, -6e-6, 0, 0, 0, 0])) == 0b10  # −0.00000 and −0.00001 in print
 
 
-def test_status_is_left_out_rather_than_guessed(tmp_path: Path) -> None:
+def test_unknown_status_is_left_out(tmp_path: Path) -> None:
     p = program(Recipe(2))
     write_program(tmp_path, "known", p, "krl", PLAIN)
     write_program(tmp_path, "unknown", replace(p, wrist_behind=None, elbow_up=None), "krl", PLAIN)
@@ -130,7 +130,7 @@ def test_status_is_left_out_rather_than_guessed(tmp_path: Path) -> None:
 
 @settings(max_examples=scale_example_count(100), deadline=None)
 @given(*[st.floats(-180, 180)] * 3)
-def test_every_notation_turns_back_into_the_rotation(a: float, b: float, c: float) -> None:
+def test_every_angle_notation_converts_back_to_the_rotation(a: float, b: float, c: float) -> None:
     R = rz_ry_rx(a, b, c)
     A, B, C = convert_to_abc_deg(R)
     np.testing.assert_allclose(rz_ry_rx(A, B, C), R, atol=1e-9)
@@ -145,7 +145,7 @@ def test_every_notation_turns_back_into_the_rotation(a: float, b: float, c: floa
 
 
 @pytest.mark.parametrize("b", [90.0, -90.0, 89.9999999])
-def test_notations_at_their_poles(b: float) -> None:
+def test_angle_notations_at_their_singularities(b: float) -> None:
     """Where the middle angle is 90° its cosine below 1e-9 is taken as 0."""
     R = rz_ry_rx(20.0, b, -50.0)
     np.testing.assert_allclose(rz_ry_rx(*convert_to_abc_deg(R)), R, atol=5e-9)
@@ -156,7 +156,7 @@ def test_notations_at_their_poles(b: float) -> None:
 
 
 @pytest.mark.parametrize("axis", [X, np.array([0.0, -0.6, 0.8])])
-def test_half_turns(axis: np.ndarray) -> None:
+def test_half_turns_are_converted(axis: np.ndarray) -> None:
     R = 2 * np.outer(axis, axis) - np.eye(3)
     np.testing.assert_allclose(
         np.reshape(convert_quaternion(*convert_to_positive_quaternion(R)) or (), (3, 3)), R, atol=1e-12
@@ -178,11 +178,11 @@ def test_half_turns(axis: np.ndarray) -> None:
         ("rapid", "Main", "pMain"),
     ],
 )
-def test_names(post: str, text: str, name: str) -> None:
+def test_names_are_valid(post: str, text: str, name: str) -> None:
     assert format_program_name(text, post) == name
 
 
-def test_what_no_program_can_hold_is_refused(tmp_path: Path) -> None:
+def test_unrepresentable_program_is_refused(tmp_path: Path) -> None:
     p = program(Recipe(1, moves=3))
     with pytest.raises(InputError, match="no program name"):
         write_program(tmp_path, "1part", p, "krl")
@@ -210,7 +210,7 @@ def with_externals() -> RobotProgram:
 @pytest.mark.parametrize(
     ("post", "file"), [("krl", "part.src"), ("rapid", "part.mod"), ("fanuc_joint", "PART.ls"), ("csv", "part.csv")]
 )
-def test_external_axes(tmp_path: Path, post: str, file: str) -> None:
+def test_external_axes_are_written(tmp_path: Path, post: str, file: str) -> None:
     p = with_externals()
     write_program(tmp_path, Path(file).stem, p, post, PLAIN)
     parsed = read_program(tmp_path / file)
@@ -218,7 +218,7 @@ def test_external_axes(tmp_path: Path, post: str, file: str) -> None:
     np.testing.assert_allclose(parsed.external, expected, atol=0.51e-4, rtol=0)
 
 
-def test_the_cells_own_words_follow_the_event(tmp_path: Path) -> None:
+def test_custom_words_of_the_cell_follow_the_event(tmp_path: Path) -> None:
     p = program(Recipe(1))
     from machopt.data_types.toolpath import ToolpathEvent
 
@@ -247,7 +247,7 @@ def test_the_cells_own_words_follow_the_event(tmp_path: Path) -> None:
         write_program(tmp_path, "part", p, "krl", RobotController(lines={"spindle_on": "X(@{rpm})"}))
 
 
-def test_the_head_says_what_the_cell_did_not(tmp_path: Path) -> None:
+def test_header_states_missing_cell_settings(tmp_path: Path) -> None:
     p = program(Recipe(1))
     write_program(tmp_path, "bare", p, "krl", RobotController())
     head = (tmp_path / "bare.src").read_text()

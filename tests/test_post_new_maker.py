@@ -49,13 +49,13 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
     _forget_makers()
 
 
-def test_without_its_folder_nothing_knows_it() -> None:
+def test_without_its_folder_the_maker_is_unknown() -> None:
     assert "toy" not in list_post_names()
     with pytest.raises(PostError, match="no post is named 'toy'"):
         load_post("toy")
 
 
-def test_no_maker_is_named_outside_its_folder() -> None:
+def test_no_maker_is_imported_outside_its_folder() -> None:
     """Modules of a maker are imported by its own folder alone."""
     package = ROOT / "machopt"
     makers = [language.package for language in maker_registry.list_languages()]
@@ -69,7 +69,7 @@ def test_no_maker_is_named_outside_its_folder() -> None:
     assert named == []
 
 
-def test_its_post_is_listed_and_its_program_comes_back(planned: Job) -> None:
+def test_new_post_is_listed_and_its_program_is_read_back(planned: Job) -> None:
     """``plan_table`` itself fails where a check of the program fails."""
     assert "toy" in list_post_names()
     (file,) = planned.out.glob("*.toy")
@@ -82,7 +82,7 @@ def test_its_post_is_listed_and_its_program_comes_back(planned: Job) -> None:
     assert path.cutting.sum() >= 3
 
 
-def test_verify_reads_it_and_sees_a_wrong_word_of_it(planned: Job, tmp_path: Path) -> None:
+def test_verify_reads_the_new_program_and_detects_an_error(planned: Job, tmp_path: Path) -> None:
     job = copy_job(planned, tmp_path)
     words = [str(job.cell), str(job.toolpath), str(job.out), "--set", "rotation_step_deg=15", "--quiet"]
     assert main(["verify", *words]) == 0

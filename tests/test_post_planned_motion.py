@@ -65,7 +65,7 @@ def drawn(p: RobotProgram, k: int, share: np.ndarray) -> tuple[np.ndarray, np.nd
 @pytest.mark.parametrize(
     ("cell", "name"), [("kr240_drilling", "panel_holes.csv"), ("kr500_milling", "cylinder_head_face.cls")]
 )
-def test_straight_lines_between_way_points_are_the_motion(cell: str, name: str) -> None:
+def test_straight_lines_between_targets_follow_the_motion(cell: str, name: str) -> None:
     """Every sample of the exported trajectory lies on the controller's lines, within the options' tolerances.
 
     The trajectory rounds corners by ``path_tolerance``; the rotation may leave the even turn between two points by
@@ -122,12 +122,12 @@ def test_operations_moves_and_events_are_those_of_the_toolpath() -> None:
 
 
 @pytest.mark.parametrize("post", list_post_names())
-def test_every_post_writes_the_job_and_it_comes_back(tmp_path: Path, post: str, two_rows: Planned) -> None:
+def test_every_post_writes_the_job_and_it_is_read_back(tmp_path: Path, post: str, two_rows: Planned) -> None:
     _comes_back(tmp_path, post, two_rows)
 
 
 @pytest.mark.parametrize("post", ["krl", "urscript_movep"])  # one that may turn any way between points, one in lines
-def test_the_whole_panel_comes_back(tmp_path: Path, post: str) -> None:
+def test_whole_panel_is_read_back(tmp_path: Path, post: str) -> None:
     _comes_back(tmp_path, post, job("kr240_drilling", "panel_holes.csv"))
 
 

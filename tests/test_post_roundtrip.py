@@ -139,7 +139,7 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotCo
 
 @pytest.mark.parametrize("controller", [PLAIN, MAPPED], ids=["plain", "mapped"])
 @pytest.mark.parametrize("post", list_post_names())
-def test_a_program_comes_back(tmp_path: Path, post: str, controller: RobotController) -> None:
+def test_program_is_read_back(tmp_path: Path, post: str, controller: RobotController) -> None:
     for seed in range(3):
         p = program(Recipe(seed, moves=30, blend=2e-4 * (seed % 2)), controller)
         check(p, read_program(written(tmp_path, p, post, controller)), post, controller)
@@ -148,7 +148,7 @@ def test_a_program_comes_back(tmp_path: Path, post: str, controller: RobotContro
 @pytest.mark.parametrize(
     "post", [p for p in list_post_names() if not has_sampled_output(p) and p not in ("csv", "json")]
 )
-def test_a_long_program_is_split_and_comes_back(tmp_path: Path, post: str) -> None:
+def test_long_program_is_split_and_read_back(tmp_path: Path, post: str) -> None:
     controller = replace(MAPPED, moves_per_part=17)
     p = program(Recipe(5, moves=60, blend=1e-4), controller)
     file = written(tmp_path, p, post, controller)
@@ -163,7 +163,7 @@ def test_a_long_program_is_split_and_comes_back(tmp_path: Path, post: str) -> No
 
 
 @pytest.mark.parametrize("post", ["krl", "rapid", "urscript", "val3", "csv"])
-def test_corners_are_rounded_only_inside_a_cut_and_never_overlap(tmp_path: Path, post: str) -> None:
+def test_corners_are_rounded_only_inside_a_cut_without_overlap(tmp_path: Path, post: str) -> None:
     p = program(Recipe(8, moves=60, blend=5e-3))
     parsed = read_program(written(tmp_path, p, post, PLAIN))
     stops = {e.index - 1 for e in p.events}
@@ -184,7 +184,7 @@ def test_corners_are_rounded_only_inside_a_cut_and_never_overlap(tmp_path: Path,
         assert (both <= step + 1e-9)[(parsed.blend[:-1] > 0) | (parsed.blend[1:] > 0)].all()
 
 
-def test_configuration_bits_and_turns_are_those_of_the_joints(tmp_path: Path) -> None:
+def test_configuration_bits_and_turns_follow_from_the_joints(tmp_path: Path) -> None:
     """Counted again here, bit by bit, from the joints alone."""
     p = program(Recipe(11, moves=200), MAPPED)
     a = (MAPPED.joint_map or MAPPED).compute_axes_deg(p.q)

@@ -61,7 +61,7 @@ def drawn(targets: Array) -> tuple[float, float, float]:
     ],
     ids=["place", "tool axis", "orientation"],
 )
-def test_the_controllers_line_keeps_to_the_motion(tolerance: ProgramTolerance) -> None:
+def test_controller_line_follows_the_motion(tolerance: ProgramTolerance) -> None:
     coarse = np.array([0, 700, 1400, SAMPLES - 1])
     limits = np.array([tolerance.position, tolerance.axis, tolerance.turn])
     assert (drawn(coarse) / limits).max() > 4  # otherwise the test shows nothing
@@ -74,7 +74,7 @@ def test_the_controllers_line_keeps_to_the_motion(tolerance: ProgramTolerance) -
     assert off.worst() == pytest.approx(drawn(rows), rel=0.2, abs=2e-5)
 
 
-def test_nothing_is_added_where_nothing_bends() -> None:
+def test_nothing_is_inserted_where_nothing_bends() -> None:
     """The last axis only, which turns about the flange's own axis: an even turn on the spot."""
     q = np.radians([0, -80, 95, 0, 50, 0]) + np.linspace(0, 1, 300)[:, None] ** 3 * np.radians([0, 0, 0, 0, 0, 40])
     T = ARM.compute_fk(q)
@@ -86,7 +86,7 @@ def test_nothing_is_added_where_nothing_bends() -> None:
     assert not len(insert_targets(T, targets, ends, np.ones(3, bool), ProgramTolerance(1e-6, 1e-6, 1e-6)))
 
 
-def test_joint_moves_are_no_lines() -> None:
+def test_joint_moves_are_not_lines() -> None:
     ends, linear = np.array([0.0, 1000.0, 2000.0]), np.array([False, False, True])
     off = measure_line_deviation(MOTION, MOTION[[0, 1000, 2000]], ends, linear)
     assert off.sample.min() == 1001
@@ -95,7 +95,7 @@ def test_joint_moves_are_no_lines() -> None:
     assert rows.min() > 1000
 
 
-def test_finer_tolerances_need_more_points_and_error_falls_with_the_square() -> None:
+def test_error_decreases_with_the_square_of_the_point_distance() -> None:
     ends = np.array([0, SAMPLES - 1])
     counts = [len(thickened(ends, ProgramTolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
     assert counts == sorted(counts)
@@ -103,7 +103,7 @@ def test_finer_tolerances_need_more_points_and_error_falls_with_the_square() -> 
     assert 2 < counts[2] / counts[1] < 5
 
 
-def test_where_samples_run_out_the_lines_stay_as_far_off_as_they_are() -> None:
+def test_lines_without_samples_between_targets_keep_their_error() -> None:
     """The targets lie 1 mm beside the motion: no sample between them mends that, and the search ends."""
     few = MOTION[::500]
     targets = few.copy()
@@ -114,7 +114,7 @@ def test_where_samples_run_out_the_lines_stay_as_far_off_as_they_are() -> None:
     assert rows.tolist() == [1, 2, 3, 4]
 
 
-def test_an_external_axis_that_moves_unevenly_becomes_targets() -> None:
+def test_uneven_external_axis_motion_becomes_targets() -> None:
     """A straight way of 1 m while a rail goes by a cosine: even pieces are as long as its curvature lets them."""
     n = 2001
     T = np.tile(np.eye(4), (n, 1, 1))

@@ -29,7 +29,7 @@ NAN = float("nan")
         ("@{x}", {"x": "__import__('os')"}, "__import__('os')"),
     ],
 )
-def test_the_language(text: str, values: dict[str, object], expected: str) -> None:
+def test_template_language(text: str, values: dict[str, object], expected: str) -> None:
     template = compile_template(text, "here")
     assert template.one(values) == expected
     columns = {name: [value, value] for name, value in values.items()}
@@ -53,18 +53,18 @@ def test_the_language(text: str, values: dict[str, object], expected: str) -> No
         "@{x",
     ],
 )
-def test_what_is_not_of_the_language_is_refused(text: str) -> None:
+def test_text_outside_the_template_language_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="here"):
         compile_template(text, "here")
 
 
-def test_a_field_without_a_value_is_told() -> None:
+def test_field_without_a_value_is_reported() -> None:
     with pytest.raises(InputError, match=r"no value for @\{x\}; put it into a section"):
         compile_template("@{x:.1f}", "here").one({"x": NAN})
 
 
 @pytest.mark.parametrize("post", list_post_names())
-def test_a_copied_post_writes_the_same(tmp_path: Path, post: str) -> None:
+def test_copied_post_writes_the_same(tmp_path: Path, post: str) -> None:
     copy = tmp_path / "mine.toml"
     copy.write_text(read_post_text(post), encoding="utf-8")
     name = "PART" if post.startswith(("fanuc", "jbi")) else "part"
@@ -81,7 +81,7 @@ def test_a_copied_post_writes_the_same(tmp_path: Path, post: str) -> None:
         )
 
 
-def test_an_edited_post_is_used(tmp_path: Path) -> None:
+def test_edited_post_is_used(tmp_path: Path) -> None:
     text = read_post_text("krl").replace('call = "', 'spindle_on = "SPINDLE(@{value:.0f})  ; CAM: @{text}"\ncall = "')
     text = text.replace("$ADVANCE=3", "$ADVANCE=5\n$ACC.CP=2.3").replace("moves_per_part = 4000", "moves_per_part = 5")
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
@@ -128,7 +128,7 @@ def test_mistakes_in_a_post_are_named(tmp_path: Path, old: str, new: str, messag
     assert not list(tmp_path.glob("*.src"))
 
 
-def test_posts_that_do_not_exist(tmp_path: Path) -> None:
+def test_unknown_posts_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no post is named 'kuka'"):
         load_post("kuka")
     with pytest.raises(InputError, match="no such file; expected a post template, or a name: compas_fab, csv"):

@@ -100,7 +100,7 @@ def read_operations(tmp_path: Path, operations: str) -> CuttingProcess:
         ("  a: {kind: force, force_N: {axial: 3}, tolerance: {position_mm: 1, surface_mm: 1}}\n", "expected one"),
     ],
 )
-def test_what_no_kind_evaluates_is_refused(tmp_path: Path, operations: str, words: str) -> None:
+def test_unsupported_operations_are_refused(tmp_path: Path, operations: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         read_operations(tmp_path, operations)
 
@@ -124,7 +124,7 @@ def test_points_beyond_the_toolpath_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("word", "refused"), [("M3", False), ("M4", True)])
-def test_a_spindle_that_the_file_turns_left_is_refused(tmp_path: Path, word: str, refused: bool) -> None:
+def test_opposite_spindle_direction_is_refused(tmp_path: Path, word: str, refused: bool) -> None:
     (tmp_path / "a.nc").write_text(
         f"G21 G90 G17\nS3000 {word}\nG0 X0 Y0 Z20\nG1 Z0 F300\nS2000\nG1 X50\nG0 Z20\nM5\nM30\n"
     )
@@ -137,7 +137,7 @@ def test_a_spindle_that_the_file_turns_left_is_refused(tmp_path: Path, word: str
         match_operations(process, toolpath)
 
 
-def test_pecks_have_the_full_force_and_air_has_none(tmp_path: Path) -> None:
+def test_pecks_have_the_full_force_and_air_moves_none(tmp_path: Path) -> None:
     moves = ((40, "rapid", ""), (14, "rapid", ""), (6, "cut", "420"), (14, "cut", "2000"), (7, "cut", "2000"))
     rows = write_rows(*list_hole_moves(*moves, (0, "cut", "420"), (40, "retract", "")))
     code, table, process = run_job(tmp_path, drill(), rows)
@@ -150,7 +150,7 @@ def test_pecks_have_the_full_force_and_air_has_none(tmp_path: Path) -> None:
     assert process["in_tolerance"] is not None
 
 
-def test_a_peck_below_the_stack_cuts_nothing(tmp_path: Path) -> None:
+def test_peck_below_the_stack_cuts_nothing(tmp_path: Path) -> None:
     moves = ((40, "rapid", ""), (14, "rapid", ""), (6, "cut", "420"), (14, "cut", "2000"), (0, "cut", "420"))
     layers = drill().replace("material: al", "layers: [{material: al, thickness_mm: 2}]")
     rows = write_rows(*list_hole_moves(*moves, (40, "retract", "")))
@@ -179,7 +179,7 @@ def compute_compliance(folder: Path, q_deg: list[float]) -> tuple[np.ndarray, np
     return base.T @ (moved / k) @ moved.T @ base, base.T @ T.rotation[:, 2]
 
 
-def test_a_given_force_on_a_point_operation_moves_the_hole_across(tmp_path: Path) -> None:
+def test_given_force_on_a_point_operation_moves_the_hole_sideways(tmp_path: Path) -> None:
     text = "  holes: {kind: force, force_N: {axial: 300}, depth_mm: 12, spread_percent: 20, "
     code, table, process = run_job(
         tmp_path, text + "tolerance: {position_mm: 0.4, depth_mm: 3, reference: relative}}\n"
@@ -200,7 +200,7 @@ def test_a_given_force_on_a_point_operation_moves_the_hole_across(tmp_path: Path
 
 
 @pytest.mark.parametrize(("friction", "skids"), [(0.01, True), (5.0, False)])
-def test_a_foot_with_little_friction_is_said_to_skid(tmp_path: Path, friction: float, skids: bool) -> None:
+def test_pressure_foot_with_low_friction_is_reported_to_slide(tmp_path: Path, friction: float, skids: bool) -> None:
     code, _, process = run_job(tmp_path, drill(f"clamp_N: 900, foot_friction: {friction}, "))
     assert code == 0
     notes = process["validity"]
@@ -212,19 +212,19 @@ def test_a_foot_with_little_friction_is_said_to_skid(tmp_path: Path, friction: f
     ("rpm", "depth", "words"),
     [("3", 12, "more than a lip"), ("60000", 12, "thinner than 5 µm"), ("3000", 30, "starts up to 5 mm below")],
 )
-def test_an_absurd_feed_or_depth_is_noted(tmp_path: Path, rpm: str, depth: float, words: str) -> None:
+def test_absurd_feed_or_depth_is_noted(tmp_path: Path, rpm: str, depth: float, words: str) -> None:
     _, _, process = run_job(tmp_path, drill(rpm=rpm, depth=depth))
     assert any(words in note for note in process["validity"])  # type: ignore[attr-defined]
 
 
-def test_an_operation_without_force_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_operation_without_force_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, table, _ = run_job(tmp_path, "  default: {kind: force, force_N: {axial: 0}, tolerance: {surface_mm: 1}}\n")
     assert code == 2
     assert not table
     assert "no cut move has a cutting force" in capsys.readouterr().err
 
 
-def test_an_angle_alone_is_stated_in_degrees(tmp_path: Path) -> None:
+def test_orientation_tolerance_alone_is_in_degrees(tmp_path: Path) -> None:
     code, table, process = run_job(tmp_path, drill(tolerance="axis_deg: 0.5"))
     assert code == 0
     row = next(row for row in table if row["outcome"])
@@ -234,7 +234,7 @@ def test_an_angle_alone_is_stated_in_degrees(tmp_path: Path) -> None:
     assert float(stated[1]) == pytest.approx(float(row["error_axis_deg"]), rel=1e-2)
 
 
-def test_a_compensated_hole_that_passes_has_a_largest_feed(tmp_path: Path) -> None:
+def test_compensated_hole_in_tolerance_has_a_largest_feed(tmp_path: Path) -> None:
     options = ("--compensate", "--set", "compensation_max_mm=4")
     code, table, _ = run_job(tmp_path, drill(), options=options)
     assert code == 0
@@ -243,7 +243,7 @@ def test_a_compensated_hole_that_passes_has_a_largest_feed(tmp_path: Path) -> No
     assert float(row["feed_max_mm_min"]) >= 419.0
 
 
-def test_a_ball_cutter_without_normals_is_unknown_and_verified(tmp_path: Path) -> None:
+def test_ball_cutter_without_normals_is_unknown_and_verified(tmp_path: Path) -> None:
     wall = "  wall: {kind: milling, material: al, spindle_rpm: 12000, ae_mm: 1, ap_mm: 6, cut: down, "
     code, table, _ = run_job(tmp_path, wall + "tolerance: {surface_mm: 0.2}}\n", WALL, cutter=BALL)
     assert code == 0
@@ -253,7 +253,7 @@ def test_a_ball_cutter_without_normals_is_unknown_and_verified(tmp_path: Path) -
     assert all(float(row["f_normal_N"]) > 50.0 for row in rows)
 
 
-def test_a_part_of_the_path_keeps_the_force_of_its_points(tmp_path: Path) -> None:
+def test_partial_path_keeps_the_force_of_its_points(tmp_path: Path) -> None:
     from machopt.planning.stations.path_subset import select_path_runs
     from machopt.planning.stations.planning_path import build_planning_path
 
@@ -279,7 +279,7 @@ def test_a_part_of_the_path_keeps_the_force_of_its_points(tmp_path: Path) -> Non
         ("xxx", "", "valid, 0 warnings"),
     ],
 )
-def test_validate_names_what_the_process_file_lacks(
+def test_validate_names_missing_process_entries(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, words: str
 ) -> None:
     cell = tmp_path / "cell"
@@ -291,7 +291,7 @@ def test_validate_names_what_the_process_file_lacks(
     assert words in out + err
 
 
-def test_an_unknown_chisel_edge_and_an_unused_stock_are_noted(tmp_path: Path) -> None:
+def test_unknown_chisel_edge_and_unused_stock_are_noted(tmp_path: Path) -> None:
     material = (
         "  al: {drilling: {kc1: 800, mc: 0.25, thrust_spread_percent: 25, torque_spread_percent: 9, source: t}}\n"
     )

@@ -31,7 +31,7 @@ exit_process(3)
     [(False, "told at exit\n"), (True, "told thread done\nat exit\ntaken down\n")],
     ids=["alone", "another thread runs"],
 )
-def test_the_process_ends_with_its_code_and_all_that_was_printed(thread: bool, told: str) -> None:
+def test_process_ends_with_its_code_and_complete_output(thread: bool, told: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", LAST.format(thread=thread)], capture_output=True, text=True, check=False
     )
@@ -40,7 +40,7 @@ def test_the_process_ends_with_its_code_and_all_that_was_printed(thread: bool, t
     assert done.stderr == "warned "
 
 
-def test_a_refused_command_line_ends_as_ever() -> None:
+def test_refused_command_line_ends_with_its_code() -> None:
     done = subprocess.run([sys.executable, "-m", "machopt", "nothing"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "found 'nothing'; valid: optimize" in done.stderr

@@ -42,7 +42,7 @@ def test_values_are_converted_to_si(tmp_path: Path) -> None:
     assert [found.damping.get_ratio(n) for n in range(3)] == [0.03, 0.04, None]
 
 
-def test_missing_spreads_are_known(tmp_path: Path) -> None:
+def test_missing_spreads_have_defaults(tmp_path: Path) -> None:
     file = write(tmp_path, f"drill: {DRILL}")
     file.write_text(file.read_text().replace("thrust_spread_percent: 60, ", ""))
     assert not load_process(file).materials["al"].has_drilling_spread
@@ -67,7 +67,7 @@ def test_missing_spreads_are_known(tmp_path: Path) -> None:
         (f"a: {MILL[:-1]}, tolerance: {{surface_mm: -0.1}}}}", "operations.a.tolerance.surface_mm"),
     ],
 )
-def test_wrong_operations_are_refused_with_their_key(tmp_path: Path, operations: str, key: str) -> None:
+def test_invalid_operations_are_refused_with_their_key(tmp_path: Path, operations: str, key: str) -> None:
     with pytest.raises(InputError) as caught:
         load_process(write(tmp_path, operations))
     assert caught.value.key == key or (caught.value.where or "").endswith(key), caught.value
@@ -86,7 +86,7 @@ def test_wrong_operations_are_refused_with_their_key(tmp_path: Path, operations:
         ("spread_percent: 25, source: paper", "source: paper, h_mm: [0.1, 0.02]"),
     ],
 )
-def test_wrong_coefficients_are_refused(tmp_path: Path, old: str, new: str) -> None:
+def test_invalid_coefficients_are_refused(tmp_path: Path, old: str, new: str) -> None:
     file = write(tmp_path, f"drill: {DRILL}")
     file.write_text(file.read_text().replace(old, new, 1))
     with pytest.raises(InputError):
@@ -100,6 +100,6 @@ def test_unusual_coefficients_can_be_accepted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("quantile", ["0.5", "1.0", "2"])
-def test_the_quantile_lies_between_half_and_one(tmp_path: Path, quantile: str) -> None:
+def test_quantile_must_be_between_half_and_one(tmp_path: Path, quantile: str) -> None:
     with pytest.raises(InputError):
         load_process(write(tmp_path, f"drill: {DRILL}", head=f"machopt_process: 1\nquantile: {quantile}"))

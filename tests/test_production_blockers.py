@@ -43,7 +43,7 @@ def program(
     )
 
 
-def test_the_gravest_blocker_comes_first(cell: Cell) -> None:
+def test_most_severe_blocker_comes_first(cell: Cell) -> None:
     assert cell.stiffness is not None
     guessed = replace(cell, stiffness=replace(cell.stiffness, estimated=True))
     missing = list_unchecked(guessed, PlanOptions(collision=False))
@@ -56,13 +56,13 @@ def test_the_gravest_blocker_comes_first(cell: Cell) -> None:
     assert found == sorted(found) == list(range(5))
 
 
-def test_nothing_to_settle_is_an_empty_list(cell: Cell) -> None:
+def test_no_blocker_is_an_empty_list(cell: Cell) -> None:
     assert list_production_blockers(cell, (), []) == ()
     assert list_production_blockers(cell, (), [program(left=("starts no spindle",), files=())]) == ()
 
 
 @pytest.mark.slow
-def test_blockers_begin_terminal_and_page_and_are_recomputed(
+def test_blockers_are_first_on_terminal_and_page_and_recomputed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job, out = tmp_path / "job.nc", tmp_path / "out"

@@ -95,7 +95,7 @@ def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> ExpectedCuts:
     )
 
 
-def test_where_a_long_move_meets_a_short_one_the_index_goes_with_the_way() -> None:
+def test_event_index_follows_the_distance_between_long_and_short_moves() -> None:
     """340 mm, then 1 mm pieces of an arc, 0.6 mm a sample: point 1 is 0.2 mm behind one sample, 0.4 before the next."""
     toolpath = path([[0, 0, 0], [340, 0, 0], [341, 0, 0]], [MoveKind.CUT] * 3, ())
     motion = driven(np.array([1 - 0.2 / 340, 1.4]), np.zeros(2, np.int64))
@@ -103,7 +103,7 @@ def test_where_a_long_move_meets_a_short_one_the_index_goes_with_the_way() -> No
     assert abs(index - 1.0) < 1e-6  # the nanometre that a step on which nothing moves counts
 
 
-def test_an_event_between_two_moves_to_one_place_is_in_place() -> None:
+def test_event_between_two_moves_to_one_place_is_in_place() -> None:
     """A rapid move, the spindle's start, a move to where the tool stands already: decimals leave 4 µm of way open."""
     spindle = ToolpathEvent(2, "spindle", "S6000", 6000.0)
     rapid, cut = MoveKind.RAPID, MoveKind.CUT
@@ -118,7 +118,7 @@ def test_an_event_between_two_moves_to_one_place_is_in_place() -> None:
         assert check.passed is passed, (index, check.where)
 
 
-def test_an_event_where_a_free_way_sets_out_from_rest_is_in_place() -> None:
+def test_event_at_the_start_of_a_rapid_move_is_in_place() -> None:
     """The index of the way to point 2 runs with time: it is 1.0002 while the tool is still at point 1."""
     rapid = MoveKind.RAPID
     toolpath = path([[0, 0, 50], [9, 0, 50], [1400, 0, 50], [1400, 0, 60]], [rapid] * 4, ())
@@ -132,7 +132,7 @@ def test_an_event_where_a_free_way_sets_out_from_rest_is_in_place() -> None:
         assert check.passed is passed, (x, index, check.where)
 
 
-def test_where_the_tool_comes_to_rest_samples_within_the_printed_decimals_tell_nothing_of_a_joint_move() -> None:
+def test_samples_within_printed_decimals_are_no_joint_move() -> None:
     """The last samples of a retract are a micrometre apart; the program's target is found two of them too early."""
     p = np.zeros((6, 3))
     p[:, 2] = 1e-3 * np.array([0, 9.998, 9.9995, 10.0, 15.0, 20.0])
@@ -148,7 +148,7 @@ def test_where_the_tool_comes_to_rest_samples_within_the_printed_decimals_tell_n
         assert ("joint move" not in check.where) is passed, check.where
 
 
-def test_where_the_tool_stands_a_joint_move_to_or_from_there_is_none_on_the_path() -> None:
+def test_joint_move_at_the_current_place_is_not_on_the_path() -> None:
     """One point that is cut to: the joint target's own decimals are 2 µm from where the tool stands for two samples."""
     p = 1e-3 * np.array([[0, 0, 90.0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 90.0]])
     move = np.array([MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT, MoveKind.RAPID])
@@ -163,7 +163,7 @@ def test_where_the_tool_stands_a_joint_move_to_or_from_there_is_none_on_the_path
         assert ("joint move" not in check.where) is passed, check.where
 
 
-def test_decimals_of_joint_targets_are_worth_a_place_as_pulses_are() -> None:
+def test_rounding_of_joint_targets_is_allowed_like_pulses() -> None:
     """With a positioner a target of five decimals lay 1.2 µm from the tool's own place, and exit was 4."""
     assert compute_last_digit(np.array([[-74.22112, np.nan], [0.0, 90.0]])) == 1e-5
     assert compute_last_digit(np.array([-90.0, 45.0])) == 1e-4  # round by chance
@@ -197,7 +197,7 @@ def on_the_spot() -> tuple[Toolpath, ProgramInCell]:
     return toolpath, said
 
 
-def test_an_axis_that_turns_on_the_spot_is_found_where_it_has_turned() -> None:
+def test_axis_rotation_on_the_spot_is_located_at_its_end() -> None:
     toolpath, said = on_the_spot()
     T = said.T_workpiece_tcp
     reached, gap, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
@@ -209,7 +209,7 @@ def test_an_axis_that_turns_on_the_spot_is_found_where_it_has_turned() -> None:
     assert tilt[2] > 0.4
 
 
-def test_of_a_streamed_motion_the_axis_turns_on_while_it_is_beside_the_point_by_as_much_as_it_may() -> None:
+def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
     """Samples come to the point, turn, and go: the first that is near enough is 15 µm before it."""
     toolpath, _ = on_the_spot()
     x = np.array([0, 29.9, 29.985, 30, 30, 30, 30.01, 30.1, 60])
@@ -225,7 +225,7 @@ def test_of_a_streamed_motion_the_axis_turns_on_while_it_is_beside_the_point_by_
     assert tilt[2] > 0.4
 
 
-def test_a_streamed_motion_may_leave_the_axis_by_what_the_user_allowed_and_targets_may_not() -> None:
+def test_allowed_deviation_applies_to_streamed_motion_not_to_targets() -> None:
     toolpath = path([[0, 0, 0], [30, 0, 0], [60, 0, 0]], [MoveKind.CUT] * 3, ())
     said = program(1e3 * toolpath.position, [LIN] * 3, ())
     said.T_workpiece_tcp[1] = turned(said.T_workpiece_tcp[1], np.radians(0.5))
@@ -236,7 +236,7 @@ def test_a_streamed_motion_may_leave_the_axis_by_what_the_user_allowed_and_targe
         assert check.passed is passed, (streamed, most, check.value, check.limit)
 
 
-def test_a_rail_that_rounds_its_bend_is_beside_its_target_by_what_the_tolerance_makes_of_it() -> None:
+def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
     """The tip goes on straight, 0.05 mm a sample, where the rail sets out: it does so 0.5 mm of way before."""
     x = 0.05 * np.arange(-100, 101)
     tcp = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (len(x), 1, 1))
@@ -269,7 +269,7 @@ def test_a_rail_that_rounds_its_bend_is_beside_its_target_by_what_the_tolerance_
     assert not check.passed
 
 
-def test_a_sample_that_has_begun_to_turn_on_the_spot_is_on_that_move() -> None:
+def test_sample_of_a_started_rotation_belongs_to_that_move() -> None:
     """The target before is found by its place, so up to a sample late."""
     _, said = on_the_spot()
     T = said.T_workpiece_tcp

@@ -46,13 +46,13 @@ def test_names_are_valid_and_unique_in_every_post(post: str) -> None:
         assert name == format_program_name(f"{FILES[names.index(name)]}.csv", post)
 
 
-def test_a_name_can_be_recognised() -> None:
+def test_name_is_recognisable() -> None:
     assert format_program_name("Наладка", "krl").lower().startswith("naladka")
     assert format_program_name("Größe", "krl").lower().startswith("grosse")
 
 
 @pytest.mark.parametrize("post", list_post_names())
-def test_programs_are_written_under_such_names(tmp_path: Path, post: str) -> None:
+def test_programs_are_written_with_such_names(tmp_path: Path, post: str) -> None:
     for text in ("Наладка", "部品加工"):
         name = format_program_name(text, post)
         files = write_program(tmp_path / text, name, program(Recipe(1, moves=6), MAPPED), post, MAPPED)

@@ -49,7 +49,7 @@ REFUSED = {
 }
 
 
-def test_every_robot_program_is_spoken_for() -> None:
+def test_every_robot_program_is_covered() -> None:
     found = {f.relative_to(DATA).as_posix() for f in DATA.glob("robot_*/*") if f.is_file()}
     assert found == set(READ) | set(REFUSED)
 
@@ -66,7 +66,7 @@ def test_real_programs_are_read(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_the_others_are_refused_with_a_reason(name: str) -> None:
+def test_other_programs_are_refused_with_a_reason(name: str) -> None:
     with pytest.raises(InputError) as caught:
         read_program_as_toolpath(DATA / name, ReadOptions(default_feed=0.02))
     assert REFUSED[name] in str(caught.value)
@@ -112,7 +112,7 @@ def test_numbers_of_known_lines() -> None:
     assert np.isnan(krl.feed).all()
 
 
-def test_no_cam_file_is_taken_for_a_robot_program() -> None:
+def test_no_cam_file_is_read_as_a_robot_program() -> None:
     for file in DATA.glob("*/*"):
         if file.parent.name.startswith("robot_") or not file.is_file():
             continue
@@ -120,6 +120,6 @@ def test_no_cam_file_is_taken_for_a_robot_program() -> None:
         assert source is None or not is_program(source), file.name
 
 
-def test_a_missing_feed_is_asked_for() -> None:
+def test_missing_feed_is_asked_for() -> None:
     with pytest.raises(InputError, match="--feed"):
         read_program_as_toolpath(DATA / "robot_kuka/HugoDanielson__CNCTEST.src")

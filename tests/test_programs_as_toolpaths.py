@@ -55,7 +55,7 @@ def test_every_program_is_a_toolpath(tmp_path: Path, post: str) -> None:
     np.testing.assert_allclose(alone.position[alone.cutting], cut, rtol=0, atol=1e-9)  # the same numbers of the file
 
 
-def test_a_program_keeps_its_own_base_and_tool(tmp_path: Path) -> None:
+def test_program_uses_its_own_base_and_tool(tmp_path: Path) -> None:
     """Joint moves between Cartesian ones are placed in the program's base with its tool, not in the cell's."""
     file, place, moves = written(tmp_path, "rapid")
     elsewhere = WORKPIECE.copy()
@@ -69,7 +69,7 @@ def test_a_program_keeps_its_own_base_and_tool(tmp_path: Path) -> None:
     assert not read_toolpath(file, robot=MAPPED_ROBOT).warnings
 
 
-def test_joints_alone_are_placed_in_the_cells_workpiece(tmp_path: Path) -> None:
+def test_joint_targets_alone_are_placed_in_the_workpiece_of_the_cell(tmp_path: Path) -> None:
     file, place, _ = written(tmp_path, "fanuc_joint")
     elsewhere = WORKPIECE @ np.array([[1.0, 0, 0, 0.25], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, MAPPED, TOOL, elsewhere))
@@ -79,7 +79,7 @@ def test_joints_alone_are_placed_in_the_cells_workpiece(tmp_path: Path) -> None:
     assert np.abs(wrong.position * 1e3 - place).max() > 100
 
 
-def test_a_base_without_numbers_is_said_to_be_taken_for_the_workpiece(tmp_path: Path) -> None:
+def test_base_without_numbers_is_reported_as_the_workpiece(tmp_path: Path) -> None:
     controller = RobotController(joint_map=MAPPED.joint_map, T_base_root=ROOT, base_number=2, tool_number=3)
     file, place, _ = written(tmp_path, "krl", controller)
     t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE))
@@ -87,7 +87,7 @@ def test_a_base_without_numbers_is_said_to_be_taken_for_the_workpiece(tmp_path: 
     np.testing.assert_allclose(t.position * 1e3, place, rtol=0, atol=2e-3)
 
 
-def test_pulses_need_the_cells_scale(tmp_path: Path) -> None:
+def test_pulses_require_the_scale_of_the_cell(tmp_path: Path) -> None:
     scale = np.array([1341.4, -1341.4, 1000.0, 900.5, 700.0, 500.0])
     controller = RobotController(joint_map=MAPPED.joint_map, T_base_root=ROOT, pulses_per_deg=scale)
     file, place, _ = written(tmp_path, "jbi", controller)
@@ -101,7 +101,7 @@ def test_pulses_need_the_cells_scale(tmp_path: Path) -> None:
 UP = "DEF a()\n$VEL.CP=0.02\nLIN {X 0,Y 0,Z 5,A 0,B 0,C 0}\nLIN {X 10,Y 0,Z 5,A 30,B 0,C 0}\nEND\n"
 
 
-def test_the_tool_axis_is_said_where_the_frame_looks_the_other_way(tmp_path: Path) -> None:
+def test_tool_axis_is_reported_where_the_frame_points_opposite(tmp_path: Path) -> None:
     (tmp_path / "a.src").write_text(UP)
     t = read_toolpath(tmp_path / "a.src")
     np.testing.assert_allclose(t.axis, [[0, 0, -1]] * 2, atol=1e-12)
@@ -160,7 +160,7 @@ def cuts(t: Toolpath) -> np.ndarray:
 
 
 @pytest.mark.parametrize("file", ["krl/pass_csv.src", "rapid/pass_csv.mod", "fanuc_joint/PASS_CSV.ls"])
-def test_a_program_is_planned_anew(job: Path, file: str, tmp_path: Path) -> None:
+def test_program_is_planned_again(job: Path, file: str, tmp_path: Path) -> None:
     before = cuts(read_toolpath(job / "pass.csv"))
     again = read_toolpath(job / "out" / file, robot=build_known_robot(load_cell(CELL)))
     np.testing.assert_allclose(cuts(again), before, rtol=0, atol=1e-3)  # five decimals of a degree, three metres away
@@ -173,7 +173,7 @@ def test_a_program_is_planned_anew(job: Path, file: str, tmp_path: Path) -> None
     assert main(["verify", str(CELL), program_file, str(out), "--quiet"]) == 0
 
 
-def test_inspect_shows_programs_in_words_json_and_pictures(
+def test_inspect_shows_programs_in_text_json_and_pictures(
     job: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = tmp_path / "page.html"
@@ -191,7 +191,7 @@ def test_inspect_shows_programs_in_words_json_and_pictures(
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_strict_inspection_refuses_what_is_not_understood(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_strict_inspection_refuses_unknown_statements(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "a.src").write_text(UP.replace("LIN {X 10", "WIGGLE(3)\n$MOTION_SUPERVISION=7\nLIN {X 10"))
     assert main(["inspect", str(tmp_path / "a.src"), "--tool-axis=+z", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

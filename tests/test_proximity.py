@@ -40,7 +40,7 @@ def placements(count: int, spread: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("limit", [0.0, 0.01, 0.2])
-def test_as_fcl_says(limit: float) -> None:
+def test_proximity_agrees_with_fcl(limit: float) -> None:
     a = trimesh.creation.icosphere(subdivisions=2, radius=0.2)
     b = trimesh.creation.cylinder(radius=0.05, height=0.7, sections=9)
     a.apply_scale([1.0, 2.0, 0.5])
@@ -76,7 +76,7 @@ def test_flat_and_hollow_bodies() -> None:
     assert is_nearer_than(build_outline(body_of(bowl)), build_outline(ball), T, 0.03).tolist() == [False, True, True]
 
 
-def test_long_inputs_are_put_together_in_order() -> None:
+def test_long_inputs_are_combined_in_order() -> None:
     a = build_outline(body_of(trimesh.creation.box((0.3, 0.3, 0.3))))
     T = placements(2 * BLOCK + 7, 0.3)
     whole = is_nearer_than(a, a, T, 0.05)
@@ -86,7 +86,7 @@ def test_long_inputs_are_put_together_in_order() -> None:
     assert is_nearer_than(a, a, T[:0], 0.05).shape == (0,)
 
 
-def test_a_body_inside_another_is_found_at_every_placement() -> None:
+def test_body_inside_another_is_found_at_every_placement() -> None:
     a, b = body_of(trimesh.creation.box((1, 1, 1))), body_of(trimesh.creation.box((0.1, 0.1, 0.1)))
     T = placements(300, 0.5)
     for bodies in ([a, b], [b, a]):
@@ -102,7 +102,7 @@ def test_a_body_inside_another_is_found_at_every_placement() -> None:
     assert not surfaces.find_contained((0, 1), pose(5.0, 0.0, 0.0)[None])[0]
 
 
-def test_what_hardly_moves_is_not_forgotten_too_late() -> None:
+def test_free_result_is_reused_only_while_nothing_can_come_near() -> None:
     """A row that is free answers for those after it only as long as nothing can have come near: a ball wandering in a
     bowl, inside its hull, asked in one go and one by one."""
     bowl = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
@@ -122,7 +122,7 @@ def test_what_hardly_moves_is_not_forgotten_too_late() -> None:
 
 
 @pytest.mark.parametrize("limit", [0.0, 0.004, 0.05])
-def test_what_a_row_says_of_the_next_is_what_that_says_alone(limit: float) -> None:
+def test_results_carried_between_rows_equal_single_results(limit: float) -> None:
     """Hits answer for hits, free rows for free ones, and a plane found once is tried again: along a walk that goes in
     and out of contact in small and large steps, in one go and one by one."""
     stick = trimesh.creation.cylinder(radius=0.03, height=0.5, sections=9)

@@ -42,7 +42,7 @@ def random_small_job(seed: int, folder: Path) -> int:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2, 3, 32])  # each cell of an arm alone; rail: below; turntable: the proofs
-def test_a_random_small_job_is_verified(seed: int, tmp_path: Path) -> None:
+def test_random_small_job_is_verified(seed: int, tmp_path: Path) -> None:
     assert random_small_job(seed, tmp_path) == 0
 
 
@@ -71,7 +71,7 @@ def run_cuts_along_rail(seed: int, folder: Path) -> int:
 
 
 @pytest.mark.slow
-def test_cuts_far_apart_on_a_rail_are_verified(tmp_path: Path) -> None:
+def test_distant_cuts_on_a_rail_are_verified(tmp_path: Path) -> None:
     assert run_cuts_along_rail(13, tmp_path) == 0  # the refined plan has 18 % less index than any of the grid
 
 

@@ -43,7 +43,7 @@ def steps_of(count: int, seed: int) -> Array:
 
 
 @pytest.mark.parametrize(("count", "seed"), list(itertools.product((2, 3, 5), range(6))))
-def test_the_sum_of_all_motions_keeps_every_limit(count: int, seed: int) -> None:
+def test_blended_motion_respects_every_limit(count: int, seed: int) -> None:
     steps, most = steps_of(count, seed), np.full(count - 1, 0.5)
     timing = time_legs(steps, LIMITS, most)
     assert timing is not None
@@ -56,7 +56,7 @@ def test_the_sum_of_all_motions_keeps_every_limit(count: int, seed: int) -> None
 
 
 @pytest.mark.parametrize(("count", "seed"), list(itertools.product((2, 3, 5), range(6))))
-def test_rounding_takes_less_time_than_stops_and_half_of_a_leg_at_most(count: int, seed: int) -> None:
+def test_blend_takes_less_time_than_stops_and_at_most_half_a_segment(count: int, seed: int) -> None:
     steps, most = steps_of(count, seed), np.full(count - 1, 0.5)
     timing = time_legs(steps, LIMITS, most)
     assert timing is not None
@@ -66,7 +66,7 @@ def test_rounding_takes_less_time_than_stops_and_half_of_a_leg_at_most(count: in
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_stops_take_the_time_of_jerk_limited_lines(seed: int) -> None:
+def test_stops_have_the_time_of_jerk_limited_lines(seed: int) -> None:
     """The closed form of the objective, which is Ruckig's time of each line."""
     steps = steps_of(3, seed)
     lines = sum(compute_rest_time(*(np.abs(step) / LIMITS).max(axis=1)) for step in steps)
@@ -74,7 +74,7 @@ def test_stops_take_the_time_of_jerk_limited_lines(seed: int) -> None:
 
 
 @pytest.mark.parametrize("most", [0.5, 0.35, 0.2])
-def test_the_curve_stays_in_the_stated_triangle(most: float) -> None:
+def test_blend_curve_stays_in_its_triangle(most: float) -> None:
     steps = np.diff(NODES, axis=0)
     timing = time_legs(steps, LIMITS, np.full(2, most))
     assert timing is not None
@@ -160,7 +160,7 @@ def duration(legs: list[MotionSegment]) -> int:
     return sum(len(leg.q) - 1 for leg in legs)
 
 
-def test_legs_are_rounded_and_their_corners_listed() -> None:
+def test_segments_are_blended_and_their_corners_listed() -> None:
     before = build_legs()
     after = round_rapid_corners(before, no_events(), space())
     corners = list_rounded_corners(after)
@@ -177,14 +177,14 @@ def test_legs_are_rounded_and_their_corners_listed() -> None:
 
 
 @pytest.mark.parametrize("kind", ["dwell", "stop", "spindle", "coolant", "tool"])
-def test_where_the_file_acts_the_machine_stops(kind: Any) -> None:
+def test_machine_stops_at_events_of_the_file(kind: Any) -> None:
     events = [ToolpathEvent(2, kind, "M0")]
     corners = list_rounded_corners(round_rapid_corners(build_legs(), no_events(*events), space()))
     assert corners is not None
     np.testing.assert_array_equal(corners.q, NODES[2:3])
 
 
-def test_a_comment_stops_nothing() -> None:
+def test_comment_causes_no_stop() -> None:
     corners = list_rounded_corners(
         round_rapid_corners(build_legs(), no_events(ToolpathEvent(2, "comment", "PAINT")), space())
     )
@@ -192,7 +192,7 @@ def test_a_comment_stops_nothing() -> None:
     assert len(corners) == 2
 
 
-def test_where_the_machine_rests_it_stops() -> None:
+def test_machine_stops_at_dwells() -> None:
     legs = round_rapid_corners(build_legs(rest=5), no_events(), space())
     corners = list_rounded_corners(legs)
     assert corners is not None
@@ -201,7 +201,7 @@ def test_where_the_machine_rests_it_stops() -> None:
 
 
 @pytest.mark.parametrize("most", [0.02, 0.004])
-def test_the_tool_passes_the_corner_within_its_limit(most: float) -> None:
+def test_tool_passes_the_corner_within_its_limit(most: float) -> None:
     legs = round_rapid_corners(build_legs(), no_events(), space(deviation=most))
     x = np.concatenate([leg.q for leg in legs])
     fine = np.concatenate([a + np.linspace(0, 1, 9)[:, None] * (b - a) for a, b in itertools.pairwise(x)])
@@ -211,7 +211,7 @@ def test_the_tool_passes_the_corner_within_its_limit(most: float) -> None:
 
 
 @pytest.mark.parametrize("room", [0.03, 0.02])
-def test_a_corner_with_little_room_is_rounded_over_less(room: float) -> None:
+def test_corner_with_little_room_has_a_smaller_blend(room: float) -> None:
     """The whole triangle keeps clear, and both ends of the rounding are nearer to the corner than without the wall."""
     nodes = NODES[:3]
     wall = Wall(nodes[1], room)
@@ -228,19 +228,19 @@ def test_a_corner_with_little_room_is_rounded_over_less(room: float) -> None:
         assert not wall.is_hit(chord[0] + np.linspace(0, 1, 50)[:, None] * (chord[1] - chord[0])).any()
 
 
-def test_where_a_corner_would_be_rounded_over_too_little_the_machine_stops() -> None:
+def test_machine_stops_where_the_blend_would_be_too_small() -> None:
     """To slow down to a low speed first takes longer than to stop: an S-curve more."""
     assert time_legs(np.diff(NODES, axis=0), LIMITS, np.full(2, 0.01)) is None
 
 
-def test_without_any_room_the_motion_is_as_before() -> None:
+def test_motion_without_room_is_unchanged() -> None:
     before = build_legs()
     blocked = replace(space(), barred=lambda _: True)
     after = round_rapid_corners(before, no_events(), blocked)
     assert all(a is b for a, b in zip(before, after, strict=True))
 
 
-def test_shortcuts_leave_out_or_cut_off_way_points() -> None:
+def test_shortcuts_remove_or_cut_via_points() -> None:
     way = np.array([np.zeros(6), [0, -0.4, 0, 0, 0, 0], [0.6, -0.4, 0, 0, 0, 0], [0.6, 0, 0, 0, 0, 0]], float)
     time = measure_fastest_time(np.diff(way, axis=0), LIMITS, True)
     anywhere = shorten_detour(way, LIMITS, True, lambda _: True)
@@ -259,7 +259,7 @@ def test_shortcuts_leave_out_or_cut_off_way_points() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_no_place_outside_of_the_triangle_is_in_the_zone(seed: int) -> None:
+def test_no_place_outside_the_triangle_is_in_the_zone(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corner, start, end = rng.normal(size=(3, 1, 6))
     share = rng.uniform(0.05, 0.5, size=(1, 2))
@@ -275,7 +275,7 @@ def test_no_place_outside_of_the_triangle_is_in_the_zone(seed: int) -> None:
         assert zone <= 0.5 * away[-1]
 
 
-def test_with_a_moving_external_axis_no_distance_bounds_the_corner() -> None:
+def test_moving_external_axis_has_no_distance_bound() -> None:
     corner, start, end = np.zeros((1, 7)), np.ones((1, 7)), -np.ones((1, 7))
     assert compute_rapid_zone_limits(corner, (start, end), np.full((1, 2), 0.5), lambda x: x[:, :3])[0] == 0.0
 
@@ -286,7 +286,7 @@ def cut_leg(at: Array, index: float, move: MoveKind) -> MotionSegment:
     return replace(leg, name="run", index=np.full(len(leg.q), index), move=np.full(len(leg.q), move, np.int8))
 
 
-def test_points_near_the_straight_way_are_passed_without_a_corner() -> None:
+def test_points_near_the_straight_line_are_passed_without_a_corner() -> None:
     """All samples are on the straight move, in its time; the targets are on it, too, within the distance."""
     nodes = np.array([np.zeros(6), [0.3, 0.03, 0, 0.1, 0, 0], [0.6, 0.02, 0, 0.3, 0, 0], [0.9, 0, 0, 0.4, 0, 0]])
     legs = round_rapid_corners(build_legs(nodes), no_events(), space(deviation=0.05))
@@ -303,7 +303,7 @@ def test_points_near_the_straight_way_are_passed_without_a_corner() -> None:
     assert all((leg.waypoints[-1] == q).all() for leg, q in zip(legs, corners.q, strict=False))
 
 
-def test_a_passed_point_beside_a_corner_keeps_half_of_the_way_to_it() -> None:
+def test_passed_point_beside_a_corner_keeps_half_the_distance() -> None:
     nodes = np.array([np.zeros(6), [0.1, 0.002, 0, 0, 0, 0], [0.5, 0, 0, 0, 0, 0], [0.5, 0.6, 0, 0, 0, 0]])
     corners = list_rounded_corners(round_rapid_corners(build_legs(nodes), no_events(), space(deviation=0.02)))
     assert corners is not None
@@ -313,7 +313,7 @@ def test_a_passed_point_beside_a_corner_keeps_half_of_the_way_to_it() -> None:
 
 
 @pytest.mark.parametrize("case", ["cut", "below another cut", "in contact", "barred"])
-def test_no_point_is_passed_where_material_may_be_beside(case: str) -> None:
+def test_no_point_is_passed_near_possible_material(case: str) -> None:
     nodes = np.array([np.zeros(6), [0.3, 0.03, 0, 0.1, 0, 0], [0.9, 0, 0, 0.4, 0, 0]])
     legs = build_legs(nodes)
     keep = space(deviation=0.05)
@@ -332,7 +332,7 @@ def test_no_point_is_passed_where_material_may_be_beside(case: str) -> None:
 
 
 @pytest.mark.parametrize("sideways", [0.0, 1e-12, 1e-5, 1e-3])
-def test_where_the_joints_turn_back_it_stops(sideways: float) -> None:
+def test_machine_stops_where_joints_reverse(sideways: float) -> None:
     nodes = np.zeros((4, 6))
     nodes[1, :2], nodes[2, 0], nodes[2, 1], nodes[3, 1] = (0.3, 0.1), 0.1, 0.1 / 3.0 + sideways, 0.4
     corners = list_rounded_corners(round_rapid_corners(build_legs(nodes), no_events(), space(deviation=1e-6)))
@@ -349,7 +349,7 @@ def list_near_straight_legs(off: float, count: int) -> Array:
 
 @pytest.mark.parametrize("off", [0.0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
 @pytest.mark.parametrize("count", [3, 6])
-def test_flat_corners_have_shares_that_the_table_can_state_and_the_motion_keeps(off: float, count: int) -> None:
+def test_flat_corners_have_representable_shares(off: float, count: int) -> None:
     legs = round_rapid_corners(build_legs(list_near_straight_legs(off, count)), no_events(), space(deviation=1e-3))
     corners = list_rounded_corners(legs)
     assert corners is not None

@@ -56,7 +56,7 @@ angle = st.floats(-2.0, 2.0)
 
 @settings(max_examples=scale_example_count(60), deadline=None, derandomize=not NIGHTLY)
 @given(st.lists(angle, min_size=6, max_size=6), st.lists(angle, min_size=6, max_size=6), st.floats(0.05, 1.0))
-def test_samples_keep_the_limits_and_the_line(a: list[float], b: list[float], scale: float) -> None:
+def test_samples_respect_the_limits_and_the_line(a: list[float], b: list[float], scale: float) -> None:
     start, end = np.array(a), np.array(b)
     q = retime_straight_segments(np.array([start, end]), limits(), scale, SAMPLE)
     np.testing.assert_array_equal(q[0], start)
@@ -70,7 +70,7 @@ def test_samples_keep_the_limits_and_the_line(a: list[float], b: list[float], sc
         assert (np.diff(share) >= -1e-12).all()
 
 
-def test_a_long_move_is_quick() -> None:
+def test_long_move_is_limited_by_the_slowest_joint() -> None:
     """Not only within the limits: the slowest joint is at its velocity limit, and rules the duration."""
     a, b = np.zeros(6), np.deg2rad([150, 20, 0, 0, 0, 0.0])
     q = retime_straight_segments(np.array([a, b]), limits(), 1.0, SAMPLE)
@@ -87,14 +87,14 @@ def test_tiny_moves(size: float) -> None:
     assert q[-1, 0] == size
 
 
-def test_no_move_is_one_sample() -> None:
+def test_zero_move_is_one_sample() -> None:
     move = plan(np.ones(6), np.ones(6))
     assert isinstance(move, RapidMove)
     assert move.q.shape == (1, 6)
     assert move.kind == "direct"
 
 
-def test_waypoints_fall_on_samples_at_rest() -> None:
+def test_waypoints_are_samples_at_rest() -> None:
     points = np.array([np.zeros(6), np.full(6, 0.3), [0.5, 0, 0.2, -1, 0, 1]])
     q = retime_straight_segments(points, limits(), 0.8, SAMPLE)
     corner = int(np.flatnonzero((q == points[1]).all(axis=1))[0])
@@ -115,13 +115,13 @@ def walled(tmp_path_factory: pytest.TempPathFactory) -> CollisionModel:
 LEFT, RIGHT = np.deg2rad([-35, -50, 90, 0, 45, 0.0]), np.deg2rad([35, -50, 90, 0, 45, 0.0])
 
 
-def test_takes_the_straight_line_where_it_is_free(walled: CollisionModel) -> None:
+def test_free_straight_line_is_used(walled: CollisionModel) -> None:
     move = plan(LEFT, LEFT + np.deg2rad([5, 3, 0, 0, 0, 90]), walled, detours=lambda: pytest.fail("not asked"))
     assert isinstance(move, RapidMove)
     assert move.kind == "direct"
 
 
-def test_takes_the_first_free_detour(walled: CollisionModel) -> None:
+def test_first_free_detour_is_used(walled: CollisionModel) -> None:
     up = np.deg2rad([[-35, -110, 90, 0, 45, 0], [35, -110, 90, 0, 45, 0.0]])
     beyond = up + np.deg2rad([400.0, 0, 0, 0, 0, 0])  # outside the limits
     through = np.array([0.5 * (LEFT + RIGHT)])
@@ -133,7 +133,7 @@ def test_takes_the_first_free_detour(walled: CollisionModel) -> None:
     assert max(ratios(move.q, 0.8)) <= 1.0 + 1e-6
 
 
-def test_finds_a_way_by_itself_and_the_same_one_again(walled: CollisionModel) -> None:
+def test_random_search_finds_a_reproducible_way(walled: CollisionModel) -> None:
     first, again = (plan(LEFT, RIGHT, walled, rng=np.random.default_rng(7)) for _ in range(2))
     assert isinstance(first, RapidMove)
     assert isinstance(again, RapidMove)
@@ -144,7 +144,7 @@ def test_finds_a_way_by_itself_and_the_same_one_again(walled: CollisionModel) ->
     assert not walled.check_configurations(first.q, np.zeros(len(first.q), bool)).hit.any()
 
 
-def test_says_what_is_in_the_way(walled: CollisionModel) -> None:
+def test_obstacles_are_named(walled: CollisionModel) -> None:
     answer = plan(LEFT, RIGHT, walled, iterations=0)
     assert isinstance(answer, BlockedRapid)
     assert answer.reason == "way"
@@ -166,7 +166,7 @@ def test_ruckig_stays_offline() -> None:
         assert word not in names, file
 
 
-def test_corners_that_chance_left_are_cut_where_the_line_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_corners_are_cut_where_the_line_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
     path, rng = np.random.default_rng(1).normal(size=(9, 6)), np.random.default_rng(2)
     nobody = rapid_moves._Space(collision=None, barred=None, step=STEP, measure=np.ones(6))
     np.testing.assert_array_equal(rapid_moves._cut_corners(nobody, path, rng), path[[0, -1]])

@@ -67,13 +67,13 @@ class Motion:
         return plan, replace(self.good, trajectory=None, obstructions=self.stops)
 
 
-def test_a_plan_that_can_be_driven_stays_as_it_is(made: Plan, driven: MotionTimeline) -> None:
+def test_drivable_plan_is_unchanged(made: Plan, driven: MotionTimeline) -> None:
     motion = Motion(driven, lambda plan: False, ())
     assert reroute_blocked_rapids(made, motion, StageTimings()) == (made, driven)
     assert motion.asked == 1
 
 
-def test_what_follows_a_blocked_move_goes_round_by_whole_turns(made: Plan, driven: MotionTimeline) -> None:
+def test_plan_after_a_blocked_move_is_shifted_by_whole_turns(made: Plan, driven: MotionTimeline) -> None:
     first, last = second_cut(made)
     q = made.chosen.assignment.q
     motion = Motion(driven, lambda plan: np.allclose(plan.chosen.assignment.q, q), (stop(3.0, 4.0),))
@@ -95,7 +95,7 @@ def test_what_follows_a_blocked_move_goes_round_by_whole_turns(made: Plan, drive
     assert "from point 3 to point 4: joint" in timeline.detours[-1]
 
 
-def test_a_move_home_turns_the_last_stretch(made: Plan, driven: MotionTimeline) -> None:
+def test_blocked_move_home_turns_the_last_segment(made: Plan, driven: MotionTimeline) -> None:
     q = made.chosen.assignment.q
     motion = Motion(driven, lambda plan: np.allclose(plan.chosen.assignment.q, q), (stop(7.0, float("nan")),))
     plan, timeline = reroute_blocked_rapids(made, motion, StageTimings())
@@ -111,7 +111,7 @@ def nothing_is_free(*_: object, **__: object) -> BlockedRapid:
     return BlockedRapid("a ~ b", np.zeros(6), 0.5, "way")
 
 
-def test_without_a_turn_that_helps_another_branch_comes_from_home(
+def test_another_branch_starts_at_home_where_no_turn_helps(
     made: Plan, driven: MotionTimeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rapid_rerouting, "plan_rapid", nothing_is_free)
@@ -125,7 +125,7 @@ def test_without_a_turn_that_helps_another_branch_comes_from_home(
     assert f"to branch {taken}" in timeline.detours[-1]
 
 
-def test_without_a_turn_that_helps_the_branch_is_not_changed_there(
+def test_branch_is_kept_where_no_turn_helps(
     made: Plan, driven: MotionTimeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As a plan that changes branch between the cuts, whose first half the search itself would not take."""
@@ -151,7 +151,7 @@ def test_without_a_turn_that_helps_the_branch_is_not_changed_there(
 
 
 @pytest.mark.parametrize("code", ["rapid_collides", "not_driven", "home_collides"])
-def test_other_stops_and_what_no_other_plan_mends_are_told_as_they_were(
+def test_other_failures_are_reported_unchanged(
     made: Plan, driven: MotionTimeline, monkeypatch: pytest.MonkeyPatch, code: str
 ) -> None:
     monkeypatch.setattr(rapid_rerouting, "plan_rapid", nothing_is_free)
@@ -165,7 +165,7 @@ def test_other_stops_and_what_no_other_plan_mends_are_told_as_they_were(
     assert reroute_blocked_rapids(made, always, StageTimings())[0] is made
 
 
-def test_a_plan_that_lacks_points_is_not_searched_again(
+def test_incomplete_plan_is_not_searched_again(
     made: Plan, driven: MotionTimeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another search would not know why they were given up, as of what gouges."""
@@ -179,7 +179,7 @@ def test_a_plan_that_lacks_points_is_not_searched_again(
     assert motion.asked == 1
 
 
-def test_points_that_are_passed_by_have_no_turn(made: Plan, driven: MotionTimeline) -> None:
+def test_omitted_points_have_no_turn(made: Plan, driven: MotionTimeline) -> None:
     """The last rapid point of the file out of reach: home is come to from the one before."""
     a, q = made.chosen.assignment, made.chosen.assignment.q.copy()
     last = made.path.runs[-1][1]

@@ -25,7 +25,7 @@ def limits() -> JointLimits:
 
 
 @pytest.mark.parametrize("size", [1e-4, 3e-3, 0.05, 0.4, 1.5, 6.0])
-def test_time_of_a_rapid_move_is_that_of_its_samples(size: float) -> None:
+def test_time_of_a_rapid_move_equals_that_of_its_samples(size: float) -> None:
     rng = np.random.default_rng(7)
     for _ in range(5):
         step = size * rng.uniform(-1, 1, 6)
@@ -35,7 +35,7 @@ def test_time_of_a_rapid_move_is_that_of_its_samples(size: float) -> None:
         assert compute_rest_time(*need) == pytest.approx((len(x) - 1) * sample, abs=1.01 * sample)
 
 
-def test_time_without_a_move_is_zero() -> None:
+def test_zero_move_takes_no_time() -> None:
     assert compute_rest_time(0.0, 0.0, 0.0) == 0.0
 
 
@@ -50,7 +50,7 @@ def near(q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_search_prices_rapids_like_every_sequence(seed: int) -> None:
+def test_search_costs_of_rapids_equal_those_of_every_sequence(seed: int) -> None:
     path, candidates, scores = random_problem(seed, rapid=(0, 2, 3))
     weights = ObjectiveWeights(worst=0.3, rapid=0.7, reorientation=0.3)
     options = PlanOptions(weights=weights)
@@ -88,7 +88,7 @@ def test_search_prices_rapids_like_every_sequence(seed: int) -> None:
     assert share > 0
 
 
-def test_a_dear_change_keeps_the_branch() -> None:
+def test_expensive_change_keeps_the_branch() -> None:
     for seed in range(8):
         path, candidates, scores = random_problem(seed, rapid=(0, 2, 3))
         found = []

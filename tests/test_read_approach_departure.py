@@ -37,7 +37,7 @@ def mm(t: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
         ("APPR CT X+20 Y+0 Z-3 CCA90 R-10 RR F100", [10, 10], [20, 10]),
     ],
 )
-def test_the_tool_comes_by_an_auxiliary_point(
+def test_tool_approaches_through_an_auxiliary_point(
     tmp_path: Path, block: str, helper: list[float], centre: list[float] | None
 ) -> None:
     t = read(tmp_path, HEAD + block + "\n" + CONTOUR + TAIL)
@@ -54,7 +54,7 @@ def test_the_tool_comes_by_an_auxiliary_point(
         assert abs(before[1]) < 0.05 * before[0]  # it meets the contour along its tangent
 
 
-def test_an_approach_on_line_and_arc_is_tangential_at_both_ends(tmp_path: Path) -> None:
+def test_approach_on_line_and_arc_is_tangential_at_both_ends(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "L Y+30\nAPPR LCT X+20 Y+0 Z-3 R10 RL F100\n" + CONTOUR + TAIL, default_feed=0.01)
     p = mm(t)[:, :2]
     first = next(k for k in range(2, len(p)) if abs(np.linalg.norm(p[k] - [20, 10]) - 10) < 1e-6)
@@ -72,7 +72,7 @@ def test_an_approach_on_line_and_arc_is_tangential_at_both_ends(tmp_path: Path) 
         ("DEP LCT X+10 Y+60 Z+20 R5", [10, 60, 20]),
     ],
 )
-def test_the_tool_leaves_the_contour(tmp_path: Path, block: str, end: list[float]) -> None:
+def test_tool_leaves_the_contour(tmp_path: Path, block: str, end: list[float]) -> None:
     t = read(tmp_path, HEAD + "APPR LT X+20 Y+0 Z-3 LEN15 RL F100\n" + CONTOUR + block + "\n" + TAIL)
     p = mm(t)
     assert p[-1].tolist() == end
@@ -95,12 +95,12 @@ def test_the_tool_leaves_the_contour(tmp_path: Path, block: str, end: list[float
         ("TRANS DATUM TABLE TABLINE5\n", "datum table"),
     ],
 )
-def test_ends_of_contours_that_cannot_be_known(tmp_path: Path, blocks: str, message: str) -> None:
+def test_undeterminable_contour_ends_are_refused(tmp_path: Path, blocks: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, HEAD + blocks + TAIL)
 
 
-def test_trans_is_what_the_cycles_are(tmp_path: Path) -> None:
+def test_trans_equals_the_datum_cycles(tmp_path: Path) -> None:
     def both(new: str, old: str) -> None:
         a = read(tmp_path, HEAD + "L Z+0 F100\n" + new + "L X+10 Y+2\n" + TAIL)
         b = read(tmp_path, HEAD + "L Z+0 F100\n" + old + "L X+10 Y+2\n" + TAIL)
@@ -136,7 +136,7 @@ SIEMENS = "{} G90 G17 G94\nR1=5\nG0 X0 Y0 Z0\nG1 X1 F{}\n"
         ("G710", None, 1.0, 10.0),
     ],
 )
-def test_feeds_of_sinumerik_stay_in_the_controls_unit(
+def test_sinumerik_feeds_keep_the_unit_of_the_control(
     tmp_path: Path, word: str, unit: str | None, x: float, feed: float
 ) -> None:
     t = read(tmp_path, SIEMENS.format(word, 10) + "M30\n", "a.mpf", unit=unit)
@@ -144,7 +144,7 @@ def test_feeds_of_sinumerik_stay_in_the_controls_unit(
     assert t.feed[-1] * 60e3 == pytest.approx(feed)
 
 
-def test_a_feed_under_g70_is_asked_for_and_one_of_before_it_stays(tmp_path: Path) -> None:
+def test_feed_under_g70_is_asked_for_and_an_earlier_one_remains(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line 4: F under G70.*--unit inch .*--unit mm"):
         read(tmp_path, SIEMENS.format("G70", 10) + "M30\n", "a.mpf")
     t = read(tmp_path, SIEMENS.format("G710", 10) + "G700\nG1 X2\nG1 X3 F1\nM30\n", "a.mpf")
@@ -158,7 +158,7 @@ def test_programmed_shifts_of_sinumerik_are_named(tmp_path: Path) -> None:
         read(tmp_path, SIEMENS.format("G71", 10) + "G59 X10\nG1 X2\nM30\n", "a.mpf")
 
 
-def test_an_incremental_zero_behind_the_machines_frame_stays_unknown(tmp_path: Path) -> None:
+def test_incremental_zero_behind_the_machine_frame_is_unknown(tmp_path: Path) -> None:
     text = "G21 G90\nG0 X1. Y1. Z5.\nG1 Z0. F100.\nG91 G28 Z0.\nG91 G0 X0. Z0.\nG90 X9.\nZ5.\nG1 Z0.\nM30\n"
     assert mm(read(tmp_path, text, "a.nc"))[-2:].tolist() == [[9, 1, 5], [9, 1, 0]]
     with pytest.raises(InputError, match=r"line 6: cuts while Z is not known: G28 moved it.*name it in a G0"):

@@ -38,7 +38,7 @@ def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
     return np.round(toolpath.position * 1e3, 9)  # metres and back costs the last bits
 
 
-def test_nx_rapid_holds_for_one_motion_and_the_feed_resumes(tmp_path: Path) -> None:
+def test_nx_rapid_applies_to_one_motion_and_the_feed_resumes(tmp_path: Path) -> None:
     t = read(tmp_path, NX_HEAD + "RAPID\nGOTO/10.0,0.0,5.0\nGOTO/10.0,0.0,-1.0\n" + NX_TAIL)
     assert t.format == "apt/nx"
     assert t.move.tolist() == [MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT, MoveKind.RAPID, MoveKind.CUT]
@@ -91,7 +91,7 @@ def _distance(point: np.ndarray, line: np.ndarray) -> float:  # type: ignore[typ
     return float(np.linalg.norm(a + s[:, None] * (b - a) - point, axis=1).min())
 
 
-def test_nx_second_msys_is_brought_into_the_first(tmp_path: Path) -> None:
+def test_nx_second_msys_is_transformed_into_the_first(tmp_path: Path) -> None:
     later = NX_HEAD.replace("MSYS/0.0,0.0,0.0,1.0,0.0,0.0,0.0,1.0,0.0", "MSYS/100.0,0,0,0,1.0,0,-1.0,0,0")
     t = read(tmp_path, NX_HEAD + NX_TAIL + later.replace("PROFILE", "SIDE") + NX_TAIL)
     assert np.allclose(mm(t)[5], [100.0, 10.0, 0.0])  # x runs along the first y
@@ -110,7 +110,7 @@ def test_nx_cycle_depth_is_signed_along_the_axis(tmp_path: Path) -> None:
     assert [MoveKind(m).word for m in t.move] == ["rapid", "cut", "retract", "rapid", "cut", "retract"]
 
 
-def test_arc_against_its_neighbours_is_told(tmp_path: Path) -> None:
+def test_arc_that_contradicts_its_neighbours_is_reported(tmp_path: Path) -> None:
     body = "GOTO/10.0,-5.0,0.0\nGOTO/10.0,0.0,0.0\nCIRCLE/0,0,0,0,0,{k},10.0\nGOTO/-10.0,0.0,0.0\nGOTO/-10.0,-5.0,0.0\n"
     good = read(tmp_path, NX_HEAD + body.format(k=-1) + NX_TAIL)
     bad = read(tmp_path, NX_HEAD + body.format(k=1) + NX_TAIL)
@@ -189,7 +189,7 @@ def test_camworks_circle_is_right_handed_and_closes(tmp_path: Path) -> None:
     assert t.operations[0].tool == "15"
 
 
-def test_camworks_csys_turns_the_tool_and_not_the_points(tmp_path: Path) -> None:
+def test_camworks_csys_rotates_the_tool_and_not_the_points(tmp_path: Path) -> None:
     text = (
         CAMWORKS_HEAD
         + "CSYS/0,0,-1.,0,-1.,0,0,0,0,1.,0,0\nRAPID/\nGOTO/-25.,101.,-47.,-1.,0,0\nGOTO/3.,101.,-47.\nFINI\n"
@@ -241,7 +241,7 @@ def test_crlf_bom_and_latin1_read_the_same(tmp_path: Path) -> None:
     assert t.events[-1].text == "Fr\xe4sen"
 
 
-def test_unknown_words_are_counted_and_strict_refuses_them(tmp_path: Path) -> None:
+def test_unknown_words_are_counted_and_refused_by_strict(tmp_path: Path) -> None:
     text = NX_HEAD + "FOOBAR/1,2\nCOOLNT/ON\nFOOBAR/3\n" + NX_TAIL
     t = read(tmp_path, text)
     (word,) = [w for w in t.ignored if not w.understood]
@@ -252,7 +252,7 @@ def test_unknown_words_are_counted_and_strict_refuses_them(tmp_path: Path) -> No
         read(tmp_path, text, strict=True)
 
 
-def test_cut_off_files_are_told(tmp_path: Path) -> None:
+def test_truncated_files_are_reported(tmp_path: Path) -> None:
     t = read(tmp_path, NX_HEAD)
     assert t.warnings[0].startswith("INCOMPLETE FILE? no FINI")
     u = read(tmp_path, NX_HEAD + "GOTO/1.0,2.")
@@ -287,7 +287,7 @@ def test_cut_off_files_are_told(tmp_path: Path) -> None:
         ("partno x\nclprnt\npl1=plane/0,0,1,4\ngoto/1,2,3\nfini\n", "part program"),
     ],
 )
-def test_refusals_name_the_place_and_the_way_out(tmp_path: Path, text: str, message: str) -> None:
+def test_refusals_name_the_place_and_the_remedy(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         read(tmp_path, text, "x.apt")
     assert "x.apt" in str(caught.value)
@@ -312,7 +312,7 @@ def test_summary_is_json(tmp_path: Path) -> None:
     assert summary["length_mm"]["cut"] == 5.0
 
 
-def test_catia_five_axes_and_turning_is_told(tmp_path: Path) -> None:
+def test_catia_five_axes_and_turning_is_reported(tmp_path: Path) -> None:
     text = CATIA_HEAD.replace("LOADTL/1\n", "TOOLNO/1,TURN,1\nMULTAX\n") + (
         "GOTO  /   20.00000,    0.00000,    0.00000,$\n  0.60000, 0.00000, 0.80000\nFINI\n"
     )
@@ -423,7 +423,7 @@ def test_increments_are_asked_for_and_godlta_is_read(tmp_path: Path) -> None:
     assert mm(t).tolist() == [[1, 2, 3], [1, 0, 0], [9, 9, 9], [9, 9, 7], [10, 9, 7]]
 
 
-def test_the_order_of_numbers_in_cycle_is_an_option(tmp_path: Path) -> None:
+def test_order_of_numbers_in_cycle_is_an_option(tmp_path: Path) -> None:
     text = "UNITS/MM\nFEDRAT/300,MMPM\nRAPID\nGOTO/5,5,20\nCYCLE/DRILL,2,12,80\nGOTO/5,5,1\nCYCLE/OFF\nFINI\n"
     t = read(tmp_path, text, "x.apt", cycle_order=("clear", "depth", "feed"))
     assert mm(t)[t.cutting].tolist() == [[5.0, 5.0, -11.0]]
@@ -432,7 +432,7 @@ def test_the_order_of_numbers_in_cycle_is_an_option(tmp_path: Path) -> None:
         read(tmp_path, text, "x.apt", cycle_order=("deep",))
 
 
-def test_fast_and_slow_lines_read_the_same(tmp_path: Path) -> None:
+def test_fast_and_slow_line_readers_agree(tmp_path: Path) -> None:
     rows = [f"{x * 0.5:.3f},{x * x * 0.01:.4f},-1.5,0.0,0.6,0.8" for x in range(50)]
     head, tail = "UNITS/MM\nFEDRAT/100\n", "\nFINI\n"
     plain = read(tmp_path, head + "\n".join(f"GOTO/{r}" for r in rows) + tail, "x.apt")

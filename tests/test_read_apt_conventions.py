@@ -31,7 +31,7 @@ def refused(folder: Path, text: str, name: str = "part.apt", **options: object) 
 @pytest.mark.parametrize("up", [1, -1])
 @pytest.mark.parametrize("left", [True, False])
 @pytest.mark.parametrize("sweep", [10.0, 45.0, 90.0, 135.0, 179.0, 181.0, 200.0, 270.0, 350.0])
-def test_the_stated_sweep_decides_about_the_direction(tmp_path: Path, up: int, left: bool, sweep: float) -> None:
+def test_stated_sweep_decides_the_direction(tmp_path: Path, up: int, left: bool, sweep: float) -> None:
     """36 arcs: whichever axis the record states, the arc has the sweep it states."""
     turn = math.radians(sweep) * (1.0 if left else -1.0)
     x, y = 30.0 + 20.0 * math.cos(turn), 40.0 + 20.0 * math.sin(turn)
@@ -45,7 +45,7 @@ def test_the_stated_sweep_decides_about_the_direction(tmp_path: Path, up: int, l
     assert angle[-1] - angle[0] == pytest.approx(turn, abs=1e-6)
 
 
-def test_a_whole_turn_and_a_half_one_follow_the_axis_of_clockwise_travel(tmp_path: Path) -> None:
+def test_full_and_half_turns_follow_the_clockwise_axis(tmp_path: Path) -> None:
     for sweep, x in ((360.0, 50.0), (180.0, 10.0)):
         text = f"UNITS/MM\nFEDRAT/500,MMPM\nGOTO/50,40,0\nCIRCLE/30,40,0,0,0,1,20,{sweep},0,0,0\nGOTO/{x},40,0\nFINI\n"
         p = read(tmp_path, text).position[:, :2] * 1e3 - [30.0, 40.0]
@@ -54,7 +54,7 @@ def test_a_whole_turn_and_a_half_one_follow_the_axis_of_clockwise_travel(tmp_pat
 
 
 @pytest.mark.parametrize("sweep", [0.03, 60.0, 88.0, 120.0, 272.0, 0.0])
-def test_a_sweep_that_contradicts_its_points_is_refused(tmp_path: Path, sweep: float) -> None:
+def test_sweep_that_contradicts_its_points_is_refused(tmp_path: Path, sweep: float) -> None:
     text = f"UNITS/MM\nFEDRAT/500,MMPM\nGOTO/50,40,0\nCIRCLE/30,40,0,0,0,1,20,{sweep},0,0,0\nGOTO/30,60,0\nFINI\n"
     assert refused(tmp_path, text).where in ("line 4", "line 5")
 
@@ -80,25 +80,25 @@ def cycle(axis: str, holes: list[str], start: str = "20,100,60", words: str = "R
     )
 
 
-def test_the_tool_retracts_to_the_plane_that_it_came_from(tmp_path: Path) -> None:
+def test_tool_retracts_to_the_previous_plane(tmp_path: Path) -> None:
     for heights in ([10.0, 10.0, 10.0], [10.0, 4.0, 25.0]):
         t = read(tmp_path, cycle("0,0,1", [f"{20 + 40 * k},100,{z}" for k, z in enumerate(heights)]), "part.cls")
         assert t.position[t.move == MoveKind.RETRACT, 2] * 1e3 == pytest.approx([60.0] * 3)
         assert t.position[t.cutting, 2] * 1e3 == pytest.approx([z - 10.0 for z in heights])
 
 
-def test_the_plane_is_across_a_tilted_axis(tmp_path: Path) -> None:
+def test_retract_plane_is_normal_to_a_tilted_axis(tmp_path: Path) -> None:
     axis = np.array([0.6, 0.0, 0.8])
     t = read(tmp_path, cycle("0.6,0,0.8", ["0,0,0", "0,50,0"], start="60,0,80"), "part.cls")
     assert (t.position[t.move == MoveKind.RETRACT] * 1e3) @ axis == pytest.approx([100.0, 100.0])
 
 
 @pytest.mark.parametrize("holes", [["20,100,10", "60,100,10,0,0.6,0.8"], ["60,100,10,0.6,0,0.8"]])
-def test_another_axis_has_no_such_plane(tmp_path: Path, holes: list[str]) -> None:
+def test_other_axis_has_no_such_plane(tmp_path: Path, holes: list[str]) -> None:
     assert (refused(tmp_path, cycle("0,0,1", holes), "part.cls").where or "").startswith("line ")
 
 
-def test_another_word_behind_rtrcto_stops_a_plan(tmp_path: Path) -> None:
+def test_unknown_word_after_rtrcto_stops_a_plan(tmp_path: Path) -> None:
     t = read(tmp_path, cycle("0,0,1", ["20,100,10"], words="RTRCTO,HALF,MMPM,250."), "part.cls")
     with pytest.raises(InputError):
         refuse_unknown_words(t, tmp_path / "part.cls")
@@ -108,7 +108,7 @@ def test_another_word_behind_rtrcto_stops_a_plan(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", ["0.15", "0.02", ".1", "0.5", "1.2", "2", "3.5", "4.9", "0.001", "0.08"])
-def test_a_feed_without_a_unit_as_small_as_one_per_revolution_is_asked_for(tmp_path: Path, value: str) -> None:
+def test_small_feed_without_a_unit_is_asked_for(tmp_path: Path, value: str) -> None:
     text = f"UNITS/MM\nSPINDL/1000,RPM,CLW\nFEDRAT/{value}\nGOTO/0,0,0\nGOTO/0.03,0,0\nFINI\n"
     problem = refused(tmp_path, text)
     assert problem.where == "line 3"
@@ -130,7 +130,7 @@ def test_other_feeds_without_a_unit_are_per_minute(tmp_path: Path, unit: str, va
 
 
 @pytest.mark.parametrize("after", ["GOTO/10,0,0\n", "GODLTA/1,0,0\n", "CIRCLE/0,0,0,0,0,1\nGOTO/5,0,0\n"])
-def test_a_cut_after_gohome_starts_nowhere(tmp_path: Path, after: str) -> None:
+def test_cut_after_gohome_has_no_start(tmp_path: Path, after: str) -> None:
     text = f"UNITS/MM\nFEDRAT/100,MMPM\nGOTO/0,0,0\nGOTO/5,0,0\nGOHOME\n{after}FINI\n"
     assert (refused(tmp_path, text).where or "").startswith("line ")
     assert len(read(tmp_path, text.replace("GOHOME\n", "GOHOME\nRAPID\nGOTO/5,0,0\n"))) >= 3
@@ -153,7 +153,7 @@ def test_a_cut_after_gohome_starts_nowhere(tmp_path: Path, after: str) -> None:
         "Z-5.",
     ],
 )
-def test_inserted_text_that_is_nc_code_stops_a_plan(tmp_path: Path, text: str) -> None:
+def test_inserted_nc_code_stops_a_plan(tmp_path: Path, text: str) -> None:
     t = read(tmp_path, f"UNITS/MM\nFEDRAT/100,MMPM\nGOTO/0,0,0\nINSERT/{text}\nGOTO/5,0,0\nFINI\n")
     assert [w.first_line for w in t.ignored if w.stops] == [4]
 

@@ -38,7 +38,7 @@ def test_corners_are_rounded_and_chamfered(tmp_path: Path, text: str, name: str)
     assert np.allclose(np.array(got)[:, :2], ROUNDED, atol=1e-9)
 
 
-def test_a_rounding_touches_the_arc_beside_it(tmp_path: Path) -> None:
+def test_rounding_is_tangent_to_the_adjacent_arc(tmp_path: Path) -> None:
     """Line along X, then an arc about (20, 0) from (10, 0) upwards: the centre is 1 from both."""
     got = np.array(points(tmp_path, FANUC + "X10 ,R1\nG2 X20 Y10 I10 J0\nM30\n"))[2:, :2]
     centre = np.array([20.0 - (11.0**2 - 1.0) ** 0.5, 1.0])  # left of both: outside of the clockwise arc
@@ -69,7 +69,7 @@ def test_a_rounding_touches_the_arc_beside_it(tmp_path: Path) -> None:
         (FANUC + "G53 Z0\nG2 X10 R5\nM30\n", "line 5.*cuts while Z is not known"),
     ],
 )
-def test_what_cannot_be_read_is_refused_with_its_line(tmp_path: Path, text: str, what: str) -> None:
+def test_unreadable_content_is_refused_with_its_line(tmp_path: Path, text: str, what: str) -> None:
     with pytest.raises(InputError, match=re.compile(what)):
         points(tmp_path, text, "a.mpf" if text.startswith("G71") else "a.nc")
 
@@ -92,11 +92,11 @@ def test_what_cannot_be_read_is_refused_with_its_line(tmp_path: Path, text: str,
         ("X10 ANG=45\n", (10, 10, 0)),
     ],
 )
-def test_sinumerik_words_say_what_they_count_from(tmp_path: Path, text: str, last: tuple[float, ...]) -> None:
+def test_sinumerik_words_state_their_reference(tmp_path: Path, text: str, last: tuple[float, ...]) -> None:
     assert np.allclose(points(tmp_path, SINUMERIK + text + "M30\n", "a.mpf")[-1], last, atol=1e-9)
 
 
-def test_an_absolute_centre_and_full_turns(tmp_path: Path) -> None:
+def test_absolute_centre_and_full_turns(tmp_path: Path) -> None:
     arc = np.array(points(tmp_path, SINUMERIK + "X10\nG3 X0 Y10 Z-9 I=AC(0) J=AC(0) TURN=2\nM30\n", "a.mpf"))[3:]
     angle = np.unwrap(np.arctan2(arc[:, 1], arc[:, 0]))
     assert angle[-1] == pytest.approx(np.pi / 2 + 4 * np.pi)
@@ -107,9 +107,7 @@ def test_an_absolute_centre_and_full_turns(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("word", "degrees", "centre"), [("G2", 90.0, (10, 0)), ("G2", 270.0, (0, 10)), ("G3", 90.0, (0, 10))]
 )
-def test_an_arc_by_its_end_and_opening_angle(
-    tmp_path: Path, word: str, degrees: float, centre: tuple[int, int]
-) -> None:
+def test_arc_by_end_and_opening_angle(tmp_path: Path, word: str, degrees: float, centre: tuple[int, int]) -> None:
     arc = np.array(points(tmp_path, SINUMERIK + f"{word} X10 Y10 AR={degrees:g}\nM30\n", "a.mpf"))[1:]
     around = np.unwrap(np.arctan2(arc[:, 1] - centre[1], arc[:, 0] - centre[0]))
     assert np.allclose(np.hypot(*(arc[:, :2] - centre).T), 10.0)
@@ -117,7 +115,7 @@ def test_an_arc_by_its_end_and_opening_angle(
     assert np.allclose(arc[-1], [10.0, 10.0, 0.0])
 
 
-def test_a_tangential_arc_goes_on_where_the_line_ended(tmp_path: Path) -> None:
+def test_tangential_arc_continues_the_line(tmp_path: Path) -> None:
     for text, name in (
         (SINUMERIK + "X10\nCT X20 Y10\nM30\n", "a.mpf"),
         (HEIDENHAIN + "4 L X+10\n5 CT X+20 Y+10\n9 M30\n99 END PGM A MM\n", "a.h"),
@@ -145,7 +143,7 @@ def test_fanuc_mirrors_scales_and_polar_words(tmp_path: Path, text: str, last: t
     assert np.allclose(points(tmp_path, FANUC + text + "M30\n")[-1], last, atol=1e-9)
 
 
-def test_an_arc_brings_in_a_height(tmp_path: Path) -> None:
+def test_arc_with_a_height(tmp_path: Path) -> None:
     got = np.array(points(tmp_path, "G21 G90\nG0 X0 Y0\nG2 X10 Z-3 R5 F100\nG1 X20\nM30\n"))
     assert np.allclose(got[-2:], [(10, 0, -3), (20, 0, -3)])
 
@@ -199,7 +197,7 @@ def test_absurd_extents_are_asked_for(tmp_path: Path) -> None:
     assert points(tmp_path, text, max_extent=100.0)[-1][0] == 60000
 
 
-def test_trans_and_scale_of_apt_move_what_follows(tmp_path: Path) -> None:
+def test_trans_and_scale_of_apt_move_later_points(tmp_path: Path) -> None:
     text = (
         "UNITS/MM\nFEDRAT/100\nTRANS/10,0,0\nGOTO/1,2,3\nSCALE/2\nGOTO/1,2,3\nTRANS/0,0,0\nSCALE/1\nGOTO/1,2,3\nFINI\n"
     )
@@ -222,7 +220,7 @@ def test_repeats_by_label(tmp_path: Path) -> None:
         points(tmp_path, SINUMERIK + "REPEAT B1\nX1\nM30\n", "a.mpf")
 
 
-def test_the_axes_of_a_plane_that_stays(tmp_path: Path) -> None:
+def test_axes_of_an_unchanged_plane(tmp_path: Path) -> None:
     head = "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S1000\n2 PLANE SPATIAL SPA+90 SPB+0 SPC+0 STAY\n"
     tail = "4 L X+1 Y+2 Z+5 R0 FMAX\n5 L Z+3 F100\n6 M30\n99 END PGM A MM\n"
     got = points(tmp_path, head + "3 L A+Q120 C+Q122 R0 FMAX\n" + tail, "a.h")
@@ -231,7 +229,7 @@ def test_the_axes_of_a_plane_that_stays(tmp_path: Path) -> None:
         points(tmp_path, head + tail, "a.h")
 
 
-def test_a_linuxcnc_parameter_named_like_a_sinumerik_word(tmp_path: Path) -> None:
+def test_linuxcnc_parameter_named_like_a_sinumerik_word(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a value of the running control"):
         points(
             tmp_path, "G21 G90\nM61 Q2\nG10 L20 P0 X-#<_hal[kins.x-rot-point]>\nG0 X0 Y0 Z5\nG1 Z0 F100\nM2\n", "a.ngc"

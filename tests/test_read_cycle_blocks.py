@@ -39,7 +39,7 @@ MOTION_BESIDE = [
 
 
 @pytest.mark.parametrize("text", MOTION_BESIDE)
-def test_a_motion_beside_a_cycle_is_refused_with_its_line(tmp_path: Path, text: str) -> None:
+def test_motion_beside_a_cycle_is_refused_with_its_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError) as caught:
         read_toolpath(write(tmp_path, text))
     assert f"line {4 + text.count(chr(10))}:" in str(caught.value)
@@ -47,7 +47,7 @@ def test_a_motion_beside_a_cycle_is_refused_with_its_line(tmp_path: Path, text: 
 
 
 @pytest.mark.parametrize("text", [f"F300 {CYCLE}", f"G17 {CYCLE}", f"M8 {CYCLE}", f"N10 {CYCLE}", f"S900 M3 {CYCLE}"])
-def test_words_that_move_nothing_may_stand_beside_a_cycle(tmp_path: Path, text: str) -> None:
+def test_words_without_motion_may_be_beside_a_cycle(tmp_path: Path, text: str) -> None:
     path = read_toolpath(write(tmp_path, text))
     assert np.sum(path.move == MoveKind.CUT) == 1
 
@@ -67,7 +67,7 @@ GRIDS = {
 
 
 @pytest.mark.parametrize("name", GRIDS)
-def test_the_holes_of_a_pattern(tmp_path: Path, name: str) -> None:
+def test_holes_of_a_pattern(tmp_path: Path, name: str) -> None:
     text, expected = GRIDS[name]
     path = read_toolpath(write(tmp_path, f"MCALL {CYCLE}\n{text}\nMCALL"))
     np.testing.assert_allclose(path.position[path.move == MoveKind.CUT][:, :2] * 1e3, expected, atol=1e-9)
@@ -95,7 +95,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_arguments_that_are_not_read_are_refused(tmp_path: Path, name: str) -> None:
+def test_unsupported_arguments_are_refused(tmp_path: Path, name: str) -> None:
     text, word = REFUSED[name]
     with pytest.raises(InputError) as caught:
         read_toolpath(write(tmp_path, f"MCALL {CYCLE}\n{text}\nMCALL"))
@@ -152,13 +152,13 @@ def test_modes_that_change_the_depth_are_refused(tmp_path: Path, name: str) -> N
         "CYCLE89(5,0,1,,3,0,0,1,11)",
     ],
 )
-def test_modes_of_the_depth_that_is_given(tmp_path: Path, text: str) -> None:
+def test_modes_of_the_given_depth(tmp_path: Path, text: str) -> None:
     path = read_toolpath(write(tmp_path, f"MCALL {text}\nX10\nMCALL"))
     np.testing.assert_allclose(path.position[path.move == MoveKind.CUT] * 1e3, [[10, 0, -3]], atol=1e-9)
 
 
 @pytest.mark.parametrize(("distance", "height"), [("0.4", -9.6), ("2.5", -7.5), ("", -9.0), ("0", -9.0)])
-def test_the_distance_behind_which_a_peck_feeds_again(tmp_path: Path, distance: str, height: float) -> None:
+def test_distance_before_the_feed_of_a_peck(tmp_path: Path, distance: str, height: float) -> None:
     cycle = f"CYCLE83(5,0,1,-20,,-10,,0,0,0,1,1,3,0,0,0,{distance},0,1,11211112)"
     path = read_toolpath(write(tmp_path, f"MCALL {cycle}\nX10\nMCALL"))
     approach = path.position[path.move == MoveKind.APPROACH][:, 2] * 1e3
@@ -166,13 +166,13 @@ def test_the_distance_behind_which_a_peck_feeds_again(tmp_path: Path, distance: 
 
 
 @pytest.mark.parametrize(("word", "mode"), [("G17", 1), ("G18", 2), ("G19", 3)])
-def test_the_plane_of_a_cycle_may_stand_in_its_block(tmp_path: Path, word: str, mode: int) -> None:
+def test_plane_of_a_cycle_may_be_in_its_block(tmp_path: Path, word: str, mode: int) -> None:
     path = read_toolpath(write(tmp_path, f"{word} CYCLE81(5,0,1,-3,,0,0,{mode},12)\nG17"))
     assert np.sum(path.move == MoveKind.CUT) == 1
 
 
 @pytest.mark.parametrize("distance", ["10", "11", "12", "40"])
-def test_a_peck_that_feeds_again_from_the_clearance_height_has_no_point_twice(tmp_path: Path, distance: str) -> None:
+def test_peck_from_the_clearance_height_has_no_duplicate_point(tmp_path: Path, distance: str) -> None:
     cycle = f"CYCLE83(5,0,1,-20,,-10,,0,0,0,1,1,3,0,0,0,{distance},0,1,11211112)"
     path = read_toolpath(write(tmp_path, f"MCALL {cycle}\nX10\nMCALL"))
     assert (np.linalg.norm(np.diff(path.position, axis=0), axis=1) > 1e-9).all()

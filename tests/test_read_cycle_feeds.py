@@ -64,7 +64,7 @@ def _feeds(path: Toolpath) -> list[float]:
         ("CYCLE81(10,0,2,-5)", [100.0], 0.0),
     ],
 )
-def test_feeds_in_the_arguments_of_a_cycle_hold(call: str, feeds: list[float], dwell: float, tmp_path: Path) -> None:
+def test_feeds_in_the_arguments_of_a_cycle_apply(call: str, feeds: list[float], dwell: float, tmp_path: Path) -> None:
     path = _read_siemens(tmp_path, "X5 Y5", call)
     assert _feeds(path) == feeds
     assert path.dwells.sum() == pytest.approx(dwell)
@@ -81,7 +81,7 @@ def test_feeds_in_the_arguments_of_a_cycle_hold(call: str, feeds: list[float], d
         "Y1 CYCLE86(10,0,2,-5)",
     ],
 )
-def test_a_motion_in_the_block_of_a_cycle_is_refused(block: str, tmp_path: Path) -> None:
+def test_motion_in_the_block_of_a_cycle_is_refused(block: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as found:
         _read_siemens(tmp_path, block)
     assert ":5" in str(found.value) or "line 5" in str(found.value)
@@ -97,7 +97,7 @@ def test_a_motion_in_the_block_of_a_cycle_is_refused(block: str, tmp_path: Path)
         (200, {"Q208": 250, "Q202": 20}, [150.0]),
     ],
 )
-def test_the_feed_of_the_way_out_holds(number: int, q: dict[str, float], feeds: list[float], tmp_path: Path) -> None:
+def test_feed_of_the_retract_applies(number: int, q: dict[str, float], feeds: list[float], tmp_path: Path) -> None:
     assert _feeds(_read_heidenhain(tmp_path, number, "CYCL CALL", **q)) == feeds
 
 
@@ -110,7 +110,7 @@ def test_the_feed_of_the_way_out_holds(number: int, q: dict[str, float], feeds: 
         ("CYCL CALL POS Z+8 FMAX", [(0.0, 0.0, 8.0)]),
     ],
 )
-def test_a_call_at_a_place_never_goes_there_on_a_diagonal(
+def test_call_at_a_place_never_moves_diagonally(
     call: str, places: list[tuple[float, float, float]], tmp_path: Path
 ) -> None:
     path = _read_heidenhain(tmp_path, 200, call, Q202=20)
@@ -129,7 +129,7 @@ def test_a_call_at_a_place_never_goes_there_on_a_diagonal(
         ("G98 G83 X5. Y5. Z-6. R2. Q50 F100. (Q3000)", False),
     ],
 )
-def test_a_peck_that_may_be_in_micrometres_is_asked_for(cycle: str, asked: bool, tmp_path: Path) -> None:
+def test_peck_possibly_in_micrometres_is_asked_for(cycle: str, asked: bool, tmp_path: Path) -> None:
     file = tmp_path / "x.nc"
     file.write_text("\n".join(["%", "O1", "G21 G90 G17 G94 G54", "G0 X0. Y0. Z10.", cycle, "G80", "M30", "%"]) + "\n")
     if not asked:

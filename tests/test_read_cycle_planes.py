@@ -64,7 +64,7 @@ def test_cycles_are_the_same_in_every_plane(tmp_path: Path, cycle: str, pattern:
         assert np.array_equal(found[plane][3], found[17][3], equal_nan=True)
 
 
-def test_a_cycle_in_another_plane_is_noted(tmp_path: Path) -> None:
+def test_cycle_in_another_plane_is_noted(tmp_path: Path) -> None:
     text = "%_N_PART_MPF\nG71 G90 G18 G54\nT1 M6\nF120\nG0 X0 Y60 Z0\nCYCLE81(50,0,2,-10)\nM30\n"
     assert any("G18" in w for w in read(tmp_path, text).warnings)
 
@@ -82,7 +82,7 @@ def heidenhain(lines: list[str]) -> str:
 START = ["L X+0 Y+0 Z+50 R0 FMAX", "L Z+0 F200"]
 
 
-def test_irot_adds_to_the_rotation_in_force(tmp_path: Path) -> None:
+def test_irot_adds_to_the_active_rotation(tmp_path: Path) -> None:
     rng = random.Random(5)
     for _ in range(12):
         turns = [(rng.choice("+-") + str(rng.randint(1, 80)), rng.random() < 0.6) for _ in range(3)]
@@ -95,7 +95,7 @@ def test_irot_adds_to_the_rotation_in_force(tmp_path: Path) -> None:
         assert np.allclose(place, [10 * np.cos(np.radians(total)), 10 * np.sin(np.radians(total)), 0], atol=1e-9)
 
 
-def test_g73_under_g91_adds_to_the_rotation_in_force(tmp_path: Path) -> None:
+def test_g73_under_g91_adds_to_the_active_rotation(tmp_path: Path) -> None:
     text = (
         "%ISO G71 *\nN20 T1 G17 S1000 *\nN30 G00 G40 G90 X+0 Y+0 Z+50 M3 *\nN40 G01 Z+0 F250 *\nN50 G73 G90 H+30 *\n"
         "N60 G73 G91 H+45 *\nN70 G90 G01 X+10 Y+0 *\nN80 G00 Z+50 *\nN140 M30 *\nN99999999 %ISO G71 *\n"
@@ -105,13 +105,13 @@ def test_g73_under_g91_adds_to_the_rotation_in_force(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("word", ["XROT+30", "ROTA 30", "WROT+5"])
-def test_another_word_in_cycle_10_is_refused(tmp_path: Path, word: str) -> None:
+def test_unknown_word_in_cycle_10_is_refused(tmp_path: Path, word: str) -> None:
     with pytest.raises(InputError):
         read(tmp_path, heidenhain([*START, "CYCL DEF 10.0 ROTATION", f"CYCL DEF 10.1 {word}", "L X+10"]), "part.h")
 
 
 @pytest.mark.parametrize("angles", ["A+0 B+30 C+0", "A+20 B+0 C+0", "A-15", "B+10 F9999", "A+0 B+45 C+0"])
-def test_cycle_19_fills_the_parameters_of_the_rotary_axes(tmp_path: Path, angles: str) -> None:
+def test_cycle_19_sets_the_parameters_of_the_rotary_axes(tmp_path: Path, angles: str) -> None:
     tilt = ["CYCL DEF 19.0 WORKING PLANE", f"CYCL DEF 19.1 {angles}"]
     cut = ["L X+0 Y+0 R0 FMAX M3", "L Z+20 R0 FMAX", "L Z-1 F300", "L X+40", "L Z+20 FMAX"]
     with_words = read(tmp_path, heidenhain([*tilt, "L A+Q120 B+Q121 C+Q122 R0 FMAX", *cut]), "part.h")
@@ -121,7 +121,7 @@ def test_cycle_19_fills_the_parameters_of_the_rotary_axes(tmp_path: Path, angles
     assert with_words.axis[0, 2] < 0.99
 
 
-def test_after_cycle_19_is_reset_the_axes_are_at_zero(tmp_path: Path) -> None:
+def test_axes_are_zero_after_resetting_cycle_19(tmp_path: Path) -> None:
     lines = ["CYCL DEF 19.0 WORKING PLANE", "CYCL DEF 19.1 A+0 B+30 C+0", "L B+Q121 C+Q122 FMAX", "L X+0 Y+0 Z+20 FMAX"]
     lines += ["L Z+0 F100", "L Z+20 FMAX", "CYCL DEF 19.0 WORKING PLANE", "CYCL DEF 19.1 A+0 B+0 C+0"]
     lines += ["L B+Q121 C+Q122 FMAX", "L X+5 Y+5 Z+20 FMAX", "L Z+0 F100"]
@@ -143,7 +143,7 @@ def q_cycle(number: int, depth: str) -> list[str]:
 
 
 @pytest.mark.parametrize("number", [200, 201, 202, 203, 205, 206, 207, 209, 240, 241])
-def test_the_sign_of_the_depth_counts(tmp_path: Path, number: int) -> None:
+def test_sign_of_the_depth_counts(tmp_path: Path, number: int) -> None:
     t = read(tmp_path, heidenhain([*START, "L Z+50 FMAX", *q_cycle(number, "-9")]), "part.h")
     assert t.position[t.cutting][-1, 2] * 1e3 == pytest.approx(-8.0)
     with pytest.raises(InputError) as refused:
@@ -155,7 +155,7 @@ def test_the_sign_of_the_depth_counts(tmp_path: Path, number: int) -> None:
 
 
 @pytest.mark.parametrize("number", [238, 239, 332, 392])
-def test_cycles_that_tune_the_machine_are_left_out_with_a_note(tmp_path: Path, number: int) -> None:
+def test_machine_tuning_cycles_are_left_out_with_a_note(tmp_path: Path, number: int) -> None:
     lines = [f"CYCL DEF {number} ATC ~\n Q240=1 ;MODE ~\n Q241=1 ;WEIGHT", *START, "L X+5"]
     t = read(tmp_path, heidenhain(lines), "part.h")
     assert any(f"cycle {number}" in w for w in t.warnings)
@@ -163,7 +163,7 @@ def test_cycles_that_tune_the_machine_are_left_out_with_a_note(tmp_path: Path, n
 
 
 @pytest.mark.parametrize("number", [300, 317, 350, 391, 399])
-def test_cycles_of_the_machine_builder_stop_a_plan(tmp_path: Path, number: int) -> None:
+def test_manufacturer_cycles_stop_a_plan(tmp_path: Path, number: int) -> None:
     lines = [*START, f"CYCL DEF {number} OEM ~\n Q240=1 ;MODE", "L X+5"]
     t = read(tmp_path, heidenhain(lines), "part.h")
     with pytest.raises(InputError) as refused:

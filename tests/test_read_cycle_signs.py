@@ -53,7 +53,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("number", "given"), REFUSED)
-def test_a_negative_number_and_a_plunging_depth_of_zero_are_refused(
+def test_negative_number_and_zero_plunging_depth_are_refused(
     tmp_path: Path, number: int, given: dict[int, float]
 ) -> None:
     with pytest.raises(InputError) as caught:
@@ -72,7 +72,7 @@ def test_a_negative_number_and_a_plunging_depth_of_zero_are_refused(
         (205, {257: 0, 202: 20}),
     ],
 )
-def test_one_stroke(tmp_path: Path, number: int, given: dict[int, float]) -> None:
+def test_single_stroke(tmp_path: Path, number: int, given: dict[int, float]) -> None:
     path = read_toolpath(write_heidenhain(tmp_path, number, given))
     np.testing.assert_allclose(path.position[path.move == MoveKind.CUT][:, 2] * 1e3, [-20.0])
 

@@ -231,13 +231,13 @@ def test_no_damaged_digit_moves_a_point(tmp_path: Path, name: str) -> None:
         ("small.jbi", "C00001=910.500", "C00001=910,500"),
     ],
 )
-def test_a_number_in_two_parts_is_refused(tmp_path: Path, name: str, old: str, new: str) -> None:
+def test_number_in_two_parts_is_refused(tmp_path: Path, name: str, old: str, new: str) -> None:
     assert old in PROGRAMS[name]
     with pytest.raises(InputError):
         read(tmp_path / name, PROGRAMS[name].replace(old, new, 1))
 
 
-def test_a_whole_circle_begins_at_the_radius_it_states(tmp_path: Path) -> None:
+def test_full_circle_begins_at_its_stated_radius(tmp_path: Path) -> None:
     """Start and end are one place, so that a wrong centre shows in the radius only."""
     wrong = APT.replace("CIRCLE/120.5,20.25,30.0,0.0,0.0,1.0,10.0\nGOTO/130.5,20.25,30.0\nCYCLE", "CIRCLE/125.5,20.25,"
                         "30.0,0.0,0.0,1.0,10.0\nGOTO/130.5,20.25,30.0\nCYCLE")  # fmt: skip
@@ -246,7 +246,7 @@ def test_a_whole_circle_begins_at_the_radius_it_states(tmp_path: Path) -> None:
         read(tmp_path / "a.apt", wrong)
 
 
-def test_patterns_take_the_digits_of_a_control_only() -> None:
+def test_patterns_accept_ascii_digits_only() -> None:
     r"""``\d`` takes the digits of every script, and ``float`` would read them."""
     package = Path(__file__).resolve().parent.parent / "machopt"
     code = {path: re.sub(r"#.*", "", path.read_text(encoding="utf-8")) for path in package.rglob("*.py")}

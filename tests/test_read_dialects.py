@@ -81,7 +81,7 @@ def _joined(moves: list[tuple[Any, ...]]) -> list[Leg]:
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(data=st.data(), seed=st.integers(0, 2**20))
-def test_a_path_is_read_back(tmp_path: Path, name: str, data: st.DataObject, seed: int) -> None:
+def test_path_is_read_back(tmp_path: Path, name: str, data: st.DataObject, seed: int) -> None:
     dialect = DIALECTS[name]
     path = data.draw(legs(dialect))
     rng = random.Random(seed)

@@ -53,7 +53,7 @@ CASES = [  # name, text, statement that no option cures, its line
 
 
 @pytest.mark.parametrize(("name", "text", "fault", "line"), CASES)
-def test_a_fault_comes_before_a_question(tmp_path: Path, name: str, text: str, fault: str, line: int) -> None:
+def test_fault_is_reported_before_a_question(tmp_path: Path, name: str, text: str, fault: str, line: int) -> None:
     """The files give neither their unit nor their feeds, so that they would be asked for."""
     file = tmp_path / name
     file.write_text(text.format(feed="", fault=fault + "\n"))
@@ -66,7 +66,7 @@ def test_a_fault_comes_before_a_question(tmp_path: Path, name: str, text: str, f
 
 
 @pytest.mark.parametrize(("name", "text"), [("x.apt", APT), ("x.h", H), ("x.src", SRC)])
-def test_without_a_fault_the_question_stays(tmp_path: Path, name: str, text: str) -> None:
+def test_question_is_asked_without_a_fault(tmp_path: Path, name: str, text: str) -> None:
     file = tmp_path / name
     file.write_text(text.format(feed="", fault=""))
     with pytest.raises(InputError) as refused:

@@ -47,7 +47,7 @@ FEEDS = {  # words behind P[2], 100 mm from P[1]; feed in mm/min
 
 
 @pytest.mark.parametrize("words", FEEDS)
-def test_the_feed_of_a_straight_move(tmp_path: Path, words: str) -> None:
+def test_feed_of_a_straight_move(tmp_path: Path, words: str) -> None:
     path = read_toolpath(write(tmp_path, "L P[1] 100mm/sec FINE", f"L P[2] {words}"))
     assert path.feed[-1] * 60e3 == pytest.approx(FEEDS[words])
 
@@ -66,18 +66,18 @@ REFUSED = [
 
 
 @pytest.mark.parametrize("move", REFUSED)
-def test_a_speed_that_is_not_in_the_file_is_refused(tmp_path: Path, move: str) -> None:
+def test_speed_missing_in_the_file_is_refused(tmp_path: Path, move: str) -> None:
     with pytest.raises(InputError, match=r"line \d+: "):
         read_toolpath(write(tmp_path, "L P[1] 100mm/sec FINE", move))
 
 
-def test_a_turn_on_the_spot_keeps_the_feed_of_the_move_before(tmp_path: Path) -> None:
+def test_rotation_on_the_spot_keeps_the_previous_feed(tmp_path: Path) -> None:
     path = read_toolpath(write(tmp_path, "L P[3] 100mm/sec FINE", "L P[5] 90deg/sec FINE", "L P[1] 10sec FINE"))
     np.testing.assert_allclose(path.feed[:2] * 60e3, 6000.0)
     assert path.feed[2] * 60e3 == pytest.approx(np.hypot(100, 50) * 6.0)
 
 
-def test_a_duration_from_an_unknown_place_asks_for_a_feed(tmp_path: Path) -> None:
+def test_duration_from_an_unknown_place_requires_a_feed(tmp_path: Path) -> None:
     file = write(tmp_path, "L P[1] 5sec FINE", "L P[2] 100mm/sec FINE")
     with pytest.raises(InputError, match="feed"):
         read_toolpath(file)

@@ -28,7 +28,7 @@ def turned(p: np.ndarray, a: int = 0, b: int = 1) -> float:  # type: ignore[type
     return float(angle[-1] - angle[0])
 
 
-def test_modal_words_blanks_and_odd_numbers(tmp_path: Path) -> None:
+def test_modal_words_blanks_and_unusual_numbers(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         "%\nO0001 (PART (nested) NAME)\nN10 G21 G90 G17\n(OPERATION: FACE)\nT5 M6\nS8000 M3\n"
@@ -42,7 +42,7 @@ def test_modal_words_blanks_and_odd_numbers(tmp_path: Path) -> None:
     assert any("after the program end" in w.word for w in t.ignored)
 
 
-def test_a_speed_in_the_block_that_starts_the_spindle_starts_it_once(tmp_path: Path) -> None:
+def test_spindle_starts_once_with_its_speed(tmp_path: Path) -> None:
     found = read(tmp_path, "G21 G90 G17\nS6000 M3\nG0 X0 Y0 Z5\nG1 Z-1 F300\nS8000\nG1 X20\nM5\nM30\n")
     assert [(e.text, e.value) for e in found.events if e.kind == "spindle"] == [
         ("M3", 6000.0),
@@ -71,7 +71,7 @@ def test_arcs_full_circle_helix_radius_and_planes(tmp_path: Path) -> None:
     assert turned(g19, 1, 2) == pytest.approx(np.pi / 2)
 
 
-def test_absolute_centres_are_found_and_told(tmp_path: Path) -> None:
+def test_absolute_centres_are_found_and_reported(tmp_path: Path) -> None:
     t = read(tmp_path, "G21 G90\nG0 X60 Y50 Z0\nG1 F100 X60\nG3 X50 Y60 I50 J50\n")
     assert any("absolute" in w for w in t.warnings)
     assert turned(mm(t)[1:] - np.array([50.0, 50.0, 0.0])) == pytest.approx(np.pi / 2)
@@ -86,7 +86,7 @@ def test_inch_incremental_and_feed_modes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", ["G1 X2\n", "X2\n", "G2 X2 R1\n", "G81 X2 Z-1 R1\n"])
-def test_a_feed_of_before_a_change_of_unit_is_asked_for_again(tmp_path: Path, cut: str) -> None:
+def test_feed_before_a_unit_change_is_asked_for_again(tmp_path: Path, cut: str) -> None:
     text = "G21 G90\nG0 X0 Y0 Z0\nG1 X1 F300\nG20\n"
     with pytest.raises(InputError, match=r"line 5: cuts by F300 of line 3, which was in mm, .*write F in inch after"):
         read(tmp_path, text + cut)
@@ -134,7 +134,7 @@ def test_every_machine_gives_a_unit_axis_and_z_at_zero() -> None:
     assert RotaryMachine("table-b").tool_axis({"B": 90.0}) == pytest.approx((1.0, 0.0, 0.0))
 
 
-def test_wrong_rotary_signs_are_told_by_the_plunges(tmp_path: Path) -> None:
+def test_wrong_rotary_signs_are_detected_from_plunges(tmp_path: Path) -> None:
     # three plunges along the axis of the reversed machine
     s, c = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
     rows = "".join(f"G0 X{n}. Y{10 * s:.6f} Z{10 * c:.6f} A40. C0.\nG1 X{n}. Y0. Z0. F100\n" for n in range(3))
@@ -268,7 +268,7 @@ def test_binary_is_refused(tmp_path: Path) -> None:
         read_toolpath(tmp_path / "absent.nc")
 
 
-def test_a_named_operation_keeps_its_name_over_the_tool_change(tmp_path: Path) -> None:
+def test_named_operation_keeps_its_name_over_the_tool_change(tmp_path: Path) -> None:
     t = read(tmp_path, "G21\n(Operation Name: POCKET)\nT3 M6\nG0 X0 Y0 Z5\nG1 Z-1 F50\nT4 M6\nG0 Z5\nG1 X9 F50\n")
     assert [(o.label, o.tool, o.kind) for o in t.operations] == [("POCKET", "3", "point"), ("T4", "4", "trajectory")]
 
@@ -287,7 +287,7 @@ def test_heidenhain_inch_datum_and_cycle_one(tmp_path: Path) -> None:
     assert any("tenths of an inch" in w for w in t.warnings)
 
 
-def test_a_cut_off_program_is_told(tmp_path: Path) -> None:
+def test_truncated_program_is_reported(tmp_path: Path) -> None:
     t = read(tmp_path, "G21\nG0 X0 Y0 Z5\nG1 Z-1 F50\nG1 X12")
     assert t.warnings[0].startswith("INCOMPLETE FILE? no program end")
     assert "last number" in t.meta["incomplete"]
@@ -296,7 +296,7 @@ def test_a_cut_off_program_is_told(tmp_path: Path) -> None:
     assert read(tmp_path, "G21\nG0 X0 Y0 Z5\nG1 Z-1 F50\nG1 X12\nM30").warnings == ()
 
 
-def test_a_siemens_five_axis_program_as_a_post_writes_it(tmp_path: Path) -> None:
+def test_siemens_five_axis_program_of_a_post(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         '%_N_PART_MPF\n;$PATH=/_N_WKS_DIR\nN10 G17 G71 G90 G94 G54\nN20 T="MILL_D10" D1\nN30 M6\n'
@@ -315,7 +315,7 @@ def test_a_siemens_five_axis_program_as_a_post_writes_it(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("word", ["ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIPLANE"])
-def test_what_turns_would_mean_says_nothing_of_vectors(tmp_path: Path, word: str) -> None:
+def test_message_about_turns_does_not_apply_to_vectors(tmp_path: Path, word: str) -> None:
     """It was told as a subprogram that is missing; turns themselves stay refused."""
     lines = "G71 G90 G54\nTRAORI\n{}G0 X10 Y20 Z50 A3=0 B3=.6 C3=.8\nG1 Z-1 F1000\nX12 {}\nM30\n"
     plain, told = (read(tmp_path, lines.format(v, "A3=0 B3=0 C3=1"), strict=True) for v in ("", f"{word}\n"))
@@ -338,7 +338,7 @@ def test_what_turns_would_mean_says_nothing_of_vectors(tmp_path: Path, word: str
         ),
     ],
 )
-def test_a_shift_before_the_first_move_moves_every_point(tmp_path: Path, name: str, head: str, tail: str) -> None:
+def test_shift_before_the_first_move_moves_every_point(tmp_path: Path, name: str, head: str, tail: str) -> None:
     """The shift's numbers stand in the file, so the path is told from the work offset, whenever the shift comes."""
     (tmp_path / name).write_text(head + tail)
     t = read_toolpath(tmp_path / name)
@@ -346,7 +346,7 @@ def test_a_shift_before_the_first_move_moves_every_point(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize("between", ["", "T2 M6\n", "M8\n"])
-def test_a_speed_on_a_line_of_its_own_starts_the_spindle_once(tmp_path: Path, between: str) -> None:
+def test_spindle_speed_on_its_own_line_starts_it_once(tmp_path: Path, between: str) -> None:
     found = read(tmp_path, f"G21 G90 G17\nS6000\n{between}M3\nG0 X0 Y0 Z5\nG1 Z-1 F300\nS8000\nG1 X20\nM5\nM30\n")
     spindle = [(e.text, e.value) for e in found.events if e.kind == "spindle"]
     assert spindle == [("M3", 6000.0), ("S8000", 8000.0), ("M5", 0.0)]
@@ -360,7 +360,7 @@ def test_a_speed_on_a_line_of_its_own_starts_the_spindle_once(tmp_path: Path, be
         (",6,-0.5,,,50,0,,2", [-6, -9, -11, -13, -15, -17, -19, -20], 50.0, 0.0),  # half of the one before, least 2 mm
     ],
 )
-def test_siemens_deep_holes_are_drilled_in_shorter_and_shorter_pecks(
+def test_siemens_deep_holes_have_decreasing_pecks(
     tmp_path: Path, tail: str, depths: list[float], feed: float, dwell: float
 ) -> None:
     """CYCLE83(RTP, RFP, SDIS, DP, DPR, FDEP, FDPR, DAM, DTB, DTS, FRF, VARI, axis, MDEP): DAM was read as the dwell."""
@@ -372,7 +372,7 @@ def test_siemens_deep_holes_are_drilled_in_shorter_and_shorter_pecks(
     assert float(t.dwells.sum()) == pytest.approx(dwell)
 
 
-def test_siemens_holes_are_drilled_at_the_feed_in_force_at_each(tmp_path: Path) -> None:
+def test_siemens_holes_use_the_active_feed(tmp_path: Path) -> None:
     """Feeds per turn were taken for mm/min, and F between call and hole was lost."""
     text = "G71 G90 G17 G95\nS1000 M3\nG0 X0 Y0 Z50\nF0.2\nMCALL CYCLE81(10,0,2,-20)\nX10\nX20 F0.1\nMCALL\nM30\n"
     t = read(tmp_path, text)
@@ -382,7 +382,7 @@ def test_siemens_holes_are_drilled_at_the_feed_in_force_at_each(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("tail", ["-8,,-3", "-8,,,,,-1", "-8,,inf", "-8,,-0.001,,,,,,0"])
-def test_siemens_deep_holes_of_no_sense_are_refused(tmp_path: Path, tail: str) -> None:
+def test_invalid_siemens_deep_holes_are_refused(tmp_path: Path, tail: str) -> None:
     text = f"G71 G90 G17\nG0 X0 Y0 Z50\nF100\nCYCLE83(10,0,2,-200,,{tail})\nM30\n"
     with pytest.raises(InputError, match=r"line 4: .*(CYCLE83: |pecks)"):
         read(tmp_path, text)

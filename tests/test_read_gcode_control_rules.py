@@ -84,7 +84,7 @@ def cut_length(t: Toolpath) -> float:
         ("G5.1 Q1\nG1 X3\nG5.1 Q0", (3, 0, 10)),
     ],
 )
-def test_the_place_a_program_comes_to(tmp_path: Path, body: str, place: tuple[float, float, float] | None) -> None:
+def test_end_position_of_a_program(tmp_path: Path, body: str, place: tuple[float, float, float] | None) -> None:
     text = HEAD + body + ("" if "M30" in body or "M2\n" in body else "\nM2") + "\n"
     if place is None:
         with pytest.raises(InputError):
@@ -93,7 +93,7 @@ def test_the_place_a_program_comes_to(tmp_path: Path, body: str, place: tuple[fl
     assert end(read(tmp_path, text)) == pytest.approx(list(place), abs=1e-6)
 
 
-def test_a_percent_sign_ends_the_program_and_parts_two(tmp_path: Path) -> None:
+def test_percent_sign_ends_the_program(tmp_path: Path) -> None:
     body = "G21 G90\nG0 X0 Y0 Z10\nF300\nG1 X5\n"
     for behind in ("G1 X50\n", "\n\nG1 X50\n", "X50 Y50\nM30\n%\n"):
         assert end(read(tmp_path, f"%\n{body}%\n{behind}")) == [5, 0, 10]
@@ -118,13 +118,13 @@ def test_a_percent_sign_ends_the_program_and_parts_two(tmp_path: Path) -> None:
         "G91 G1 X1 F9\nG71\nX2\nM2\n",
     ],
 )
-def test_a_length_before_the_first_unit_word_asks_for_the_unit(tmp_path: Path, text: str) -> None:
+def test_length_before_the_first_unit_word_asks_for_the_unit(tmp_path: Path, text: str) -> None:
     with pytest.raises(OptionNeededError) as asked:
         read(tmp_path, text)
     assert asked.value.option == "unit"
 
 
-def test_the_option_is_the_unit_before_the_first_unit_word(tmp_path: Path) -> None:
+def test_option_is_the_unit_before_the_first_unit_word(tmp_path: Path) -> None:
     text = "G90\nG0 X0 Y0 Z0\nG1 X10 F100\nG20 F10\nG1 X1\nM2\n"
     x = read(tmp_path, text, unit="mm").position[:, 0] * 1e3
     assert x.tolist() == pytest.approx([0, 10, 25.4])
@@ -136,7 +136,7 @@ def test_the_option_is_the_unit_before_the_first_unit_word(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("lost", ["G53 G0 X50 Y50", "G28 X0 Y0", "G28 G91 X0 Y0\nG90", "G30 X0 Y0", "G53 X1 Y1 Z1"])
 @pytest.mark.parametrize("cut", ["G1 X5 Y5 Z0", "G1 X5 Y5 Z5\nX9", "G2 X5 Y5 R9", "G91 G1 X1"])
-def test_a_cut_from_a_lost_place_is_refused(tmp_path: Path, lost: str, cut: str) -> None:
+def test_cut_from_an_unknown_place_is_refused(tmp_path: Path, lost: str, cut: str) -> None:
     with pytest.raises(InputError, match="not known"):
         read(tmp_path, f"{HEAD}G1 X5\nG0 Z20\n{lost}\n{cut}\nM2\n")
     back = read(tmp_path, f"{HEAD}G1 X5\nG0 Z20\n{lost}\nG0 X1 Y1 Z5\nG1 X5 Y5 Z0\nM2\n")
@@ -158,12 +158,12 @@ def test_work_offsets_need_both_places(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("word", ["G10 L2 P1 R90", "G10 L2 P1 X5", "G10 L20 P1 X0", "G10 L2 P0 X1", "G10 L2 X3"])
-def test_an_offset_that_moves_in_the_middle_of_the_path_is_refused(tmp_path: Path, word: str) -> None:
+def test_offset_changed_within_the_path_is_refused(tmp_path: Path, word: str) -> None:
     with pytest.raises(InputError, match="line 5"):
         read(tmp_path, f"{HEAD}G1 X5\n{word}\nG1 X10 Y0\nM2\n")
 
 
-def test_g92_at_the_start_says_where_the_tool_is(tmp_path: Path) -> None:
+def test_g92_at_the_start_defines_the_tool_position(tmp_path: Path) -> None:
     begin = "G21 G90 G17\n"
     relative = read(tmp_path, begin + "G92 X10 Y20 Z30\nF300\nG91 G1 X5 Y0 Z0\nY5\nG90 G1 X10\nM2\n")
     assert np.round(relative.position * 1e3, 6).tolist() == [[10, 20, 30], [15, 20, 30], [15, 25, 30], [10, 25, 30]]
@@ -203,7 +203,7 @@ def test_g92_at_the_start_says_where_the_tool_is(tmp_path: Path) -> None:
         "G2 X10 Y0 I5\nG33 Z1 K1",
     ],
 )
-def test_what_would_move_points_otherwise_is_refused(tmp_path: Path, body: str) -> None:
+def test_unsupported_point_transformations_are_refused(tmp_path: Path, body: str) -> None:
     with pytest.raises(InputError, match=r"line \d"):
         read(tmp_path, HEAD + body + "\nM2\n")
 
@@ -230,7 +230,7 @@ def test_what_would_move_points_otherwise_is_refused(tmp_path: Path, body: str) 
         ("N1 M97 P50\nG1 Y3\nM30\nN50 G1 X4\nZ1 M99", (4, 3, 1)),
     ],
 )
-def test_words_beside_a_flow_word_are_carried_out(
+def test_words_beside_a_flow_word_are_executed(
     tmp_path: Path, body: str, place: tuple[float, float, float] | None
 ) -> None:
     text = "%\nO1\nG21 G90 G94 G17 G54\nG0 X0 Y0 Z10\nG1 F100\n" + body + "\n%\n"
@@ -256,7 +256,7 @@ def test_sinumerik_returns_after_the_motion_of_its_block(tmp_path: Path, word: s
 
 @pytest.mark.parametrize(("plane", "along"), [("G17", 2), ("G18", 1), ("G19", 0)])
 @pytest.mark.parametrize("cycle", ["G81", "G82 P0.5", "G83 Q2", "G73 Q2", "G85", "G86 P0.5", "G89 P0.5"])
-def test_cycles_drill_along_the_planes_normal(tmp_path: Path, plane: str, along: int, cycle: str) -> None:
+def test_cycles_drill_along_the_plane_normal(tmp_path: Path, plane: str, along: int, cycle: str) -> None:
     a, b = ("XYZ"[k] for k in range(3) if k != along)
     depth = "XYZ"[along]
     text = f"G21 G90 G94 G98\nG0 X10 Y10 Z10\nF300\n{plane} {cycle} {a}3 {b}4 {depth}-5 R2\n{a}7\nG80 G17\nM2\n"
@@ -268,7 +268,7 @@ def test_cycles_drill_along_the_planes_normal(tmp_path: Path, plane: str, along:
     assert end(t)[along] == 10
 
 
-def test_repeats_of_a_polar_step_go_round(tmp_path: Path) -> None:
+def test_repeated_polar_increments_rotate(tmp_path: Path) -> None:
     t = read(tmp_path, "G21 G90 G98\nG0 X10 Y0 Z10\nG91 G81 R-8 Z-3 ^60 L6 F99\nG80\nM2\n")
     holes = t.position[t.cutting] * 1e3
     angle = np.radians(60.0 * np.arange(1, 7))
@@ -300,7 +300,7 @@ def test_units_of_dwells(tmp_path: Path, head: str, line: str, seconds: float) -
 @pytest.mark.parametrize(
     "line", ["G4 P500.", "G4 X900.", "G82 X0 Y0 Z-10. R4. P90. F100.", "G89 X0 Y0 Z-10. R4. P500. F100.", "G4 P900000"]
 )
-def test_an_absurd_dwell_is_refused(tmp_path: Path, line: str) -> None:
+def test_absurd_dwell_is_refused(tmp_path: Path, line: str) -> None:
     with pytest.raises(InputError, match="line 5"):
         read(tmp_path, f"%\nO1\nG21 G90 G94 G54 G98\nG0 X0. Y0. Z10.\n{line}\nG80\nG1 X1 F50\nM30\n%\n")
 
@@ -325,11 +325,11 @@ def test_an_absurd_dwell_is_refused(tmp_path: Path, line: str) -> None:
         ("G81 X1 Y1 Z-1 R2\nG80", 0),
     ],
 )
-def test_what_controls_do_differently_is_noted(tmp_path: Path, body: str, count: int) -> None:
+def test_differences_between_controls_are_noted(tmp_path: Path, body: str, count: int) -> None:
     assert len(read(tmp_path, HEAD + body + "\nM2\n").warnings) == count
 
 
-def test_a_cycle_before_g98_or_g99_and_a_cut_first_are_noted(tmp_path: Path) -> None:
+def test_cycle_before_g98_or_g99_and_initial_cut_are_noted(tmp_path: Path) -> None:
     assert len(read(tmp_path, "G21 G90\nG0 X0 Y0 Z10\nG81 X5 Y5 Z-5 R2 F9\nX10\nG80\nM2\n").warnings) == 1
     assert len(read(tmp_path, "G21 G90 G17\nF300\nG1 X1 Y1 Z1\nX2\nM2\n").warnings) == 1
 
@@ -361,17 +361,17 @@ def test_questions_come_last(tmp_path: Path, body: str, line: int) -> None:
         "G20\nG1 X1 F0.005",
     ],
 )
-def test_a_feed_that_takes_hours_is_refused(tmp_path: Path, body: str) -> None:
+def test_feed_that_takes_hours_is_refused(tmp_path: Path, body: str) -> None:
     with pytest.raises(InputError, match=r"line \d"):
         read(tmp_path, HEAD + body + "\nM2\n")
 
 
 @pytest.mark.parametrize("body", ["G1 X1 F0.5", "G1 X100 F5", "G95\nS3000 M3\nG1 X100 F0.15", "G1 X5000.0 F60"])
-def test_slow_feeds_that_can_be_meant_are_read(tmp_path: Path, body: str) -> None:
+def test_plausible_slow_feeds_are_read(tmp_path: Path, body: str) -> None:
     assert len(read(tmp_path, HEAD + body + "\nM2\n")) == 2
 
 
-def test_rigid_tapping_goes_there_and_back(tmp_path: Path) -> None:
+def test_rigid_tapping_goes_down_and_back(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "S500 M3\nG33.1 X2 Z5 K0.5\nG1 X5\nM2\n")
     assert np.round(t.position * 1e3, 6).tolist() == [[0, 0, 10], [2, 0, 5], [0, 0, 10], [5, 0, 10]]
     assert t.feed[1] * 60e3 == pytest.approx(250.0)
@@ -403,7 +403,7 @@ IMPLIED = [  # a file whose numbers mean something else by a parameter; the lett
 
 
 @pytest.mark.parametrize(("text", "letter", "place"), IMPLIED)
-def test_implied_decimals_are_asked_for_and_then_hold_everywhere(
+def test_implied_decimals_are_asked_for_and_apply_everywhere(
     tmp_path: Path, text: str, letter: str, place: float
 ) -> None:
     with pytest.raises(OptionNeededError) as asked:
@@ -424,7 +424,7 @@ def test_implied_decimals_are_asked_for_and_then_hold_everywhere(
         "O1\nG21 G90\nG0 X0. Y0. Z5.\nG1 Z-1. F100\nG4 P500\nX10.\nM30\n",  # no length
     ],
 )
-def test_lengths_of_one_meaning_are_read_without_the_option(tmp_path: Path, text: str) -> None:
+def test_unambiguous_lengths_are_read_without_the_option(tmp_path: Path, text: str) -> None:
     assert end(read(tmp_path, text))[0] == 10
 
 
@@ -439,7 +439,7 @@ def test_lengths_of_one_meaning_are_read_without_the_option(tmp_path: Path, text
         ("x_mm,y_mm,z_mm,i,j,k\n0,0,0,0,0,1\n1,0,0,0,0,1\n", "a.csv"),
     ],
 )
-def test_decimals_that_cannot_apply_are_refused(tmp_path: Path, text: str, name: str) -> None:
+def test_decimals_option_without_effect_is_refused(tmp_path: Path, text: str, name: str) -> None:
     with pytest.raises(InputError, match="--decimals"):
         read(tmp_path, text, name, decimals=3)
 
@@ -470,9 +470,7 @@ def test_increments_from_the_start_count_from_zero(tmp_path: Path) -> None:
         ("#<a>=1.5\nG1 Z-1.5\nX15", False),
     ],
 )
-def test_words_with_and_without_a_point_are_read_as_whole_units_and_that_is_said(
-    tmp_path: Path, body: str, said: bool
-) -> None:
+def test_words_with_and_without_a_point_are_whole_units_with_a_note(tmp_path: Path, body: str, said: bool) -> None:
     t = read(tmp_path, f"%\nO1\nG21 G90 G17 G94 G54\nG0 X0 Y0 Z10.5\nF200.\n{body}\nM30\n%\n")
     assert any("--decimals" in text for text in t.warnings) == said
     if "X25" in body and "X12.5" in body:
@@ -497,7 +495,7 @@ def test_directions_have_no_implied_decimals(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("end_word", ["G49", "G43.4 H1"])
-def test_lengths_behind_directions_have_implied_decimals(tmp_path: Path, end_word: str) -> None:
+def test_lengths_after_directions_have_implied_decimals(tmp_path: Path, end_word: str) -> None:
     text = f"G21 G90\nG43.5 H1\nG0 X0 Y0 Z5000 I0 J0 K1\n{end_word}\nG1 Z0 F100\nG2 X10000 I5000 J0\nM30\n"
     t = read(tmp_path, text, decimals=3)
     assert np.ptp(t.position[:, 1]) * 1e3 == pytest.approx(5.0, abs=0.02)

@@ -49,7 +49,7 @@ def test_polar_lines_and_helices(tmp_path: Path) -> None:
         read(tmp_path, HEAD + "LP PR+5 PA+0 F100\n" + TAIL)
 
 
-def test_a_circle_in_a_vertical_plane_and_a_pole_of_three_coordinates(tmp_path: Path) -> None:
+def test_circle_in_a_vertical_plane_and_a_pole_of_three_coordinates(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "L Z+0 F100\nCC Y+5 Z+0\nC Y+5 Z+5 DR+\n" + TAIL)
     p = mm(t)[1:]
     assert np.allclose(p[:, 0], 10.0)
@@ -75,14 +75,14 @@ def test_cycles_by_their_q_parameters(number: int, words: dict[int, float], bott
     assert plan.chip_break == (number == 203)
 
 
-def test_cycles_that_do_not_say_their_depth() -> None:
+def test_cycles_without_a_depth_are_refused() -> None:
     with pytest.raises(DrillingCycleError, match="Q343=1"):
         build_q_cycle(240, {200: 2.0, 201: -9.0, 343: 1.0}, 1.0, 1.0)
     with pytest.raises(DrillingCycleError, match="without Q200"):
         build_q_cycle(200, {201: -9.0}, 1.0, 1.0)
 
 
-def test_parameters_of_one_cycle_are_not_those_of_the_next(tmp_path: Path) -> None:
+def test_parameters_of_one_cycle_do_not_enter_the_next(tmp_path: Path) -> None:
     text = HEAD + "CYCL DEF 200 ~\nQ200=2 ~\nQ201=-5 ~\nQ206=50 ~\nQ202=2\nL X+0 M99 FMAX\nCYCL DEF 201 ~\nQ200=2\n"
     with pytest.raises(InputError, match="cycle 201 without Q200"):
         read(tmp_path, text + "L X+5 M99 FMAX\n" + TAIL)

@@ -47,18 +47,18 @@ def feeds(toolpath: Toolpath) -> list[float]:
         ("N9 (UAO,2)", "line 6: a statement in brackets"),
     ],
 )
-def test_words_that_move_and_are_not_carried_out_are_refused(tmp_path: Path, block: str, message: str) -> None:
+def test_unsupported_motion_words_are_refused(tmp_path: Path, block: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, f"{FANUC}{block}\nG1 X10.\nM30\n")
 
 
 @pytest.mark.parametrize(("block", "name"), [("MYPART", "MYPART"), ("N5 MYPART(3,4)", "MYPART"), ("OVR=50", "OVR")])
-def test_a_siemens_word_that_may_move_is_refused(tmp_path: Path, block: str, name: str) -> None:
+def test_unsupported_siemens_motion_word_is_refused(tmp_path: Path, block: str, name: str) -> None:
     with pytest.raises(InputError, match=name):
         read(tmp_path, f"{SIEMENS}{block}\nG1 Y3\nM30\n")
 
 
-def test_a_feed_for_one_block(tmp_path: Path) -> None:
+def test_feed_for_one_block(tmp_path: Path) -> None:
     t = read(tmp_path, SIEMENS + "X20 FB=50\nX30\nM30\n")
     assert feeds(t) == [100.0, 50.0, 100.0]
 
@@ -84,7 +84,7 @@ def test_feed_of_the_tool_call(tmp_path: Path) -> None:
     assert feeds(first) == [300.0, 300.0]
 
 
-def test_formulas_that_multiply(tmp_path: Path) -> None:
+def test_formulas_with_multiplication(tmp_path: Path) -> None:
     """A product ended the formula at its asterisk, which ends a block only in DIN/ISO."""
     t = read(
         tmp_path,
@@ -117,7 +117,7 @@ def test_mirror_of_din_iso(tmp_path: Path) -> None:
         ("G0 G53 Z0.\nX200. Y200.\nZ5.\nM30\n", 4),  # its height comes later
     ],
 )
-def test_last_rapids_whose_height_is_lost_are_left_out(tmp_path: Path, blocks: str, kept: int) -> None:
+def test_last_rapids_of_unknown_height_are_left_out(tmp_path: Path, blocks: str, kept: int) -> None:
     """They ran at the last height that was known, which is where the cut ended."""
     t = read(tmp_path, FANUC + blocks)
     assert len(t) == kept
@@ -131,7 +131,7 @@ def test_last_rapids_after_m91(tmp_path: Path) -> None:
     assert [MoveKind(m).word for m in t.move] == ["rapid", "cut"]
 
 
-def test_a_bare_number_where_the_others_are_marked_is_asked_for(tmp_path: Path) -> None:
+def test_bare_number_among_marked_ones_is_asked_for(tmp_path: Path) -> None:
     text = FANUC + "X20. Y5.\nX5\nX12.5\nM30\n"
     with pytest.raises(InputError, match=r"X5 has no decimal point.*--decimals"):
         read(tmp_path, text)
@@ -142,7 +142,7 @@ def test_a_bare_number_where_the_others_are_marked_is_asked_for(tmp_path: Path) 
         read(tmp_path, mixed)
 
 
-def test_block_delete_is_told(tmp_path: Path) -> None:
+def test_block_delete_is_reported(tmp_path: Path) -> None:
     t = read(tmp_path, FANUC + "/G1 X50.\nG1 Y5.\nM30\n")
     assert len(t) == 4
     assert [w for w in t.warnings if "block-delete" in w]
@@ -159,18 +159,18 @@ def test_feeds_under_velset(tmp_path: Path) -> None:
         read(tmp_path, text.replace("VelSet 100", "VelSet 50"))
 
 
-def test_a_headless_table_of_tool_axes_is_not_read_as_angles(tmp_path: Path) -> None:
+def test_headerless_table_of_tool_axes_is_not_read_as_angles(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="tool axis i, j, k"):
         read(tmp_path, "0,0,0,0,0,1\n1,0,0,0,0,1\n2,0,0,0,0,1\n", default_feed=0.01)
 
 
-def test_a_radius_in_a_straight_block_is_told(tmp_path: Path) -> None:
+def test_radius_in_a_straight_block_is_reported(tmp_path: Path) -> None:
     """Without its comma it rounds a corner on some controls and is nothing on others."""
     t = read(tmp_path, FANUC + "G1 X10. R2.\nY5.\nG54.2 P0\nM30\n")
     assert [w.word for w in t.ignored if not w.understood] == ["R"]
 
 
-def test_a_file_of_another_control_keeps_its_unit_word(tmp_path: Path) -> None:
+def test_file_of_another_control_keeps_its_unit_word(tmp_path: Path) -> None:
     """X=V1 looks like Sinumerik's; G21 says the unit of feeds all the same."""
     assert feeds(read(tmp_path, FANUC + "V1=5\nG1 X=V1\nM30\n")) == [100.0, 100.0]
 
@@ -201,7 +201,7 @@ def test_words_of_m_functions_are_no_coordinates(
     assert [w.word for w in t.ignored if not w.understood] == strange
 
 
-def test_another_tool_axis_is_refused(tmp_path: Path) -> None:
+def test_other_tool_axis_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line 2: the tool axis is Y"):
         read(tmp_path, HEIDENHAIN.replace("TOOL CALL 1 Z", "TOOL CALL 1 Y") + "END PGM A MM\n")
     with pytest.raises(InputError, match=r"line 4: .*FU0.1.*post F in mm/min"):
@@ -217,7 +217,7 @@ def test_another_tool_axis_is_refused(tmp_path: Path) -> None:
         ("G247 DISR=5 DISCL=2 X20", "come to and leave a contour"),
     ],
 )
-def test_words_that_were_taken_for_variables(tmp_path: Path, block: str, message: str) -> None:
+def test_words_are_not_read_as_variables(tmp_path: Path, block: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, f"{SIEMENS}{block}\nG1 Y3\nM30\n")
 
@@ -230,7 +230,7 @@ def test_names_beside_a_move_are_no_variables(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["CIRCUL", "MILL", "THREAD"])
-def test_cycles_that_are_no_holes_are_refused(tmp_path: Path, name: str) -> None:
+def test_cycles_other_than_holes_are_refused(tmp_path: Path, name: str) -> None:
     text = f"PARTNO/A\nUNITS/MM\nRAPID\nGOTO/0,0,9\nFEDRAT/100,MMPM\nCYCLE/{name},DEPTH,5,CLEAR,2\nGOTO/1,0,0\nFINI\n"
     with pytest.raises(InputError, match=rf"line 6: CYCLE: CYCLE/{name} .*not read"):
         read(tmp_path, text)

@@ -72,7 +72,7 @@ CARRIED_OUT = {  # head, file name, text, x of the points behind the first ones
 
 
 @pytest.mark.parametrize("name", CARRIED_OUT)
-def test_points_are_those_of_the_flow(tmp_path: Path, name: str) -> None:
+def test_points_follow_the_program_flow(tmp_path: Path, name: str) -> None:
     head, file, text, expected = CARRIED_OUT[name]
     (tmp_path / file).write_text(head.replace("{}", text), encoding="utf-8")
     first = 2 if head in (CONVERSATIONAL, DIN_ISO) else 1
@@ -105,7 +105,7 @@ REFUSED = {  # head, file name, text, line
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_not_followed_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
+def test_unsupported_flow_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
     head, file, text, line = REFUSED[name]
     (tmp_path / file).write_text(head.replace("{}", text), encoding="utf-8")
     with pytest.raises(InputError, match=f"line {line}:"):
@@ -126,7 +126,7 @@ CALLS_OF_OTHER_FILES = {
 
 
 @pytest.mark.parametrize("name", CALLS_OF_OTHER_FILES)
-def test_a_call_of_another_file_stops_the_plan(tmp_path: Path, name: str) -> None:
+def test_call_of_another_file_stops_the_plan(tmp_path: Path, name: str) -> None:
     head, file, text = CALLS_OF_OTHER_FILES[name]
     (tmp_path / file).write_text(head.replace("{}", text), encoding="utf-8")
     assert any(word.stops for word in read_toolpath(tmp_path / file).ignored)

@@ -47,7 +47,7 @@ def test_lines_feeds_arcs_and_five_axes(tmp_path: Path) -> None:
         ("0 -7. 4. 0. 3. 4. 0. 90.", "1. 5. 0. 1. 65. 80. 90."),
     ],
 )
-def test_the_order_of_the_numbers_is_found_by_geometry(tmp_path: Path, arc: str, five: str) -> None:
+def test_order_of_the_numbers_follows_from_geometry(tmp_path: Path, arc: str, five: str) -> None:
     second = five.replace("5.", "9.", 1).replace("65.", "69.")
     body = f"0\n40 13. 4. 5. -2. 0\n1\n40 13. 4. -0. 90. 0\n3\n{arc}\n11\n{five}\n11\n{second}\n1003\n0\n"
     t = read(tmp_path, HEAD + body)
@@ -57,7 +57,7 @@ def test_the_order_of_the_numbers_is_found_by_geometry(tmp_path: Path, arc: str,
     assert t.feed[t.cutting] == pytest.approx(90.0 / 60e3)
 
 
-def test_an_order_that_fits_nothing_is_refused(tmp_path: Path) -> None:
+def test_order_that_fits_nothing_is_refused(tmp_path: Path) -> None:
     body = "0\n40 10. 0. 0. -2. 0\n3\n40 0 -10. 0. 0. 3. 0. 0. 90. 0\n1003\n0\n"
     with pytest.raises(InputError, match=r"line 9: the numbers of the arcs"):
         read(tmp_path, HEAD + body)
@@ -67,7 +67,7 @@ def test_an_order_that_fits_nothing_is_refused(tmp_path: Path) -> None:
         )
 
 
-def test_tool_planes_are_brought_into_the_first_one(tmp_path: Path) -> None:
+def test_tool_planes_are_transformed_into_the_first_one(tmp_path: Path) -> None:
     side = "1014\n0. 1. 0. 0. 0. 1. 1. 0. 0.\n"  # x along y, y along z, tool along x
     body = "1014\n1. 0. 0. 0. 1. 0. 0. 0. 1.\n0\n40 1. 2. 3. -2. 0\n1\n40 1. 2. 0. 90. 0\n"
     t = read(tmp_path, HEAD + body + side + "1\n40 1. 2. 3. 90. 0\n1003\n0\n")
@@ -92,7 +92,7 @@ def test_refusals(tmp_path: Path, text: str, options: dict[str, object], message
         read(tmp_path, text, **options)
 
 
-def test_cut_off_and_unknown_records_are_told(tmp_path: Path) -> None:
+def test_truncated_and_unknown_records_are_reported(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "777\n1 2\n0\n40 0. 0. 9. -2. 0\n1\n40 0. 0. 0. 5. 0\n1\n")
     assert t.warnings[0].startswith("INCOMPLETE FILE?")
     assert [(w.word, w.first_line) for w in t.ignored if not w.understood] == [("777", 7)]

@@ -34,9 +34,7 @@ POINT, MORE = "GOTO/0,0,-1,0,0,1\n", "GOTO/9,0,-1,0,0,1\n"
         ("LOADTL/1\nOFSTNO/1\n" + POINT + "LOADTL/2\nOFSTNO/2\n" + MORE, True),
     ],
 )
-def test_a_register_that_changes_in_the_middle_of_the_path_stops_the_plan(
-    body: str, stops: bool, tmp_path: Path
-) -> None:
+def test_register_changed_within_the_path_stops_the_plan(body: str, stops: bool, tmp_path: Path) -> None:
     file = tmp_path / "x.apt"
     file.write_text(HEAD + body + "FINI\n")
     found = [w.word for w in read_toolpath(file).ignored if w.stops]
@@ -58,7 +56,7 @@ def test_a_register_that_changes_in_the_middle_of_the_path_stops_the_plan(
         ("Wjnt ACC80", True),
     ],
 )
-def test_the_wrist_that_leaves_its_orientation_stops_the_plan(modifier: str, stops: bool, tmp_path: Path) -> None:
+def test_wrist_joint_motion_without_orientation_stops_the_plan(modifier: str, stops: bool, tmp_path: Path) -> None:
     point = (
         "P[{}]{{\n   GP1:\n UF : 1, UT : 1, CONFIG : 'N U T, 0, 0, 0',\n X = {}.0 mm, Y = 0.0 mm, Z = 500.0 mm,\n"
         " W = 180.0 deg, P = 0.0 deg, R = 0.0 deg\n}};\n"

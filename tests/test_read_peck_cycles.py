@@ -129,7 +129,7 @@ STROKES = {  # cycle, parameters, strokes
 
 
 @pytest.mark.parametrize("name", STROKES)
-def test_strokes_are_those_of_the_manual(name: str, tmp_path: Path) -> None:
+def test_strokes_agree_with_the_manual(name: str, tmp_path: Path) -> None:
     number, q, expected = STROKES[name]
     assert list_strokes(read_cycle(tmp_path, number, **q)) == expected
 
@@ -142,9 +142,7 @@ def test_inches_scale_every_height(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("side", "place"), [(1, (-3.5, 0)), (2, (0, -3.5)), (3, (3.5, 0)), (4, (0, 3.5))])
-def test_back_boring_goes_through_the_hole_beside_its_axis(
-    side: int, place: tuple[float, float], tmp_path: Path
-) -> None:
+def test_back_boring_passes_the_hole_beside_its_axis(side: int, place: tuple[float, float], tmp_path: Path) -> None:
     q = STROKES["204, back boring"][1] | {"Q214": side, "Q255": 0.5}
     path = read_cycle(tmp_path, 204, **q)
     aside = np.round(path.position[:, :2] * 1e3, 6)
@@ -166,8 +164,6 @@ def test_back_boring_goes_through_the_hole_beside_its_axis(
         (205, {"Q202": 12, "Q257": 0.0001}, "chip breaks"),
     ],
 )
-def test_parameters_that_give_no_strokes_are_refused(
-    number: int, q: dict[str, float], word: str, tmp_path: Path
-) -> None:
+def test_parameters_without_strokes_are_refused(number: int, q: dict[str, float], word: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=word):
         read_cycle(tmp_path, number, **q)

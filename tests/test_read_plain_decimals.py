@@ -99,13 +99,13 @@ def read(tmp_path: Path, name: str, number: str) -> Toolpath:
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_a_plain_decimal_is_read(tmp_path: Path, name: str) -> None:
+def test_plain_decimal_is_read(tmp_path: Path, name: str) -> None:
     assert len(read(tmp_path, name, "1"))
 
 
 @pytest.mark.parametrize("number", NOT_PLAIN)
 @pytest.mark.parametrize("name", PLACES)
-def test_what_is_no_plain_decimal_is_refused(tmp_path: Path, name: str, number: str) -> None:
+def test_other_numbers_are_refused(tmp_path: Path, name: str, number: str) -> None:
     try:
         path = read(tmp_path, name, number)
     except InputError:
@@ -114,7 +114,7 @@ def test_what_is_no_plain_decimal_is_refused(tmp_path: Path, name: str, number: 
 
 
 @pytest.mark.parametrize("number", NOT_PLAIN)
-def test_no_part_of_a_text_is_taken_for_the_number(number: str) -> None:
+def test_part_of_a_text_is_not_read_as_a_number(number: str) -> None:
     with pytest.raises(ValueError):
         parse_plain_decimal(number)
     with pytest.raises(InputError):

@@ -29,7 +29,7 @@ def read(tmp_path: Path, text: str, **options: object) -> Toolpath:
     return read_toolpath(file, **options)  # type: ignore[arg-type]
 
 
-def test_every_column(tmp_path: Path) -> None:
+def test_every_column_is_read(tmp_path: Path) -> None:
     t = read(tmp_path, GOOD)
     assert t.format == "csv"
     assert len(t) == 5
@@ -46,7 +46,7 @@ def test_every_column(tmp_path: Path) -> None:
     assert any("unit length" in w for w in t.warnings)
 
 
-def test_an_empty_feed_holds_from_the_cut_before_within_its_operation(tmp_path: Path) -> None:
+def test_empty_feed_repeats_the_previous_cut_of_its_operation(tmp_path: Path) -> None:
     """As tool and offset do; not over a change of operation, and a feed given by hand goes before."""
     rows = ["0,0,9,rapid,,a", "0,0,0,cut,60,a", "1,0,0,cut,,a", "1,0,9,rapid,,a", "2,0,0,cut,,a", "3,0,0,cut,30,b"]
     head = "x_mm,y_mm,z_mm,move,feed_mm_min,operation\n"
@@ -106,7 +106,7 @@ def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
         read(tmp_path, text)
 
 
-def test_an_unknown_column_is_counted(tmp_path: Path) -> None:
+def test_unknown_column_is_counted(tmp_path: Path) -> None:
     text = "x_mm,y_mm,z_mm,feed_mm_min,colour\n1,2,3,9,red\n"
     assert [w.word for w in read(tmp_path, text, kind="path").ignored] == ["column colour"]
     with pytest.raises(InputError, match="strict"):
@@ -122,7 +122,7 @@ def test_xyzwpr_list(tmp_path: Path) -> None:
         read(tmp_path, "0,0,100,180,0,0\n1,0,100,180,0,0\n")
 
 
-def test_parquet_or_a_clear_word_about_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parquet_is_read_or_refused_clearly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "path.parquet"
     file.write_bytes(b"PAR1 and so on")
     with monkeypatch.context() as m:
@@ -185,7 +185,7 @@ def _vector(R: np.ndarray) -> list[float]:  # type: ignore[type-arg]
         ("rvx_rad,rvy_rad,rvz_rad", _vector(R_TCP)),
     ],
 )
-def test_robot_poses_however_they_are_written(tmp_path: Path, columns: str, values: list[float]) -> None:
+def test_robot_poses_in_every_notation(tmp_path: Path, columns: str, values: list[float]) -> None:
     row = ",".join(f"{v:.12f}" for v in values)
     t = read(tmp_path, f"x_mm,y_mm,z_mm,{columns},feed_mm_min\n1,2,3,{row},600\n4,5,6,{row},600\n", kind="path")
     assert np.allclose(t.axis, -R_TCP[:, 2], atol=1e-9)
@@ -206,12 +206,12 @@ def test_robot_poses_however_they_are_written(tmp_path: Path, columns: str, valu
         ("x_mm,y_mm,z_mm,feed_mm_min", "1,2,3,1e300", "not larger than 1e\\+15"),
     ],
 )
-def test_poses_that_are_not_clear(tmp_path: Path, header: str, row: str, message: str) -> None:
+def test_ambiguous_poses_are_refused(tmp_path: Path, header: str, row: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, f"{header}\n{row}\n{row}\n", default_feed=0.01)
 
 
-def test_a_last_line_without_an_end_is_told(tmp_path: Path) -> None:
+def test_last_line_without_a_line_end_is_reported(tmp_path: Path) -> None:
     t = read(tmp_path, "x_mm,y_mm,z_mm,feed_mm_min\n1,2,3,60\n4,5,6,60", kind="path")
     assert any("last line does not end" in w for w in t.warnings)
 

@@ -122,7 +122,7 @@ REFUSED: list[tuple[Sample, str, str]] = [  # file, statement before a move, beg
 
 
 @pytest.mark.parametrize(("sample", "statement", "before"), REFUSED, ids=lambda v: v if isinstance(v, str) else v.name)
-def test_what_only_the_running_robot_knows_is_refused(
+def test_values_known_only_to_the_running_robot_are_refused(
     tmp_path: Path, sample: Sample, statement: str, before: str
 ) -> None:
     text, line = put_in(sample, statement, before, 0)
@@ -150,13 +150,13 @@ P2 = "MoveL p2"
         ("p2.extax.eax_a:=5;", [0, 0, 0]),
     ],
 )
-def test_rapid_carries_assignments_out(tmp_path: Path, statement: str, place: list[float]) -> None:
+def test_rapid_assignments_are_executed(tmp_path: Path, statement: str, place: list[float]) -> None:
     t = read(tmp_path, RAPID, statement, P2)
     assert mm(t)[0] == [0, 0, 50]
     assert np.allclose(mm(t)[1], place, atol=1e-4)
 
 
-def test_rapid_offsets_are_those_of_the_moment_of_the_assignment(tmp_path: Path) -> None:
+def test_rapid_offsets_have_the_value_at_the_assignment(tmp_path: Path) -> None:
     t = read(tmp_path, RAPID, "p2:=Offs(p1,0,0,-1);\np1.trans.x:=80;", P2)
     assert mm(t) == [[0, 0, 50], [0, 0, 49], [80, 0, 50]]
 
@@ -201,7 +201,7 @@ def test_urscript_elements_are_assigned(tmp_path: Path) -> None:
         (JBI, "SETE P00095 (1) 100", "MOVL"),
     ],
 )
-def test_statements_that_move_nothing_pass(tmp_path: Path, sample: Sample, statement: str, before: str) -> None:
+def test_statements_without_motion_are_skipped(tmp_path: Path, sample: Sample, statement: str, before: str) -> None:
     text, _ = put_in(sample, statement, before, 0)
     assert refused_at(write(tmp_path, sample, text), {}) is None
 
@@ -240,7 +240,7 @@ END
 """
 
 
-def test_a_standard_program_of_robodk_is_read(tmp_path: Path) -> None:
+def test_standard_program_of_robodk_is_read(tmp_path: Path) -> None:
     path = tmp_path / "Prog1.src"
     path.write_text(ROBODK)
     assert refused_at(path, {}) is None

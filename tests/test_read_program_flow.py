@@ -30,7 +30,7 @@ def xs(toolpath: Toolpath) -> list[float]:
 # ---- Fanuc and Haas
 
 
-def test_m98_with_repeats_returns_where_it_came_from(tmp_path: Path) -> None:
+def test_m98_with_repeats_returns_to_its_call(tmp_path: Path) -> None:
     text = (
         "%\nO1\nG21 G90\nG0 X0 Y0 Z0\nG1 F100\nM98 P20 L3\nG90 G1 X99\nM30\nO20\nG91 G1 X1\nM98 P30\nM99\n"
         "O30\nY1\nM99\n%\n"
@@ -72,7 +72,7 @@ def test_macro_with_arguments_conditions_and_loops(tmp_path: Path) -> None:
         ("G21\nG0 X0 Y0 Z0\nG1 X1 F5\no7 call\nM2\n", "line 4: O7 CALL: that subroutine is not in this file"),
     ],
 )
-def test_what_cannot_be_followed_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_unsupported_flow_is_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read(tmp_path, text)
 
@@ -91,7 +91,7 @@ def test_o_words(tmp_path: Path) -> None:
     assert xs(t) == [0, 10, 11, 20, 21, 22, 3, 2000, 1000]
 
 
-def test_names_of_a_subroutine_are_its_own() -> None:
+def test_names_of_a_subroutine_are_local() -> None:
     p = MacroParameters()
     p.evaluate("#<_shared>=1 #<own>=2 #5=3 #100=4")
     p.enter({"1": 9.0})
@@ -128,7 +128,7 @@ def test_siemens_subprogram_in_the_same_file(tmp_path: Path) -> None:
         read(tmp_path, "G71 G90\nG0 X0 Y0 Z0\nG1 X1 F100\nR1=1\nL77\nM30\n", "part.mpf")
 
 
-def test_an_older_controls_drilling_cycle_takes_r_parameters(tmp_path: Path) -> None:
+def test_older_control_cycle_uses_r_parameters(tmp_path: Path) -> None:
     t = read(tmp_path, "G71 G90 G17\nG0 X0 Y0 Z20\nG81 X8 Y0 R2=3 R3=-5 R10=10 F250\nX-5\nG80\nM30\n", "part.mpf")
     assert np.round(t.position[t.cutting] * 1e3, 6).tolist() == [[8, 0, -5], [-5, 0, -5]]
     assert np.round(t.position[-1, 2] * 1e3, 6) == 10.0
@@ -170,7 +170,7 @@ def test_labels_repeats_and_q_parameters(tmp_path: Path) -> None:
         read(tmp_path, "BEGIN PGM A MM\nL X+0 Y+0 Z+0 FMAX\nL X+Q9 F1\nEND PGM A MM\n", "a.h")
 
 
-def test_another_program_is_told_and_refused_where_the_path_goes_on(tmp_path: Path) -> None:
+def test_other_program_is_reported_and_refused_where_the_path_continues(tmp_path: Path) -> None:
     head = "BEGIN PGM A MM\nL X+0 Y+0 Z+0 FMAX\nL X+5 F100\nCALL PGM TNC:\\FIN\n"
     t = read(tmp_path, head + "END PGM A MM\n", "a.h")
     assert [(w.word, w.understood) for w in t.ignored] == [("CALL PGM", False)]

@@ -28,7 +28,7 @@ def readable(kind: str) -> list[Path]:
 
 
 @pytest.mark.parametrize("kind", ["camworks_apt", "camworks_clt", "catia_apt", "nx_clsf", "csv_path"])
-def test_cl_data_is_read_whole(kind: str) -> None:
+def test_cl_data_is_read_completely(kind: str) -> None:
     for file in readable(kind):
         if "array_test" in file.name:
             continue  # one rapid point
@@ -44,7 +44,7 @@ def test_cl_data_is_read_whole(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["apt_partprogram", "stepnc"])
-def test_what_is_no_toolpath_is_refused(kind: str) -> None:
+def test_other_files_are_refused(kind: str) -> None:
     for file in readable(kind):
         with pytest.raises(InputError):
             read_toolpath(file, unit="mm", default_feed=0.01)
@@ -76,7 +76,7 @@ def cut_points(toolpath: Toolpath, first: int, last: int) -> np.ndarray:  # type
     return np.asarray(toolpath.position[mine] / 0.0254)
 
 
-def test_three_controls_say_the_same_of_one_tilted_facet() -> None:
+def test_three_controls_agree_on_one_tilted_facet() -> None:
     """One operation of one part, by CYCLE800 of a Siemens program and by the bare axes of a Haas trunnion.
 
     The trunnion's program has no tool-centre-point control, its zero lies on the rotary axes, and its word B turns
@@ -97,7 +97,7 @@ def test_three_controls_say_the_same_of_one_tilted_facet() -> None:
     assert np.allclose(axis[0], [-0.43120, -0.43120, 0.79253], atol=1e-4)
 
 
-def test_cycle_19_lies_on_the_block_the_program_describes() -> None:
+def test_cycle_19_agrees_with_the_described_block() -> None:
     """BLK FORM says x -75 … 135, y -140 … 0, z -70 … 70; the face milled with A-90 is y = 0."""
     t = read_toolpath(DATA / "heidenhain/Unigraphics__training_deckel.h")
     face = t.cutting & (np.abs(t.axis[:, 1] - 1.0) < 1e-9) & (t.operation == 0)
@@ -151,7 +151,7 @@ def test_linuxcnc_impeller_plunges_along_its_tool_axis() -> None:
     assert all("--decimals" in text for text in t.warnings)
 
 
-def test_damaged_files_are_read_or_refused_and_never_crash(tmp_path: Path) -> None:
+def test_damaged_files_are_read_or_refused_without_a_crash(tmp_path: Path) -> None:
     rng = random.Random(7)
     small = [f for f in files() if f.stat().st_size < 8000]
     target = tmp_path / "damaged"

@@ -45,7 +45,7 @@ def mm(t: Toolpath) -> list[list[float]]:
         "SPTP XHOME",
     ],
 )
-def test_krl_begins_where_the_robot_stands(tmp_path: Path, here: str) -> None:
+def test_krl_begins_at_the_robot_position(tmp_path: Path, here: str) -> None:
     t = krl(tmp_path, f"{here}\n{START}LIN {{X 10}}")
     assert mm(t) == [[0, 0, 5], [10, 0, 5]]
     assert any(w.startswith("line 3:") and "left out" in w for w in t.warnings)
@@ -59,7 +59,7 @@ def test_krl_home_of_the_data_list_is_used_and_another_name_is_refused(tmp_path:
         krl(tmp_path, f"PTP XP7\n{START}")
 
 
-def test_a_cut_after_a_joint_move_of_unknown_place_is_no_cut_from_the_last_point(tmp_path: Path) -> None:
+def test_cut_after_a_joint_move_to_an_unknown_place_is_refused(tmp_path: Path) -> None:
     """The arm leaves the path for a place only its axes name: a straight cut from the last point would be made up."""
     t = krl(
         tmp_path,
@@ -82,7 +82,7 @@ def test_krl_relative_moves_add_to_the_last_target(tmp_path: Path) -> None:
         krl(tmp_path, START + "LIN_REL {A 10}")
 
 
-def test_krl_an_arc_by_its_angle_goes_round_the_circle_of_its_points(tmp_path: Path) -> None:
+def test_krl_arc_by_its_angle_follows_the_circle_of_its_points(tmp_path: Path) -> None:
     t = krl(tmp_path, START + "CIRC {X 5,Y 5,Z 5},{X 10,Y 0,Z 5},CA 360\nCIRC {X 5,Y 5,Z 5},{X 10,Y 0,Z 5},CA -90")
     p = t.position * 1e3
     assert np.allclose(np.linalg.norm(p[1:, :2] - [5, 0], axis=1), 5.0)
@@ -156,7 +156,7 @@ def test_fanuc_registers_are_refused_and_times_are_speeds(tmp_path: Path) -> Non
         fanuc(tmp_path, first + " 2: L PR[2] 100mm/sec FINE ;\n", **at)
 
 
-def test_urscript_leaves_out_a_move_to_where_it_stands(tmp_path: Path) -> None:
+def test_urscript_omits_a_move_to_the_current_position(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         "a.script",
@@ -213,7 +213,7 @@ L1, L2 = " 1: L P[1] 100mm/sec FINE ;\n", " 3: L P[2] 100mm/sec FINE ;\n"
         ),
     ],
 )
-def test_words_that_once_counted_as_understood(tmp_path: Path, dialect: str, text: str, cause: str) -> None:
+def test_further_words_are_refused(tmp_path: Path, dialect: str, text: str, cause: str) -> None:
     with pytest.raises(InputError, match=cause):
         read(tmp_path, dialect, text)
 
@@ -228,12 +228,12 @@ def test_words_that_once_counted_as_understood(tmp_path: Path, dialect: str, tex
         (" 2: OVERRIDE=R[3] ;\n", "line 5: the override is set"),
     ],
 )
-def test_fanuc_moves_that_were_left_out(tmp_path: Path, line: str, cause: str) -> None:
+def test_fanuc_moves_are_complete(tmp_path: Path, line: str, cause: str) -> None:
     with pytest.raises(InputError, match=cause):
         fanuc(tmp_path, L1 + line + L2, **AT)
 
 
-def test_overrides_and_default_speeds_are_carried_out(tmp_path: Path) -> None:
+def test_overrides_and_default_speeds_are_applied(tmp_path: Path) -> None:
     def feeds(t: Toolpath) -> list[float]:
         return np.round(t.feed[t.cutting] * 60e3, 6).tolist()  # type: ignore[no-any-return]
 
@@ -250,14 +250,14 @@ def test_overrides_and_default_speeds_are_carried_out(tmp_path: Path) -> None:
     assert feeds(read(tmp_path, "a.jbi", JOB.format("SPEED V=20.0\nMOVL C00000\nMOVL P001 V=10.0\n"))) == [1200, 600]
 
 
-def test_moves_that_are_given_a_time_have_the_speed_that_it_makes(tmp_path: Path) -> None:
+def test_moves_with_a_time_have_the_resulting_speed(tmp_path: Path) -> None:
     t = read(tmp_path, "a.mod", MODULE % (MOVE + "MoveL Offs(p0,30,40,0),v10\\T:=2,fine,tool0;"))
     assert t.feed[1] * 60e3 == pytest.approx(50 / 2 * 60)
     t = read(tmp_path, "a.script", SCRIPT.format(UR.format(0) + UR.format(0.03).replace("1.2,0.01", "t=2")))
     assert t.feed[1] * 60e3 == pytest.approx(30 / 2 * 60)
 
 
-def test_a_routine_ends_at_its_return(tmp_path: Path) -> None:
+def test_routine_ends_at_its_return(tmp_path: Path) -> None:
     t = read(tmp_path, "a.mod", MODULE % (MOVE + "RETURN;\nMoveL Offs(p0,9,0,0),v5,fine,tool0;"))
     assert len(t) == 1
     assert len(read(tmp_path, "a.script", SCRIPT.format(UR.format(0) + "  return 1\n" + UR.format(1)))) == 1
@@ -269,11 +269,11 @@ def test_a_routine_ends_at_its_return(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["1.5", " -2", "+.5e-3", "[1, -2.5,3.]", "p[0.1,-.2,3e-1, 0,-0.5 , 1]", "[]", "[1,]", "-0.0"]
 )
-def test_urscript_numbers_at_once_are_those_of_the_parser(text: str) -> None:
+def test_urscript_bulk_numbers_equal_those_of_the_parser(text: str) -> None:
     assert repr(evaluate_expression(text, {})) == repr(_ScriptParser(text, {}).parse_expression())
 
 
 @pytest.mark.parametrize("text", ["1.5.2", "[1 2]", "p[1,2]", "1e999", "[1_0]", "1,2", "p[1,2,3,4,5,inf]", "p [", "--"])
-def test_urscript_what_is_no_number_is_refused(text: str) -> None:
+def test_urscript_invalid_numbers_are_refused(text: str) -> None:
     with pytest.raises(ScriptValueError):
         evaluate_expression(text, {})

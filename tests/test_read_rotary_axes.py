@@ -92,7 +92,7 @@ def check(t: Toolpath, machine: str, before: tuple[float, float], after: tuple[f
 @pytest.mark.parametrize("arc", [False, True])
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("machine", ["table-ac", "table-bc"])
-def test_the_tool_axis_follows_the_rotary_axes(tmp_path: Path, dialect: str, machine: str, arc: bool) -> None:
+def test_tool_axis_follows_the_rotary_axes(tmp_path: Path, dialect: str, machine: str, arc: bool) -> None:
     """Quarter, half, whole and several turns, small ones, tilts through the vertical."""
     turns = [
         ((30.0, 90.0), (30.0, 270.0)),
@@ -113,7 +113,7 @@ def test_the_tool_axis_follows_the_rotary_axes(tmp_path: Path, dialect: str, mac
         check(t, machine, before, after, arc=arc)
 
 
-def test_a_whole_turn_on_the_spot_is_followed(tmp_path: Path) -> None:
+def test_full_turn_on_the_spot_is_followed(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         "G21 G90\nG0 A30 C0\nG43.4 H1\nG0 X0 Y0 Z0\nG1 C360. F500\nG49\nM30\n",
@@ -127,7 +127,7 @@ def test_a_whole_turn_on_the_spot_is_followed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("word", "sweep"), [("DC(350)", -10.0), ("ACP(350)", 350.0), ("ACN(350)", -10.0)])
-def test_sinumerik_says_which_way_round(tmp_path: Path, word: str, sweep: float) -> None:
+def test_sinumerik_states_the_direction_of_rotation(tmp_path: Path, word: str, sweep: float) -> None:
     text = f"G71 G90\nG0 A30 C0\nTRAORI\nG0 X0 Y0 Z0\nG1 X10 C={word} F500\nTRAFOOF\nM30\n"
     t = read(tmp_path, text, "siemens", "table-ac")
     swept = np.degrees(np.unwrap(np.arctan2(t.axis[1:, 1], t.axis[1:, 0])))
@@ -136,13 +136,13 @@ def test_sinumerik_says_which_way_round(tmp_path: Path, word: str, sweep: float)
     ] == pytest.approx(sweep, abs=1e-6)
 
 
-def test_rapids_are_not_divided_and_small_turns_neither(tmp_path: Path) -> None:
+def test_rapids_and_small_rotations_are_not_divided(tmp_path: Path) -> None:
     text = "G21 G90\nG0 A30 C0\nG43.4 H1\nG0 X0 Y0 Z0\nG0 X10 C180\nG1 X20 C181 F500\nM30\n"
     t = read(tmp_path, text, "gcode", "table-ac")
     assert t.move.tolist() == [MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT]
 
 
-def test_an_arc_that_turns_an_axis_without_tool_centre_point_control_is_refused(tmp_path: Path) -> None:
+def test_arc_with_rotation_without_tool_centre_point_control_is_refused(tmp_path: Path) -> None:
     text = "G21 G90\nG0 X10 Y0 Z0 C0\nG3 X-10 Y0 I-10 J0 C90 F500\nM30\n"
     with pytest.raises(InputError, match="line 3"):
         read(tmp_path, text, "gcode", "table-ac@0,0,0")
@@ -150,7 +150,7 @@ def test_an_arc_that_turns_an_axis_without_tool_centre_point_control_is_refused(
 
 @pytest.mark.parametrize("words", ["ORIVECT", "ORIPLANE", "ORIVECT\nORIAXES\nORIVECT"])
 @pytest.mark.parametrize("cut", ["G1 X-10", "G3 X-10 Y0 I-10 J0"])
-def test_sinumerik_turns_the_axis_in_one_plane_where_the_program_says_so(tmp_path: Path, words: str, cut: str) -> None:
+def test_sinumerik_rotates_the_axis_in_one_plane_on_request(tmp_path: Path, words: str, cut: str) -> None:
     text = f"G71 G90 G17\nG0 A30 C0\nTRAORI\n{words}\nG0 X10 Y0 Z0\n{cut} A=30 C=90 F500\nTRAFOOF\nM30\n"
     t = read(tmp_path, text, "siemens", "table-ac")
     axis = t.axis[t.cutting]
@@ -164,7 +164,7 @@ def test_sinumerik_turns_the_axis_in_one_plane_where_the_program_says_so(tmp_pat
         assert np.ptp(steps) < 1e-6  # evenly
 
 
-def test_heidenhain_path_control_by_vectors_is_not_divided(tmp_path: Path) -> None:
+def test_heidenhain_vector_path_control_is_not_divided(tmp_path: Path) -> None:
     text = (
         "0 BEGIN PGM T MM\n1 TOOL CALL 1 Z S1000\n"
         "2 FUNCTION TCPM F TCP AXIS POS PATHCTRL {}\n3 L X+10 Y+0 Z+0 A+30 C+0 R0 FMAX\n"

@@ -106,7 +106,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_points_are_those_of_the_program_written_out(tmp_path: Path, name: str) -> None:
+def test_points_equal_those_of_the_expanded_program(tmp_path: Path, name: str) -> None:
     main, subprograms, expected = CASES[name]
     assert list_points(read(tmp_path, HEAD + main + subprograms)) == expected
 
@@ -136,7 +136,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_followed_names_line_and_word(tmp_path: Path, name: str) -> None:
+def test_unsupported_flow_names_line_and_word(tmp_path: Path, name: str) -> None:
     main, subprograms, line, word = REFUSED[name]
     with pytest.raises(InputError) as caught:
         read(tmp_path, HEAD + main + "M30\n" + subprograms)
@@ -160,19 +160,19 @@ def test_each_pass_of_a_subprogram_restores_the_saved_modes(tmp_path: Path) -> N
     np.testing.assert_allclose(cuts[:, :2], [[10, 0], [10, 10], [10, 10], [10, 20]])
 
 
-def test_each_pass_takes_the_value_of_a_returned_parameter(tmp_path: Path) -> None:
+def test_each_pass_uses_the_value_of_a_returned_parameter(tmp_path: Path) -> None:
     cuts = read_cuts(tmp_path, "R1=0\nUP(R1) P3\nG1 X=R1\nM30\n%_N_UP_SPF\nPROC UP(VAR REAL B)\nB=B+1\nM17\n")
     np.testing.assert_allclose(cuts[-1, 0], 3)
 
 
 @pytest.mark.parametrize("text", ["BOHRUNG A1", "X5 Y7", "Z-3.", "C=90"])
-def test_a_message_calls_no_modal_subprogram(tmp_path: Path, text: str) -> None:
+def test_message_calls_no_modal_subprogram(tmp_path: Path, text: str) -> None:
     body = f'MCALL DRILL\nG0 X10 Y10\nMSG("{text}")\nG0 X20\nMCALL\nM30\n%_N_DRILL_SPF\nG1 G91 Z-5\nZ5\nG90\nM17\n'
     assert len(read_cuts(tmp_path, body)) == 4  # two places, down and up
 
 
 @pytest.mark.parametrize("name", ["10", "5", "100"])
-def test_a_number_is_no_call_of_a_program_named_by_digits(tmp_path: Path, name: str) -> None:
+def test_number_is_not_a_call_of_a_numeric_program_name(tmp_path: Path, name: str) -> None:
     file = tmp_path / "program.mpf"
     file.write_text(f"%_N_{name}_MPF\nG90 G71\nT1 M6\nS300 M3 F200\nR1={name}\nG1 X-{name} Y5\nM30\n", encoding="utf-8")
     np.testing.assert_allclose(1e3 * read_toolpath(file).position[-1, :2], [-float(name), 5])

@@ -90,7 +90,7 @@ VALUES = {
 
 
 @pytest.mark.parametrize("name", VALUES)
-def test_a_variable_has_the_value_that_its_type_holds(tmp_path: Path, name: str) -> None:
+def test_variable_has_the_value_of_its_type(tmp_path: Path, name: str) -> None:
     definitions, body, subprograms, expected = VALUES[name]
     file = tmp_path / "part.mpf"
     file.write_text(HEAD.format(definitions=definitions) + body + "M30\n" + subprograms, encoding="utf-8")
@@ -132,7 +132,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_definition_that_no_control_takes_is_refused(tmp_path: Path, name: str) -> None:
+def test_invalid_definition_is_refused(tmp_path: Path, name: str) -> None:
     definitions, body, word = REFUSED[name]
     file = tmp_path / "part.mpf"
     file.write_text(HEAD.format(definitions=definitions) + body + "X9\nM30\n", encoding="utf-8")

@@ -128,7 +128,7 @@ POINTS = [  # dialect, blocks, points
 
 
 @pytest.mark.parametrize(("dialect", "body", "expected"), POINTS)
-def test_points_are_those_worked_out_by_hand(
+def test_points_equal_those_computed_by_hand(
     dialect: str, body: str, expected: list[tuple[float, ...]], tmp_path: Path
 ) -> None:
     path = read(tmp_path, dialect, body)
@@ -168,7 +168,7 @@ ENDS = [  # dialect, blocks, last point: arcs and rounded corners before it
 
 
 @pytest.mark.parametrize(("dialect", "body", "expected"), ENDS)
-def test_curves_end_where_they_should(dialect: str, body: str, expected: tuple[float, ...], tmp_path: Path) -> None:
+def test_curves_end_at_their_end_points(dialect: str, body: str, expected: tuple[float, ...], tmp_path: Path) -> None:
     path = read(tmp_path, dialect, body)
     assert not any(word.stops for word in path.ignored)
     assert len(path) > 4
@@ -217,7 +217,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("dialect", "body"), REFUSED)
-def test_what_cannot_be_known_is_refused_with_its_line(dialect: str, body: str, tmp_path: Path) -> None:
+def test_undeterminable_content_is_refused_with_its_line(dialect: str, body: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line \d+:"):
         read(tmp_path, dialect, body)
 
@@ -252,6 +252,6 @@ def test_further_programs_of_a_file_are_named_and_not_read(text: str, count: int
     assert any("program" in w for w in path.warnings)
 
 
-def test_a_program_that_begins_before_the_one_before_ends_is_refused(tmp_path: Path) -> None:
+def test_overlapping_programs_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="line 7"):
         read(tmp_path, "G-code", "X5.\nO2\nG1 X7.")

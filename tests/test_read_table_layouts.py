@@ -23,7 +23,7 @@ def read(folder: Path, text: str) -> Toolpath:
 
 
 @pytest.mark.parametrize(("separator", "title", "end"), list(itertools.product(",;\t", TITLES, ("\n", "\r\n"))))
-def test_layouts_that_have_one_meaning_are_read(separator: str, title: str, end: str, tmp_path: Path) -> None:
+def test_unambiguous_layouts_are_read(separator: str, title: str, end: str, tmp_path: Path) -> None:
     text = title.replace("\n", end) + "".join(separator.join(row) + end for row in ROWS)
     path = read(tmp_path, text)
     assert np.allclose(path.position * 1e3, [(1.5, 2, 3), (4, 5, 6)])
@@ -31,7 +31,7 @@ def test_layouts_that_have_one_meaning_are_read(separator: str, title: str, end:
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
-def test_a_quoted_separator_belongs_to_its_cell(separator: str, tmp_path: Path) -> None:
+def test_quoted_separator_belongs_to_its_cell(separator: str, tmp_path: Path) -> None:
     rows = [
         ("x_mm", "y_mm", "z_mm", "operation"),
         ("1", "2", "3", f'"a{separator}b"'),
@@ -56,7 +56,7 @@ def test_a_quoted_separator_belongs_to_its_cell(separator: str, tmp_path: Path) 
         ("x_mm;y_mm;z_mm;move\n1;2;3\n", 2),
     ],
 )
-def test_what_has_several_meanings_is_refused_with_its_line(text: str, line: int, tmp_path: Path) -> None:
+def test_ambiguous_layout_is_refused_with_its_line(text: str, line: int, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"line {line}[:,]"):
         read(tmp_path, text)
 
@@ -77,7 +77,7 @@ HOLE, PATH = "10,10,-5,holes,5,3,,100\n", "50,40,-3,path,,,,200\n"
         (HOLE + "40,40,-3,path,,,rapid,\n" + PATH + HOLE, 5),
     ],
 )
-def test_a_straight_way_through_the_material_is_refused(rows: str, line: int, tmp_path: Path) -> None:
+def test_straight_move_through_the_material_is_refused(rows: str, line: int, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"line {line}[:,]"):
         read(tmp_path, HEADER + rows)
 
@@ -94,11 +94,11 @@ def test_a_straight_way_through_the_material_is_refused(rows: str, line: int, tm
         (HOLE + HOLE.replace("10,10", "30,10"), 6),
     ],
 )
-def test_rows_of_two_kinds_with_a_way_between_them(rows: str, points: int, tmp_path: Path) -> None:
+def test_rows_of_two_kinds_with_a_move_between_them(rows: str, points: int, tmp_path: Path) -> None:
     assert len(read(tmp_path, HEADER + rows)) == points
 
 
-def test_a_table_without_column_move_has_no_way_between_them(tmp_path: Path) -> None:
+def test_table_without_move_column_has_no_move_between_kinds(tmp_path: Path) -> None:
     text = "x_mm,y_mm,z_mm,kind,depth_mm,approach_mm,feed_mm_min\n10,10,-5,holes,5,3,100\n40,40,-3,path,,,200\n"
     with pytest.raises(InputError, match="column move"):
         read(tmp_path, text)
@@ -107,7 +107,7 @@ def test_a_table_without_column_move_has_no_way_between_them(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     "header", ["x_mm,\ty_mm,\tz_mm,i,j,k,feed_mm_min", 'x_mm,y_mm,z_mm,i,j,k,feed_mm_min,"note; x"']
 )
-def test_a_comma_separates_where_it_gives_the_header(tmp_path: Path, header: str) -> None:
+def test_comma_separates_where_it_gives_the_header(tmp_path: Path, header: str) -> None:
     file = tmp_path / "path.csv"
     more = "," if "note" in header else ""
     file.write_text(f"{header}\n1,2,3,0,0,1,600{more}\n4,5,6,0,0,1,600{more}\n", encoding="utf-8")

@@ -47,14 +47,14 @@ def test_euler_angles_of_g68_2_are_z_x_z() -> None:
     assert R.point((0.0, 0.0, 0.0)) == (1.0, 2.0, 3.0)
 
 
-def test_roll_pitch_yaw_turn_about_fixed_axes_in_the_named_order() -> None:
+def test_roll_pitch_yaw_rotate_about_fixed_axes_in_the_named_order() -> None:
     words = {"P": 1.0, "I": 20.0, "J": 30.0, "K": 40.0}
     Rx, Ry, Rz = compute_axis_turn("X", 20.0), compute_axis_turn("Y", 30.0), compute_axis_turn("Z", 40.0)
     assert np.allclose(compute_g68_2_plane({**words, "Q": 123.0}, (0.0, 0.0, 0.0)).R, Rz @ Ry @ Rx)
     assert np.allclose(compute_g68_2_plane({**words, "Q": 321.0}, (0.0, 0.0, 0.0)).R, Rx @ Ry @ Rz)
 
 
-def test_spatial_angles_turn_about_the_machines_axes_a_then_b_then_c() -> None:
+def test_spatial_angles_rotate_about_machine_axes_a_b_c() -> None:
     assert np.allclose(
         compute_spatial_plane(20.0, 30.0, 40.0).R,
         compute_axis_turn("Z", 40.0) @ compute_axis_turn("Y", 30.0) @ compute_axis_turn("X", 20.0),
@@ -81,7 +81,7 @@ def test_cycle800_reads_the_axes_from_its_mode() -> None:
 # ---- programs
 
 
-def test_a_tilted_plane_moves_points_and_tool_axis(tmp_path: Path) -> None:
+def test_tilted_plane_moves_points_and_tool_axis(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         HEAD + "G68.2 X10 Y0 Z0 I0 J30 K0\nG53.1\nG0 X0 Y0 Z20\nG1 Z-5 F200\nX4\nG2 X8 Y0 I2 J0\nG69\nG0 B0 C0\n"
@@ -100,13 +100,13 @@ def test_a_tilted_plane_moves_points_and_tool_axis(tmp_path: Path) -> None:
     assert t.operations[0].kind == "trajectory"
 
 
-def test_cutting_on_after_a_tilted_plane_needs_the_rotary_axes_named(tmp_path: Path) -> None:
+def test_cutting_after_a_tilted_plane_requires_named_rotary_axes(tmp_path: Path) -> None:
     text = HEAD + "G68.2 X0 Y0 Z0 I0 J30 K0\nG53.1\nG0 X0 Y0 Z20\nG1 Z0 F200\nG69\nG1 X5\nM30\n"
     with pytest.raises(InputError, match=r"line 9: cuts after a tilted plane was left and before any rotary word"):
         read(tmp_path, text)
 
 
-def test_a_drilling_cycle_in_a_tilted_plane_drills_along_the_tool(tmp_path: Path) -> None:
+def test_drilling_cycle_in_a_tilted_plane_drills_along_the_tool(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         HEAD + "G68.2 X0 Y0 Z0 I0 J90 K0\nG53.1\nG0 X5 Y5 Z20\nG99 G81 X5 Y5 Z-8 R2 F100\nX15\nG80\nG69\nM30\n",
@@ -116,7 +116,7 @@ def test_a_drilling_cycle_in_a_tilted_plane_drills_along_the_tool(tmp_path: Path
     assert t.operations[0].kind == "point"
 
 
-def test_g68_turns_the_coordinates_and_not_the_tool(tmp_path: Path) -> None:
+def test_g68_rotates_the_coordinates_and_not_the_tool(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "G68 X10 Y0 R90\nG0 X15 Y0 Z5\nG1 Z0 F100\nX20\nG69\nG1 X20 Y0\nM30\n")
     assert np.allclose(mm(t)[1:], [[10, 5, 5], [10, 5, 0], [10, 10, 0], [20, 0, 0]])
     assert np.allclose(t.axis, [0.0, 0.0, 1.0])
@@ -137,7 +137,7 @@ def test_siemens_frames_and_cycle800(tmp_path: Path) -> None:
     assert np.allclose(bottom, hole - 6.0 * np.array([S30, 0.0, C30]))
 
 
-def test_heidenhain_planes_and_datum_inside_them(tmp_path: Path) -> None:
+def test_heidenhain_planes_with_an_inner_datum(tmp_path: Path) -> None:
     t = read(
         tmp_path,
         "BEGIN PGM A MM\nTOOL CALL 1 Z S1\nL X+0 Y+0 Z+50 FMAX\nCYCL DEF 7.0 DATUM\nCYCL DEF 7.1 X+100\n"
@@ -150,7 +150,7 @@ def test_heidenhain_planes_and_datum_inside_them(tmp_path: Path) -> None:
     assert np.allclose(t.axis[1:], [1.0, 0.0, 0.0])
 
 
-def test_cycle_19_and_plane_vector_mean_the_same_plane(tmp_path: Path) -> None:
+def test_cycle_19_and_plane_vector_give_the_same_plane(tmp_path: Path) -> None:
     body = "L X+1 Y+2 Z+30 FMAX\nL Z+0 F100\nL X+7\nEND PGM A MM\n"
     head = "BEGIN PGM A MM\nTOOL CALL 1 Z S1\n"
     by_cycle = read(tmp_path, head + "CYCL DEF 19.0\nCYCL DEF 19.1 A-90\n" + body, "a.h")
@@ -166,7 +166,7 @@ def test_cycle_19_and_plane_vector_mean_the_same_plane(tmp_path: Path) -> None:
 # ---- rotary axes without tool-centre-point control
 
 
-def test_a_table_turned_about_its_axis_moves_the_point_back(tmp_path: Path) -> None:
+def test_rotated_table_moves_the_point_back(tmp_path: Path) -> None:
     """A hole on the part, brought under the spindle by A and C: the machine's X Y Z give the part's point."""
     rotary = parse_machine("table-ac@0,0,-50")
     angles = {"A": 30.0, "C": 50.0}
@@ -187,14 +187,14 @@ def test_a_table_turned_about_its_axis_moves_the_point_back(tmp_path: Path) -> N
         read(tmp_path, text, machine="table-ac")
 
 
-def test_a_head_leans_about_its_pivot(tmp_path: Path) -> None:
+def test_head_tilts_about_its_pivot(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "G0 B90 C0\nG1 X10 Y0 Z0 F100\nM30\n", machine="head-bc@250")
     # upright the tip would be at (10, 0, 0) and the pivot 250 above; lying along x the tip is 250 to the left of it
     assert mm(t)[-1] == pytest.approx([10.0 - 250.0, 0.0, 250.0])
     assert t.axis[-1] == pytest.approx([1.0, 0.0, 0.0])
 
 
-def test_table_axes_that_do_not_meet() -> None:
+def test_table_axes_that_do_not_intersect() -> None:
     rotary = parse_machine("table-ac@5,0,0/0,0,-50")
     assert rotary.centres == ((5.0, 0.0, 0.0), (0.0, 0.0, -50.0))
     # C alone turns about (5, 0), A alone about z = -50
@@ -202,7 +202,7 @@ def test_table_axes_that_do_not_meet() -> None:
     assert np.allclose(rotary.tip({"A": 90.0}).point((1.0, 0.0, -40.0)), [1.0, -10.0, -50.0])
 
 
-def test_the_way_of_the_tip_is_followed_while_rotary_axes_turn(tmp_path: Path) -> None:
+def test_tip_path_is_followed_while_rotary_axes_move(tmp_path: Path) -> None:
     """A table turning by 90° under a tool that stands still draws an arc; every chord end lies on it."""
     text = HEAD + "G0 X40 Y0 Z0 C0\nG93 G1 C90 F2\nG94 G0 Z50\nC0\nM30\n"
     t = read(tmp_path, text, machine="table-c@0,0,0")
@@ -221,7 +221,7 @@ def test_the_way_of_the_tip_is_followed_while_rotary_axes_turn(tmp_path: Path) -
     p=st.tuples(*[st.floats(-300.0, 300.0)] * 3),
     name=st.sampled_from(["table-ac@3,4,-5", "mixed-ac@200/3,4,-5"]),
 )
-def test_tool_axis_and_tip_belong_together(a: float, c: float, p: tuple[float, float, float], name: str) -> None:
+def test_tool_axis_and_tip_are_consistent(a: float, c: float, p: tuple[float, float, float], name: str) -> None:
     """Raising the machine's Z moves the tip along the tool axis of a table; heads and mixed machines keep lengths."""
     rotary = parse_machine(name)
     angles = {"A": a, "C": c}
@@ -233,7 +233,7 @@ def test_tool_axis_and_tip_belong_together(a: float, c: float, p: tuple[float, f
     assert np.allclose(tip.inverse().point(tuple(here)), p, atol=1e-9)
 
 
-def test_machines_spelled_out() -> None:
+def test_machines_by_explicit_axes() -> None:
     haas = parse_machine("table:B+Z,A-X@0,0,0")
     assert haas.letters == "BA"
     assert haas.tool_axis({"A": -37.576, "B": -45.0}) == pytest.approx(
@@ -250,7 +250,7 @@ def test_machines_spelled_out() -> None:
 # ---- zeros
 
 
-def test_a_second_work_offset_needs_its_place(tmp_path: Path) -> None:
+def test_second_work_offset_requires_its_place(tmp_path: Path) -> None:
     text = HEAD + "G1 Z0 F100\nG0 Z50\nG55\nG0 X1 Y1 Z50\nG1 Z0\nM30\n"
     with pytest.raises(InputError, match=r"line 8: the work offset changes from G54 to G55.*--offset G55=X,Y,Z"):
         read(tmp_path, text)
@@ -262,12 +262,12 @@ def test_a_second_work_offset_needs_its_place(tmp_path: Path) -> None:
         read(tmp_path, text, offsets=("G55",))
 
 
-def test_an_unused_offset_word_at_the_end_does_no_harm(tmp_path: Path) -> None:
+def test_unused_offset_word_at_the_end_has_no_effect(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "G1 Z0 F100\nG55\nG0 Z500\nM30\n")
     assert len(t) == 2  # the rapid in another system has no place here
 
 
-def test_g52_and_g92_shift_what_follows(tmp_path: Path) -> None:
+def test_g52_and_g92_shift_later_points(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "G1 Z0 F100\nG52 X10 Y0 Z0\nG1 X0 Y5\nG52 X0 Y0 Z0\nG1 X0 Y0\nM30\n")
     assert mm(t)[1:].tolist() == [[0, 0, 0], [10, 5, 0], [0, 0, 0]]
     u = read(tmp_path, HEAD + "G1 Z0 F100\nX20\nG92 X0\nG1 X5\nM30\n")
@@ -277,7 +277,7 @@ def test_g52_and_g92_shift_what_follows(tmp_path: Path) -> None:
     assert mm(first)[0].tolist() == [0.0, 0.0, 9.0]  # the system the path begins in is the workpiece
 
 
-def test_fast_and_slow_lines_read_the_same(tmp_path: Path) -> None:
+def test_fast_and_slow_line_readers_agree(tmp_path: Path) -> None:
     rows = [f"X{x * 0.5:.3f} Y{x * x * 0.01:.4f} Z-1.5 A{x % 7} C{x * 3}" for x in range(50)]
     head = "G21 G90\nG43.4 H1\nG0 X0 Y0 Z9 A0 C0\nG1 Z0 F500\n"
     plain = read(tmp_path, head + "\n".join(rows) + "\nM30\n", machine="table-ac")
@@ -289,7 +289,7 @@ def test_fast_and_slow_lines_read_the_same(tmp_path: Path) -> None:
     assert len(set(plain.line[plain.move == MoveKind.CUT].tolist())) == 51  # lines that turn far are several points
 
 
-def test_dynamic_work_offset_turns_about_the_programs_zero(tmp_path: Path) -> None:
+def test_dynamic_work_offset_rotates_about_the_program_zero(tmp_path: Path) -> None:
     text = HEAD + "G0 A30 C0\nG254\nG0 X0 Y0 Z10\nG1 Z0 F100\nY8\nG255\nG0 Z100\nA0\nM30\n"
     t = read(tmp_path, text, machine="table-ac")  # where the axes lie does not matter under G254
     cuts = mm(t)[t.cutting]
@@ -305,7 +305,7 @@ def test_dynamic_work_offset_turns_about_the_programs_zero(tmp_path: Path) -> No
         ("BEGIN PGM A MM\nM128\nL X0 Y0 Z9 FMAX\nL Z0 F500\n", "LN X{x} Y{y} NX0 NY0 NZ1 TX{i} TY{j} TZ{k}", "a.h"),
     ],
 )
-def test_tool_vectors_fast_and_slow_read_the_same(tmp_path: Path, head: str, row: str, name: str) -> None:
+def test_tool_vectors_agree_in_fast_and_slow_readers(tmp_path: Path, head: str, row: str, name: str) -> None:
     angle = np.arange(40) * 0.1
     rows = [
         row.format(x=f"{10 * a:.3f}", y=f"{a * a:.3f}", i=f"{np.sin(a):.5f}", j="0.25", k=f"{np.cos(a):.5f}")
@@ -321,7 +321,7 @@ def test_tool_vectors_fast_and_slow_read_the_same(tmp_path: Path, head: str, row
     assert np.allclose(plain.axis[2:], expected, atol=1e-5)  # five printed decimals
 
 
-def test_planes_left_with_the_axes_brought_to_zero(tmp_path: Path) -> None:
+def test_planes_left_with_the_axes_at_zero(tmp_path: Path) -> None:
     body = "L X+0 Y+0 Z+20 FMAX\nL Z+0 F100\n"
     head = "BEGIN PGM A MM\nTOOL CALL 1 Z S1\nPLANE SPATIAL SPA+30 SPB+0 SPC+0 TURN\n"
     t = read(tmp_path, head + body + "PLANE RESET TURN FMAX\nL X+1 Y+1 Z+5 F100\nEND PGM A MM\n", "a.h")
@@ -339,7 +339,7 @@ def test_planes_left_with_the_axes_brought_to_zero(tmp_path: Path) -> None:
         read(tmp_path, siemens.format("CYCLE800()"), "a.mpf")
 
 
-def test_a_post_that_means_an_offset_by_g53(tmp_path: Path) -> None:
+def test_offset_stated_by_g53(tmp_path: Path) -> None:
     text = "G21 G90\nG0 G53 X1 Y2 Z9\nG1 Z0 F100\nM30\n"
     with pytest.raises(InputError, match=r"line 3: cuts while X is not known.*--offset G53=0,0,0"):
         read(tmp_path, text)

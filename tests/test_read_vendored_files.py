@@ -14,7 +14,7 @@ from machopt.toolpath.toolpath_reader import read_toolpath
 CAM = Path(__file__).parent / "vendored_files" / "cam"
 
 
-def test_every_file_names_its_source() -> None:
+def test_every_file_states_its_source() -> None:
     """And all of them together stay small."""
     root = CAM.parent
     files = [f for f in root.rglob("*") if f.is_file() and f.name != "SOURCES.md"]
@@ -26,7 +26,7 @@ def test_every_file_names_its_source() -> None:
     assert sum(f.stat().st_size for f in files) < 300_000
 
 
-def test_a_table_of_poses_without_a_header() -> None:
+def test_table_of_poses_without_a_header() -> None:
     """Row by row as the file says: x, y, z in mm; the angles turn about fixed axes."""
     file = CAM / "RoboDK__Example-Import-CSV-XYZWPR.csv"
     said = np.loadtxt(file, delimiter=",")
@@ -40,7 +40,7 @@ def test_a_table_of_poses_without_a_header() -> None:
     np.testing.assert_allclose(np.abs(np.einsum("ni,ni->n", t.axis, z)), 1.0, atol=1e-9)
 
 
-def test_four_quarters_are_a_circle_of_half_an_inch() -> None:
+def test_four_quarter_arcs_are_a_circle_of_half_an_inch() -> None:
     t = read_toolpath(CAM / "cncjs__circle-inch.gcode")
     round_ = t.cutting & (np.abs(t.position[:, 2]) < 1e-12)
     radius = np.linalg.norm(t.position[round_, :2], axis=1)
@@ -51,7 +51,7 @@ def test_four_quarters_are_a_circle_of_half_an_inch() -> None:
     assert (np.diff(angle) <= 1e-12).all()  # G2 is clockwise
 
 
-def test_a_move_after_a_circle_that_may_be_meant_otherwise_is_asked_about() -> None:
+def test_ambiguous_move_after_a_circle_leads_to_a_question() -> None:
     """The file names no unit, but no unit cures that after a full circle (I alone) it goes back by X alone."""
     file = CAM / "cncjs__full-circle-without-xyz.gcode"
     with pytest.raises(InputError, match="line 11: an arc without I, J, K or R"):
@@ -70,6 +70,6 @@ def test_a_move_after_a_circle_that_may_be_meant_otherwise_is_asked_about() -> N
         ("ros-industrial__i_hw_interface_krl_KR_C4__ros_rsi.src", "2 joint moves and no linear one"),
     ],
 )
-def test_programs_that_hold_no_path_say_so(name: str, words: str) -> None:
+def test_programs_without_a_path_are_reported(name: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         read_toolpath(CAM / name, default_feed=0.01)

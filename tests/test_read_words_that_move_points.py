@@ -43,7 +43,7 @@ PRESETS = """0 BEGIN PGM T MM
         ("$CIRC_TYPE=#BASE", False),
     ],
 )
-def test_an_orientation_that_does_not_hold_stops_the_plan(word: str, stops: bool, tmp_path: Path) -> None:
+def test_unsupported_orientation_mode_stops_the_plan(word: str, stops: bool, tmp_path: Path) -> None:
     file = tmp_path / "t.src"
     file.write_text(KRL.format(word=word), encoding="utf-8")
     ignored = read_toolpath(file).ignored
@@ -59,7 +59,7 @@ def test_an_orientation_that_does_not_hold_stops_the_plan(word: str, stops: bool
         ("3 PRESET SELECT #2", ";", False),
     ],
 )
-def test_a_preset_after_points_of_an_unnamed_one_is_warned_of(
+def test_preset_after_points_of_an_unnamed_one_causes_a_warning(
     before: str, preset: str, warned: bool, tmp_path: Path
 ) -> None:
     file = tmp_path / "t.h"

@@ -38,7 +38,7 @@ FINI
 """
 
 
-def test_the_front_page_is_short_and_its_pages_are_there() -> None:
+def test_readme_is_short_and_its_links_exist() -> None:
     assert len(README.splitlines()) <= MOST_LINES
     missing = [
         f"{page.relative_to(ROOT)}: {to}"
@@ -51,7 +51,7 @@ def test_the_front_page_is_short_and_its_pages_are_there() -> None:
     assert unlinked == set()
 
 
-def test_every_command_of_the_pages_is_one_that_there_is() -> None:
+def test_every_documented_command_parses() -> None:
     """Options and commands by the parser itself; what a command does with them, the test below and others say."""
     parser, refused = _build_parser(), []
     for page in PAGES:
@@ -70,7 +70,7 @@ operations:
 
 
 @pytest.mark.slow
-def test_the_commands_run_in_their_own_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_run_in_their_documented_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On an arm and a part that a newcomer may have; ``view`` waits for a browser and is tested by itself."""
     monkeypatch.chdir(tmp_path)
     Path("robot.urdf").write_text(urdf_text(), encoding="utf-8")
@@ -95,7 +95,7 @@ def test_the_commands_run_in_their_own_order(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.slow
-def test_the_library_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_library_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("robot.urdf").write_text(urdf_text(), encoding="utf-8")
     Path("part.cls").write_text(PART, encoding="utf-8")

@@ -96,7 +96,7 @@ CASES = {  # a gain of either sign; parts of either sign in offsets and angles
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_written_correction_lowers_the_error(name: str, tmp_path: Path) -> None:
+def test_written_correction_lowers_the_error(name: str, tmp_path: Path) -> None:
     effect, change = CASES[name]
     recording, clean = recorded(change), recorded(lambda r: r)
     document = diagnose_in_memory(CELL, recording, tmp_path / "recording").result.to_json_types()

@@ -102,7 +102,7 @@ def test_every_key_and_column_in_si(tmp_path: Path) -> None:
     assert np.array_equal(by_file.q, r.q)
 
 
-def test_bom_crlf_quotes_and_spaces_read_the_same(tmp_path: Path) -> None:
+def test_bom_crlf_quotes_and_spaces_are_accepted(tmp_path: Path) -> None:
     plain_one = load_recording(folder(tmp_path))
     odd = "\ufeff" + GOOD.replace(",load", ',"load"').replace(",", " , ").replace("\n", "\r\n")
     assert_same(load_recording(folder(tmp_path, odd)), plain_one)
@@ -124,7 +124,7 @@ def test_absolute_and_motion(tmp_path: Path) -> None:
     assert r.q_secondary[:, 1] == pytest.approx(np.array([20, 21]) * DEG)
 
 
-def test_labels_that_the_file_does_not_have(tmp_path: Path) -> None:
+def test_missing_labels_are_reported(tmp_path: Path) -> None:
     q = ["10,20,30,40,50,60", "10.5,20,30,40,50,60", "10.004,20,30,40,49.999,60"]
     text = PLAIN + "".join(f"\n{q[k]},1,2,3,0,0,0" for k in (1, 0, 2, 1)) + "\n"
     r = load_recording(folder(tmp_path, text, plain()))
@@ -182,7 +182,7 @@ def test_several_files_are_several_sessions(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- warnings
 
 
-def test_suspicions_are_warnings(tmp_path: Path) -> None:
+def test_suspicious_values_are_warnings(tmp_path: Path) -> None:
     radians = PLAIN + "\n0.1,-1.57,1.57,0.2,0.7854,3.1416,1,2,3,0,0,0\n"
     (warning,) = load_recording(folder(tmp_path, radians, plain())).warnings
     assert "look like radians" in warning
@@ -224,12 +224,12 @@ def test_suspicions_are_warnings(tmp_path: Path) -> None:
         ("data: data.csv\n", "", ["data: required key is missing; expected a data file, or a list of them"]),
     ],
 )
-def test_wrong_keys(tmp_path: Path, old: str, new: str, parts: list[str]) -> None:
+def test_wrong_keys_are_refused(tmp_path: Path, old: str, new: str, parts: list[str]) -> None:
     assert old in YAML
     refused(folder(tmp_path, yaml=YAML.replace(old, new)), "recording.yaml", *parts)
 
 
-def test_wrong_folders(tmp_path: Path) -> None:
+def test_wrong_folders_are_refused(tmp_path: Path) -> None:
     refused(tmp_path / "gone", "gone: no such file or folder; expected a recording folder")
     refused(tmp_path, "holds no recording.yaml")
     path = folder(tmp_path)
@@ -266,7 +266,7 @@ def test_wrong_folders(tmp_path: Path) -> None:
         ("7,1,2", "7,x,2", ["line 6, column cycle: found 'x'; expected a number"]),
     ],
 )
-def test_wrong_cells(tmp_path: Path, old: str, new: str, parts: list[str]) -> None:
+def test_wrong_cells_are_refused(tmp_path: Path, old: str, new: str, parts: list[str]) -> None:
     assert old in GOOD
     refused(folder(tmp_path, GOOD.replace(old, new, 1)), "data.csv", *parts)
 
@@ -343,16 +343,16 @@ def test_wrong_cells(tmp_path: Path, old: str, new: str, parts: list[str]) -> No
         ),
     ],
 )
-def test_wrong_tables(tmp_path: Path, data: str, kind: str, parts: list[str]) -> None:
+def test_wrong_tables_are_refused(tmp_path: Path, data: str, kind: str, parts: list[str]) -> None:
     refused(folder(tmp_path, data, plain(kind)), "data.csv", *parts)
 
 
-def test_other_encodings(tmp_path: Path) -> None:
+def test_other_encodings_are_refused(tmp_path: Path) -> None:
     refused(folder(tmp_path, GOOD.replace("a comment", "20 °C").encode("latin-1")), "line 1", "is not UTF-8 text")
     refused(folder(tmp_path, GOOD.encode("utf-16")), "is not UTF-8 text; expected CSV in UTF-8")
 
 
-def test_time_rises_in_a_session(tmp_path: Path) -> None:
+def test_time_increases_within_a_session(tmp_path: Path) -> None:
     head = f"session,time_s,{Q},fx_N,fy_N,fz_N"
     rows = [f"{s},{t},10,20,30,40,50,60,0,0,0" for s, t in ((1, 0.0), (1, 0.1), (2, 0.0), (1, 0.2), (2, 0.1))]
     path = folder(tmp_path, "\n".join([head, *rows, ""]), plain("motion"))
@@ -364,9 +364,7 @@ def test_time_rises_in_a_session(tmp_path: Path) -> None:
 
 @settings(max_examples=scale_example_count(150), deadline=None)
 @given(data=st.data())
-def test_a_damaged_file_is_read_or_refused_never_worse(
-    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_damaged_file_is_read_or_refused(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
     which = data.draw(st.sampled_from(["data.csv", "recording.yaml"]))
     original = (GOOD if which == "data.csv" else YAML).encode()
     at = data.draw(st.integers(0, len(original)))
@@ -397,7 +395,7 @@ def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     )
 
 
-def test_parquet_reads_as_csv_does(tmp_path: Path) -> None:
+def test_parquet_equals_csv(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is an optional dependency")
     parquet = pytest.importorskip("pyarrow.parquet")
     rows = [line.split(",") for line in GOOD.splitlines()[3:]]
@@ -435,7 +433,7 @@ def test_parquet_reads_as_csv_does(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- several recordings
 
 
-def test_recordings_together(tmp_path: Path) -> None:
+def test_recordings_are_combined(tmp_path: Path) -> None:
     a = folder(tmp_path, name="a")
     b = folder(tmp_path, name="b", yaml=YAML.replace("0.015", "0.02").replace("by hand", "next day"))
     r = load_recordings([a, b / "recording.yaml"])
@@ -452,7 +450,7 @@ def test_recordings_together(tmp_path: Path) -> None:
     assert_same(load_recordings([a]), load_recording(a))
 
 
-def test_pose_labels_that_mean_different_poses(tmp_path: Path) -> None:
+def test_labels_of_different_poses_are_refused(tmp_path: Path) -> None:
     a = folder(tmp_path, name="a")
     near, far = GOOD.replace("45.5", "45.54"), GOOD.replace("45.5", "45.6")
     assert load_recordings([a, folder(tmp_path, near, name="b")]).pose.tolist() == [1, 1, 7, 1, 1, 7]
@@ -463,7 +461,7 @@ def test_pose_labels_that_mean_different_poses(tmp_path: Path) -> None:
     assert "numbered from 8 on" in warning
 
 
-def test_a_session_that_counts_its_poses_anew(tmp_path: Path) -> None:
+def test_session_with_its_own_pose_numbers_is_matched(tmp_path: Path) -> None:
     """The second day measured every other pose, numbered from 1; a sign, a zero or a unit is no such thing."""
     q = np.random.default_rng(3).uniform(-60.0, 60.0, (12, 6)).round(3)
 
@@ -495,7 +493,7 @@ def test_unlabelled_poses_are_matched_by_joint_position(tmp_path: Path) -> None:
     assert any("all poses are numbered by joint position" in w for w in r.warnings)
 
 
-def test_recordings_that_do_not_go_together(tmp_path: Path) -> None:
+def test_inconsistent_recordings_are_refused(tmp_path: Path) -> None:
     a, b = folder(tmp_path, name="a"), folder(tmp_path, name="b", yaml=YAML.replace("frame: base", "frame: tool"))
     with pytest.raises(InputError, match=r"b/data.csv: displacement_frame is tool but base in a/data.csv"):
         load_recordings([a, b])
@@ -600,7 +598,7 @@ def test_round_trip(made: Recording, tmp_path_factory: pytest.TempPathFactory) -
     assert set(first) == {"recording.yaml", "data.csv"}
 
 
-def test_labels_are_written_where_they_say_something(tmp_path: Path) -> None:
+def test_labels_are_written_where_informative(tmp_path: Path) -> None:
     made = replace(load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n{ROW}\n", plain())), source="out")
     write_recording(tmp_path / "out", made)
     assert (tmp_path / "out" / "data.csv").read_text().startswith("q1_deg,")
@@ -613,7 +611,7 @@ def test_labels_are_written_where_they_say_something(tmp_path: Path) -> None:
     )
 
 
-def test_what_cannot_be_written(tmp_path: Path) -> None:
+def test_unwritable_recording_is_refused(tmp_path: Path) -> None:
     made = load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n", plain()))
     with pytest.raises(InputError, match="reading 1 of fx_N is nan"):
         write_recording(tmp_path / "out", replace(made, wrench=np.full((1, 6), np.nan)))
@@ -624,7 +622,7 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_long_recordings_load_and_still_name_the_cell(tmp_path: Path) -> None:
+def test_long_recordings_load_and_name_the_cell(tmp_path: Path) -> None:
     n = 100_000
     head = (
         f"time_s,{Q},"
@@ -646,7 +644,7 @@ def test_long_recordings_load_and_still_name_the_cell(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("end", ["\x85", "\u2028", "\u2029"])
-def test_line_ends_of_other_tables_come_back_in_notes(tmp_path: Path, end: str) -> None:
+def test_notes_preserve_line_ends(tmp_path: Path, end: str) -> None:
     found = load_recording(folder(tmp_path))
     write_recording(tmp_path / "again", replace(found, notes=f"one{end}two"))
     assert load_recording(tmp_path / "again").notes == f"one{end}two"

@@ -24,7 +24,7 @@ def run(*words: str | Path) -> int:
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
-def test_a_dry_run_needs_no_output_folder(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_dry_run_needs_no_output_folder(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(command, CELL, RECORDING, "--dry-run", "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert found["kind"] == "deflection"
@@ -37,7 +37,7 @@ def test_a_dry_run_needs_no_output_folder(command: str, capsys: pytest.CaptureFi
     assert found["rms_mm"] == pytest.approx(rms, rel=1e-9)
 
 
-def test_without_it_the_output_folder_is_required(capsys: pytest.CaptureFixture[str]) -> None:
+def test_output_folder_is_required_without_dry_run(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         run("diagnose", CELL, RECORDING)
     assert stop.value.code == 2

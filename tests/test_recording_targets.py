@@ -22,7 +22,7 @@ MOTION = "machopt_recording: 1\nkind: motion\ndata: data.csv\n"
 RATIOS = "gear_ratio: [100, -120, 100, 80, 80, 50]\n"
 
 
-def test_each_row_is_of_a_target_and_a_stand_and_comes_back(tmp_path: Path) -> None:
+def test_each_row_has_a_target_and_a_station(tmp_path: Path) -> None:
     found = load_recording(folder(tmp_path, TABLE, ABSOLUTE + PLACES))
     assert [t.name for t in found.targets] == ["1", "2", "nest"]
     assert found.targets[1].place == pytest.approx((-0.0305, 0.052, 0.015))
@@ -37,7 +37,7 @@ def test_each_row_is_of_a_target_and_a_stand_and_comes_back(tmp_path: Path) -> N
     np.testing.assert_array_equal(again.frame, found.frame)
 
 
-def test_a_list_of_places_is_called_by_numbers_from_1_or_from_0(tmp_path: Path) -> None:
+def test_list_of_places_is_numbered_from_1_or_from_0(tmp_path: Path) -> None:
     places = "targets_mm: [[60, 0, 15], [-30, 52, 15]]\n"
     for names in ("12", "01"):
         rows = "\n".join(f"10,20,30,40,{50 + n},60,{100 * n},{n * n},5,{names[n % 2]}" for n in range(4))
@@ -47,7 +47,7 @@ def test_a_list_of_places_is_called_by_numbers_from_1_or_from_0(tmp_path: Path) 
         assert found.target.tolist() == [0, 1, 0, 1]
 
 
-def test_the_stands_of_two_folders_are_others(tmp_path: Path) -> None:
+def test_stations_of_two_folders_differ(tmp_path: Path) -> None:
     paths = [folder(tmp_path, TABLE, ABSOLUTE + PLACES, name) for name in ("a", "b")]
     found = load_recordings(paths)
     assert found.frame is not None
@@ -77,7 +77,7 @@ def test_the_stands_of_two_folders_are_others(tmp_path: Path) -> None:
         (MOTION + PLACES, TABLE, ("targets_mm", "kind absolute")),
     ],
 )
-def test_what_is_wrong_is_said(tmp_path: Path, yaml: str, table: str, parts: tuple[str, ...]) -> None:
+def test_invalid_content_is_reported(tmp_path: Path, yaml: str, table: str, parts: tuple[str, ...]) -> None:
     refused(folder(tmp_path, table, yaml), *parts)
 
 
@@ -104,7 +104,7 @@ def test_torque_is_current_times_gain_times_ratio(tmp_path: Path) -> None:
     assert any("motor1_deg" in w for w in found.warnings)
 
 
-def test_a_coupling_matrix_brings_motors_and_currents_to_the_joints(tmp_path: Path) -> None:
+def test_coupling_matrix_converts_motor_to_joint_values(tmp_path: Path) -> None:
     C = np.diag([0.01, -1 / 120, 0.01, 0.0125, 0.0125, 0.02])
     C[5, 4] = 0.001
     yaml = f"{MOTION}coupling_matrix: {C.tolist()}\nmotor_gain_Nm_per_A: [1, 1, 1, 1, 1, 1]\n"
@@ -133,11 +133,11 @@ def test_a_coupling_matrix_brings_motors_and_currents_to_the_joints(tmp_path: Pa
         (MOTION + RATIOS, motion(slip=30.0), ("motor5_deg", "qse5_deg")),
     ],
 )
-def test_motors_that_cannot_be_are_refused(tmp_path: Path, yaml: str, table: str, parts: tuple[str, ...]) -> None:
+def test_impossible_motors_are_refused(tmp_path: Path, yaml: str, table: str, parts: tuple[str, ...]) -> None:
     refused(folder(tmp_path, table, yaml), *parts)
 
 
-def test_tilts_of_a_link_may_be_left_empty_and_come_back(tmp_path: Path) -> None:
+def test_empty_tilts_of_a_link_are_preserved(tmp_path: Path) -> None:
     lines = TABLE.splitlines()
     cells = ("tilt_x_mrad,tilt_y_mrad", "0.5,-0.25", ",", "nan,NaN", "1,2", "0,0")
     table = "\n".join(f"{line},{cell}" for line, cell in zip(lines, cells, strict=True)) + "\n"

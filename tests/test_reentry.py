@@ -64,7 +64,9 @@ def _arc(turn_deg: float, points: int = 40, radius: float = 50.0) -> list[tuple[
         ([(4.0 * n, 0.0) for n in range(20)], False),
     ],
 )
-def test_only_closed_contours_have_places(places: list[tuple[float, float]], closed: bool, tmp_path: Path) -> None:
+def test_only_closed_contours_have_reentry_places(
+    places: list[tuple[float, float]], closed: bool, tmp_path: Path
+) -> None:
     toolpath = _read(tmp_path, _cuts(places))
     points = find_reentry_points(build_planning_path(toolpath), toolpath)
     assert bool(len(points)) is closed
@@ -72,7 +74,7 @@ def test_only_closed_contours_have_places(places: list[tuple[float, float]], clo
     assert (toolpath.move[points + 1] == MoveKind.CUT).all()
 
 
-def test_no_lift_where_the_operation_changes(tmp_path: Path) -> None:
+def test_no_reentry_at_a_change_of_operation(tmp_path: Path) -> None:
     rows = _cuts(_arc(360.0))
     labels = ["a" if n < 20 else "b" for n in range(len(rows))]
     file = tmp_path / "path.csv"
@@ -101,13 +103,13 @@ def test_both_copies_of_a_point_keep_a_fixed_rotation(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("points", [(12,), (9, 20)])
-def test_a_lift_does_not_change_the_price_of_motion(points: tuple[int, ...], tmp_path: Path) -> None:
+def test_reentry_does_not_change_the_cost_of_motion(points: tuple[int, ...], tmp_path: Path) -> None:
     toolpath = _read(tmp_path, _cuts(_arc(360.0)))
     plain, divided = build_planning_path(toolpath), build_planning_path(replace(toolpath, reentries=points))
     assert np.allclose(divided.motion_share[~divided.is_reentry], plain.motion_share)
 
 
-def test_holes_have_no_places(tmp_path: Path) -> None:
+def test_holes_have_no_reentry_places(tmp_path: Path) -> None:
     rows = []
     for x, y in _arc(360.0, 12):
         rows += [f"{x:.4f},{y:.4f},5,0,0,1,rapid,", f"{x:.4f},{y:.4f},-5,0,0,1,cut,200"]
@@ -116,7 +118,7 @@ def test_holes_have_no_places(tmp_path: Path) -> None:
     assert not len(find_reentry_points(build_planning_path(toolpath), toolpath))
 
 
-def test_the_point_of_a_reentry_stands_twice(tmp_path: Path) -> None:
+def test_reentry_point_occurs_twice(tmp_path: Path) -> None:
     toolpath = _read(tmp_path, _cuts(_arc(360.0)))
     plain, divided = build_planning_path(toolpath), build_planning_path(replace(toolpath, reentries=(11, 20)))
     assert len(divided.index) == len(plain.index) + 2
@@ -152,7 +154,7 @@ def _plan(folder: Path, *overrides: str, step_deg: int = 15) -> OptimizeResult:
 
 
 @pytest.mark.slow
-def test_a_ring_is_lower_with_one_lift(tmp_path: Path, damage_job: Callable[[str], Job]) -> None:
+def test_ring_has_a_lower_cost_with_one_reentry(tmp_path: Path, damage_job: Callable[[str], Job]) -> None:
     without, lifted = _plan(tmp_path, STIFFER), damage_job("re-entered").out
     assert without.exit_code == 0
     assert without.result.reentry is None
@@ -188,7 +190,7 @@ def _try_few_places(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_each_tool_of_a_job_has_its_own_lifts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_tool_of_a_job_has_its_own_reentries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Points of result.json and trajectory.csv are those of the whole job."""
     _try_few_places(monkeypatch)
     shutil.copytree(CELL, tmp_path / "cell")
@@ -219,14 +221,14 @@ def test_each_tool_of_a_job_has_its_own_lifts(tmp_path: Path, monkeypatch: pytes
     "other",
     ["compensate=true", "method=jiao2022", "allow_gaps=true", "tilt_deg={lead: [-3, 3]}"],
 )
-def test_what_knows_no_reentry_refuses_it(other: str, tmp_path: Path) -> None:
+def test_unsupported_methods_refuse_reentry(other: str, tmp_path: Path) -> None:
     with pytest.raises(CellError) as found:
         _plan(tmp_path, "max_reentries=1", "force_N={normal: 100}", other)
     assert found.value.where in ("max_reentries", "tilt_deg")
 
 
 @pytest.mark.slow
-def test_a_lift_without_room_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reentry_without_room_is_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _try_few_places(monkeypatch)
     monkeypatch.setattr(RetractMoves, "gap", lambda self, row: float("nan"))
     outcome = _plan(tmp_path, STIFFER, "max_reentries=1", step_deg=30)

@@ -54,7 +54,7 @@ def worth(plan: Plan) -> float:
 @settings(
     max_examples=scale_example_count(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_a_finer_grid_makes_no_plan_worse(
+def test_finer_grid_makes_no_plan_worse(
     tmp_path: FilePath, kind: dict[str, bool], mode: str, drilled: bool, y: float
 ) -> None:
     cell = replace(external_cell(tmp_path, **kind), stiffness=K)
@@ -77,7 +77,7 @@ def test_a_finer_grid_makes_no_plan_worse(
 
 
 @pytest.mark.slow
-def test_leaps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_jumps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     found = []
     for leaps in (0, 0), refinement_restarts.LEAPS:
@@ -88,7 +88,7 @@ def test_leaps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.slow
-def test_a_refinement_begins_on_its_own_curves(tmp_path: FilePath) -> None:
+def test_refinement_begins_on_its_own_curves(tmp_path: FilePath) -> None:
     """What a start has that no offset takes away is gone; and a curve stays what it is."""
     plan, groups, axes = chosen(tmp_path, weaving(), MOVING, rail=True)
     refinement = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))

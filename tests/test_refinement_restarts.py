@@ -21,7 +21,7 @@ def plan(total: float, sequence: float | None, why: str = "") -> Any:
     ("total", "sequence", "why", "stalled"),
     [(1.0, 0.97, "", True), (1.0, 0.995, "", False), (1.0, None, "", False), (1.0, 0.9, "too many poses", False)],
 )
-def test_a_plan_has_stalled_where_a_sequence_one_percent_better_is_known(
+def test_plan_has_stalled_where_a_sequence_one_percent_better_is_known(
     total: float, sequence: float | None, why: str, stalled: bool
 ) -> None:
     assert has_stalled(plan(total, sequence, why)) is stalled
@@ -39,7 +39,7 @@ def test_other_starts_are_refined_until_one_has_not_stalled(
 
 
 @pytest.mark.parametrize(("points", "tried"), [(80, 2), (1000, 1)])
-def test_a_short_path_is_refined_nearer_to_the_sequence_where_the_first_refinement_fails(
+def test_short_path_is_refined_near_the_sequence_after_a_failure(
     points: int, tried: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trusts: list[float] = []

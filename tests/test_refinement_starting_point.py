@@ -48,7 +48,7 @@ def test_whole_turns_of_runs_are_the_best_of_all(seed: int) -> None:
         assert own == pytest.approx(best, abs=1e-4)
 
 
-def test_a_start_goes_back_to_the_plan_where_it_is_lost() -> None:
+def test_infeasible_start_moves_back_towards_the_plan() -> None:
     left = np.zeros(40, bool)
     assert (compute_transition_weights(left, 4) == 1.0).all()
     left[10] = True
@@ -63,7 +63,7 @@ def test_a_start_goes_back_to_the_plan_where_it_is_lost() -> None:
     np.testing.assert_array_equal(nearer.external[:, 0], 1.0 + 2.0 * share)
 
 
-def test_more_stations_where_much_goes_on() -> None:
+def test_detailed_segments_get_more_stations() -> None:
     """Both ends of each run stay, and no place is without any."""
     y = np.linspace(0.0, 1.0, 201)
     rows: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, A), *(((v, 0, 0), UP, C) for v in y[1:])]
@@ -79,7 +79,7 @@ def test_more_stations_where_much_goes_on() -> None:
 
 
 @pytest.mark.parametrize("kind", [{"rail": True}, {"rail": True, "table": True}])
-def test_distances_are_lines_in_the_offsets(tmp_path: Path, kind: dict[str, bool]) -> None:
+def test_distances_are_linear_in_the_offsets(tmp_path: Path, kind: dict[str, bool]) -> None:
     """What the bound says of a small step is what is measured after it, where nothing else comes nearest."""
     cell = cell_of(tmp_path, **kind)
     model, clearance = model_of(cell, 0.005), 0.005
@@ -114,7 +114,7 @@ def test_distances_are_lines_in_the_offsets(tmp_path: Path, kind: dict[str, bool
     assert np.median(away) < 0.05 * np.median(np.abs(moved.distance - before.distance)[same])
 
 
-def test_nothing_is_bound_where_no_step_has_touched(tmp_path: Path) -> None:
+def test_no_bound_without_a_contact(tmp_path: Path) -> None:
     cell = cell_of(tmp_path, rail=True)
     x = random_x(cell, 4)
     free = OffsetBounds(*[np.zeros((4, 2))] * 2, np.zeros((4, 1, 2)), *[np.zeros((4, 1))] * 2)

@@ -56,7 +56,7 @@ def gained(first: Plan, best: Plan) -> float:
 
 
 @pytest.mark.slow
-def test_a_plan_with_wishes_is_refined_and_keeps_them(tmp_path: FilePath) -> None:
+def test_plan_with_steering_is_refined_and_respects_it(tmp_path: FilePath) -> None:
     first, best = before_and_after(tmp_path, (E_PIN, E_ZONE, PIN, ZONE), "moving")
     assert gained(first, best) > 1e-3
     index, rail = best.path.index, best.path.external[:, 0]
@@ -78,7 +78,7 @@ def test_a_plan_with_wishes_is_refined_and_keeps_them(tmp_path: FilePath) -> Non
 @settings(
     max_examples=scale_example_count(2), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-def test_with_wishes_too_refining_makes_no_plan_worse(
+def test_refinement_with_steering_makes_no_plan_worse(
     tmp_path: FilePath, wishes: list[SteeringRule], mode: ExternalMode
 ) -> None:
     if mode == "operation":

@@ -44,7 +44,7 @@ def choose_values(action: argparse.Action) -> tuple[list[str], list[str]] | None
     return None
 
 
-def test_every_command_has_the_rule() -> None:
+def test_every_command_refuses_repeated_options() -> None:
     actions = list_single_valued()
     assert len({name for name, _ in actions}) >= 12
     for name, command in list_commands(PARSER).items():
@@ -55,7 +55,7 @@ def test_every_command_has_the_rule() -> None:
 @pytest.mark.parametrize(
     ("command", "action"), list_single_valued(), ids=[f"{n} {a.option_strings[-1]}" for n, a in list_single_valued()]
 )
-def test_a_contradicting_repetition_is_refused(
+def test_contradicting_repetition_is_refused(
     command: str, action: argparse.Action, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pair = choose_values(action)
@@ -73,7 +73,7 @@ def parse(*words: str) -> argparse.Namespace:
     return _build_parser().parse_args(["optimize", "cell", "path", "-o", "out", *words])
 
 
-def test_the_same_value_may_be_repeated() -> None:
+def test_same_value_may_be_repeated() -> None:
     assert parse("--unit", "mm", "--unit", "mm").unit == "mm"
     assert parse("--unit=mm").unit == "mm"
     assert parse("--unit", "inch").unit == "inch"  # another run of the same parser
@@ -88,7 +88,7 @@ def test_the_same_value_may_be_repeated() -> None:
         ("-o", "other"),
     ],
 )
-def test_a_name_that_is_given_two_values_is_refused(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+def test_name_with_two_values_is_refused(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stopped:
         parse(*words)
     assert stopped.value.code == 2

@@ -75,7 +75,7 @@ def specs_in(html: str) -> dict:  # type: ignore[type-arg]
     return dict(json.loads(found[1]))
 
 
-def test_the_page_stands_alone_and_is_small() -> None:
+def test_page_is_self_contained_and_small() -> None:
     html = build_report_html(full_result(points=2000, rotations=72, samples=100_000))
     page = read(html)
     assert len(html.encode()) < 3_000_000
@@ -85,7 +85,7 @@ def test_the_page_stands_alone_and_is_small() -> None:
     assert all(len(spec["x"]) <= 3100 for spec in specs_in(html)["charts"])  # 3000 and the edges of gaps
 
 
-def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
+def test_same_data_give_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.html", "b.html"):
         write_report(tmp_path / name, full_result(points=60, samples=500))
     assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
@@ -94,7 +94,7 @@ def test_the_same_data_give_the_same_bytes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "missing", [f.name for f in fields(ReportData) if f.name not in ("title", "cell", "toolpath", "version", "summary")]
 )
-def test_any_part_may_be_missing(missing: str) -> None:
+def test_any_section_may_be_missing(missing: str) -> None:
     data = full_result(points=50, samples=300)
     empty = "" if missing == "created" else None if missing in ("map", "view", "path", "motion", "tolerances") else ()
     html = build_report_html(replace(data, **{missing: empty}))
@@ -102,7 +102,7 @@ def test_any_part_may_be_missing(missing: str) -> None:
     assert drawn <= set(read(html).ids)
 
 
-def test_an_infeasible_result_still_has_a_page() -> None:
+def test_infeasible_result_has_a_page() -> None:
     page = read(build_report_html(infeasible_result()))
     assert "No feasible plan for 2 of 40 points" in page.text
     assert "the first point 7 at x 2900.0, y 100.0, z 400.0 mm, 38 mm out" in page.text
@@ -124,7 +124,7 @@ def test_an_infeasible_result_still_has_a_page() -> None:
         ("joint limit", "", "joint limit"),
     ],
 )
-def test_the_scene_says_a_distance_once(reason: str, shortfall: str, told: str) -> None:
+def test_scene_states_a_distance_once(reason: str, shortfall: str, told: str) -> None:
     assert format_reason_with_distance(reason, shortfall) == told
 
 
@@ -153,7 +153,7 @@ def test_hostile_names_do_not_break_the_page() -> None:
     assert evil in str(specs_in(html)["charts"]).replace("\\'", "'")
 
 
-def test_the_verdict_answers_gain_and_safety() -> None:
+def test_verdict_states_gain_and_safety() -> None:
     v = build_verdict(full_result(points=50, samples=300))
     assert v.sentence == (
         "Predicted worst deflection 0.182 → 0.108 mm (−41 %) against the CAM's default rotation, −18 % against "
@@ -207,14 +207,14 @@ def test_the_verdict_answers_gain_and_safety() -> None:
         ({"infeasible_points": 3}, "VERIFIED", "3 points without an answer"),
     ],
 )
-def test_the_verdict_never_flatters(changes: dict[str, object], badge: str, words: str) -> None:
+def test_verdict_does_not_exaggerate(changes: dict[str, object], badge: str, words: str) -> None:
     data = full_result(points=50, samples=300)
     v = build_verdict(replace(data, summary=replace(data.summary, **changes)))  # type: ignore[arg-type]
     assert v.badge == badge
     assert words in " ".join([v.sentence, *v.cautions])
 
 
-def test_si_becomes_shop_units() -> None:
+def test_si_is_converted_to_shop_units() -> None:
     assert FINE_LENGTH.format_value(1.23456e-4, unit=True) == "0.123 mm"
     assert ANGLE.format_value(-np.pi / 2) == "−90.0"
     assert ANGLE.format_value(-1e-4) == "0.0"  # no minus that is only rounding
@@ -238,7 +238,7 @@ def test_thinning_keeps_peaks_gaps_and_ends() -> None:
     np.testing.assert_array_equal(select_plot_points([a[:100]]), np.arange(100))
 
 
-def test_the_map_is_read_back_from_the_page() -> None:
+def test_map_is_read_back_from_the_page() -> None:
     data = full_result(points=300)
     m = data.map
     assert m is not None
@@ -256,7 +256,7 @@ def test_the_map_is_read_back_from_the_page() -> None:
     assert len(build_figure_specs(full_result(points=2500))["map"]["s"]) == 2000
 
 
-def test_lines_are_wound_into_the_maps_range() -> None:
+def test_lines_are_wrapped_into_the_range_of_the_map() -> None:
     data = full_result(points=50)
     assert data.map is not None
     wound = replace(data.map, chosen=data.map.chosen + 4 * np.pi)
@@ -267,7 +267,7 @@ def test_lines_are_wound_into_the_maps_range() -> None:
     np.testing.assert_allclose(after, before, atol=1e-3)  # six significant digits of up to 180 deg
 
 
-def test_a_map_without_any_answer_is_drawn() -> None:
+def test_empty_map_is_drawn() -> None:
     data = full_result(points=50)
     assert data.map is not None
     nothing = replace(data.map, status=np.ones_like(data.map.status), index=np.full_like(data.map.index, np.nan))
@@ -276,7 +276,7 @@ def test_a_map_without_any_answer_is_drawn() -> None:
     assert pack_levels(np.array([np.nan]), 0.0, 0.0) == base64.b64encode(b"\xff\xff").decode()
 
 
-def test_one_path_length_stands_on_every_axis() -> None:
+def test_every_axis_shows_the_same_path_length() -> None:
     """Rapid moves add nothing, at points and in between, and what lies at no point has no length."""
     made = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.4, 0], [0.3, 0.4, 0.1]])
     toolpath = SimpleNamespace(position=made)
@@ -285,7 +285,7 @@ def test_one_path_length_stands_on_every_axis() -> None:
     np.testing.assert_allclose(interpolate_path_length(s, np.array([0.5, 1.7, np.nan, 2.5])), [0.15, 0.3, np.nan, 0.35])
 
 
-def test_a_margin_is_not_called_a_negative_excess() -> None:
+def test_margin_is_not_called_a_negative_excess() -> None:
     def told(value: float, unit: str, beyond: str = "") -> str:
         return format_measured_value(
             value, VerificationCheck(name="", passed=True, value=value, limit=0.0, unit=unit, where="", beyond=beyond)

@@ -19,7 +19,7 @@ def block(data: ReportData) -> str:
     return found[0].replace("\u00a0", " ")
 
 
-def test_the_block_names_files_differences_and_what_lies_between_the_points() -> None:
+def test_programs_section_names_files_and_differences() -> None:
     html = block(full_result(points=50, samples=300))
     assert "0.005\u00a0mm/min" in build_report_html(full_result(points=50, samples=300))
     rows = re.findall(r"<tr>(.*?)</tr>", html.partition("<tbody>")[2])
@@ -44,7 +44,7 @@ def test_the_block_names_files_differences_and_what_lies_between_the_points() ->
     assert "Do not run" not in html
 
 
-def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
+def test_failed_program_is_reported_first_and_in_the_verdict() -> None:
     data = full_result(points=50, samples=300)
     differences = ("move 3 (line 14) goes elsewhere", "events differ")
     bad = ProgramRow(
@@ -71,7 +71,7 @@ def test_a_program_that_differs_is_told_first_and_spoils_the_verdict() -> None:
     assert v.sentence.endswith("But the program part.src: events differ.")
 
 
-def test_a_result_without_programs_has_no_block() -> None:
+def test_result_without_programs_has_no_section() -> None:
     assert "id=programs" not in build_report_html(replace(full_result(points=50, samples=300), programs=()))
 
 

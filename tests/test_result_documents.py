@@ -24,23 +24,23 @@ RECORD = BatchJobDocument(machopt_batch_job=1, job="a", key="k", state="done", r
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_the_published_schema_is_current(document: str) -> None:
+def test_published_schema_is_current(document: str) -> None:
     """``python docs/make_reference.py`` writes them again."""
     assert (FOLDER / format_schema_name(document)).read_text(encoding="utf-8") == render_schema(document)
 
 
-def test_no_other_schema_lies_there() -> None:
+def test_no_unused_schema() -> None:
     assert {f.name for f in FOLDER.iterdir()} == {format_schema_name(d) for d in DOCUMENTS}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_no_mapping_takes_unknown_keys(document: str) -> None:
+def test_no_mapping_accepts_unknown_keys(document: str) -> None:
     schema = json.loads(render_schema(document))
     for name, part in {**schema.get("$defs", {}), document: schema}.items():
         assert part["additionalProperties"] is False, name
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_written_documents_are_read(tmp_path: Path) -> None:
     write_result(tmp_path / "job.json", RECORD)
     assert read_result(tmp_path / "job.json", BatchJobDocument) == RECORD
     assert json.loads((tmp_path / "job.json").read_text())["row"] == {
@@ -54,7 +54,7 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "job.json").read_bytes()
 
 
-def test_numbers_are_as_json_has_them() -> None:
+def test_numbers_are_valid_json() -> None:
     told = EstimateSection(
         value=np.float64(2.0), unit="mm", ci95=(np.float64(1.0), float("inf")), ci90=(float("nan"), 3)
     )
@@ -62,7 +62,7 @@ def test_numbers_are_as_json_has_them() -> None:
     assert isinstance(told.ci90[1], int)  # 3 is not written as 3.0
 
 
-def test_a_key_that_python_has_a_word_for_keeps_its_name() -> None:
+def test_key_that_is_a_python_keyword_keeps_its_name() -> None:
     plain = BatchComparisonSection(compared_with="b", rows=(), only_here=(), only_there=()).to_json_types()
     assert next(iter(plain)) == "with"
     assert BatchComparisonSection.model_validate(plain).compared_with == "b"
@@ -80,7 +80,7 @@ def test_a_key_that_python_has_a_word_for_keeps_its_name() -> None:
         (lambda v: v.update(files="points.csv"), "files is 'points.csv'"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, change: Any, said: str) -> None:
+def test_invalid_content_is_named(tmp_path: Path, change: Any, said: str) -> None:
     value = RECORD.to_json_types()
     change(value)
     (tmp_path / "job.json").write_text(json.dumps(value))
@@ -94,13 +94,13 @@ def test_results_are_frozen() -> None:
         RECORD.state = "crashed"  # type: ignore[misc]
 
 
-def test_no_field_hides_one_of_pydantics_own() -> None:
+def test_no_field_hides_a_method_of_pydantic() -> None:
     """A field named ``copy`` or ``json`` would take a method's place."""
     for model in DOCUMENTS.values():
         assert not set(model.model_fields) & set(dir(DocumentModel)), model
 
 
-def test_a_branch_may_be_picked_by_its_number() -> None:
+def test_branch_may_be_picked_by_its_number() -> None:
     """``map --pick 3`` is told as it was asked for."""
     asked = {"at_mm": None, "tool_axis": None, "gamma_deg": None, "rotations": None, "q_deg": None, "by": "k_min"}
     limits = {"limit_margin_deg": 0.0, "singularity_wrist_deg": None, "singularity_elbow_deg": None}
@@ -109,7 +109,7 @@ def test_a_branch_may_be_picked_by_its_number() -> None:
     assert MapOptionsSection.model_validate({**told, "pick": "best"}).to_json_types()["pick"] == "best"
 
 
-def test_a_whole_document_names_itself_by_its_verdict() -> None:
+def test_document_representation_states_its_verdict() -> None:
     """A cell of a notebook that ends with ``plan.save(…)`` shows one line."""
     shown = type("Shown", (DocumentModel,), {"__annotations__": {"version": str, "verdict": str}})
     assert repr(shown(version="1", verdict="done")) == "<Shown: done>"

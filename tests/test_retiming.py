@@ -182,21 +182,21 @@ RUNS: dict[str, tuple[Callable[[], RunInput], float]] = {  # and the least share
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_samples_hold_tolerances_limits_and_feed(name: str) -> None:
+def test_samples_respect_tolerances_limits_and_feed(name: str) -> None:
     build, least = RUNS[name]
     out = drive(build())
     assert out.held_share >= least
     assert out.held[1:].mean() == pytest.approx(out.held_share)
 
 
-def test_the_axis_that_is_too_slow_is_named() -> None:
+def test_limiting_axis_is_named() -> None:
     limits = replace(LIMITS, velocity=LIMITS.velocity * np.array([1, 1, 1, 0.004, 1, 1]))
     out = drive(make(*contour(60, 0.003), limits=limits))
     worst = min((d for d in out.dips if d.where == "path"), key=lambda d: d.ratio, default=out.dips[0])
     assert (worst.joint, worst.limit) == (4, "velocity")
 
 
-def test_ramps_and_corners_are_told_apart() -> None:
+def test_ramps_and_corners_are_separated() -> None:
     out = drive(make([[0, 0, 0], [0.05, 0, 0], [0.05, 0.05, 0]]))
     assert [d.where for d in out.dips] == ["start", "path", "stop"]
     corner = out.dips[1]
@@ -218,7 +218,7 @@ def test_rotation_given_as_a_curve_is_followed() -> None:
     assert np.abs(out.phi - np.interp(out.point, np.arange(60), run.phi)).max() < 2e-3
 
 
-def test_the_feed_of_a_move_holds_from_its_first_point_on() -> None:
+def test_feed_of_a_move_applies_from_its_first_point() -> None:
     """Behind a slow move the faster one begins at once: only the axes delay it, not a line between the two feeds."""
     feed = np.array([0.0, 0.0025, 0.025, 0.025, 0.025, 0.025])
     out = drive(make(np.column_stack([np.linspace(0, 0.1, 6), *np.zeros((2, 6))]), feed=feed))
@@ -226,13 +226,13 @@ def test_the_feed_of_a_move_holds_from_its_first_point_on() -> None:
     assert 1.0 < reached < 1.25
 
 
-def test_no_length_is_one_sample_of_rest() -> None:
+def test_zero_length_is_one_sample_at_rest() -> None:
     out = retime_run(make(np.zeros((3, 3))))
     assert isinstance(out, RunTrajectory)
     assert out.point.tolist() == [0, 2]
 
 
-def test_what_cannot_be_reached_comes_back_as_data() -> None:
+def test_infeasible_run_is_returned_as_data() -> None:
     run = make([[0, 0, 0], [0.02, 0, 0]])
     far = replace(run, position=np.array([[0, 0, 0], [5.0, 0, 0]]))
     out = retime_run(far)
@@ -244,12 +244,12 @@ def test_what_cannot_be_reached_comes_back_as_data() -> None:
     assert "range" in out.reason
 
 
-def test_without_feed_there_is_no_run() -> None:
+def test_no_run_without_a_feed() -> None:
     with pytest.raises(ValueError, match="feed"):
         retime_run(make([[0, 0, 0], [0.02, 0, 0]], feed=0.0))
 
 
-def test_the_gentle_profile_holds_the_limits_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_smooth_profile_respects_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     def stuck(*_: object) -> tuple[int, Array]:
         return 2, np.empty((0, 5))
 
@@ -258,7 +258,7 @@ def test_the_gentle_profile_holds_the_limits_too(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_speed_settles_at_the_programmed_feed(seed: int) -> None:
+def test_speed_settles_at_the_programmed_feed(seed: int) -> None:
     draw = np.random.default_rng(seed)
     u = np.linspace(0.0, draw.uniform(0.02, 0.3), int(draw.integers(20, 200)))
     slope = draw.uniform(0.3, 1.5, 6) * draw.choice([-1.0, 1.0], 6)  # rad/m of each joint

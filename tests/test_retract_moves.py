@@ -26,7 +26,7 @@ def within(plan: Plan, room: float) -> Plan:
     return replace(plan, setup=replace(plan.setup, arm=replace(arm, lower=q - room, upper=q + room)))
 
 
-def test_the_tool_is_drawn_back_along_its_own_axis(made: Plan) -> None:
+def test_tool_retracts_along_its_own_axis(made: Plan) -> None:
     robot, tool = made.setup.robot, made.setup.arm.T_flange_tcp
     lifted = RetractMoves(made).lifted(ROW, 0.05)
     assert lifted is not None
@@ -35,14 +35,14 @@ def test_the_tool_is_drawn_back_along_its_own_axis(made: Plan) -> None:
     np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=1e-7)
 
 
-def test_without_bodies_the_first_height_is_enough_and_without_room_there_is_none(made: Plan) -> None:
+def test_first_height_suffices_without_bodies_and_none_without_room(made: Plan) -> None:
     assert made.setup.collision is None
     assert RetractMoves(made).gap(ROW) == GAP_LIFTS[0]
     assert np.isnan(RetractMoves(within(made, 1e-4)).gap(ROW))
     assert RetractMoves(within(made, 1e-4)).lifted(ROW, 0.05) is None
 
 
-def test_detours_lift_both_ends_or_one_and_home_is_not_lifted(made: Plan) -> None:
+def test_detours_lift_one_or_both_ends_but_not_home(made: Plan) -> None:
     both = list(RetractMoves(made).detours(ROW, ROW + 2))
     assert [len(way) for way in both] == [2, 1, 1] * len(LIFTS)
     one = list(RetractMoves(made).detours(-1, ROW))
@@ -51,7 +51,7 @@ def test_detours_lift_both_ends_or_one_and_home_is_not_lifted(made: Plan) -> Non
     assert list(RetractMoves(within(made, 1e-4)).detours(ROW, -1)) == []
 
 
-def test_a_gap_is_left_where_the_rapid_move_begins_free(tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_gap_remains_where_the_rapid_move_starts(tmp_path_factory: pytest.TempPathFactory) -> None:
     """The tip stands 10 mm above the block."""
     p = small_job(tmp_path_factory.mktemp("free"), pass_over_block(), PlanOptions(rotation_step=np.radians(30.0)))
     assert p.setup.collision is not None

@@ -59,7 +59,7 @@ def _ignored(tree: ast.AST) -> list[ast.Call]:
     ]
 
 
-def test_every_word_that_is_simply_understood_is_reviewed() -> None:
+def test_every_ignored_word_is_reviewed() -> None:
     """``understood=True`` beside a word written in the reader: the word, or its beginning, has its reason."""
     known = [*harmless_words.CARRIED_OUT, *harmless_words.APT, *harmless_words.HEIDENHAIN]
     known += [f"CYCL DEF {n}" for n in harmless_words.HEIDENHAIN_CYCLES]
@@ -82,7 +82,7 @@ def test_every_review_has_a_reason() -> None:
 
 
 @pytest.mark.parametrize("word", [450, 460, 121, 71, 160, 510, 511, 290, 310])
-def test_words_that_move_are_not_on_the_list(word: int) -> None:
+def test_motion_words_are_not_on_the_list(word: int) -> None:
     assert word not in harmless_words.G
 
 
@@ -93,7 +93,7 @@ def _help(command: str, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().out
 
 
-def test_every_option_named_in_a_message_parses(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_option_named_by_a_reader_parses(capsys: pytest.CaptureFixture[str]) -> None:
     """In every text of the readers that names an option; the commands that read toolpaths have it."""
     named: dict[str, str] = {}
     for file in (f for part, names in MESSAGES.items() for f in (PACKAGE / part).glob(names)):
@@ -152,7 +152,7 @@ def _texts(*packages: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_every_option_of_any_message_exists(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_option_named_in_a_message_exists(part: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Formats, commands, jobs and plan: whatever an option is named for, one of its commands takes it."""
     packages, commands = PARTS[part]
     assert all((PACKAGE / package).is_dir() for package in packages)
@@ -163,7 +163,7 @@ def test_every_option_of_any_message_exists(part: str, capsys: pytest.CaptureFix
     assert not {(option, file) for option, file in named if option not in known}
 
 
-def test_every_planning_key_that_a_message_names_exists() -> None:
+def test_every_planning_key_named_in_a_message_exists() -> None:
     """Keys of ``--set`` and of the tool's cutter in the sentences about what would help."""
     keys = {*OptionKeys.model_fields, *CutterKeys.model_fields}
     ending = re.compile(r"\b[a-z]+(?:_[a-z]+)*_(?:deg|mm|ms)\b")

@@ -26,7 +26,7 @@ def massive(folder: Path, text: str = "", **changes: object) -> Cell:
 
 
 @pytest.mark.parametrize("limit", ["", '<limit velocity="2" effort="1000"/>'])
-def test_a_joint_that_turns_without_end_is_a_joint_with_an_angle(limit: str, tmp_path: Path) -> None:
+def test_continuous_joint_has_an_angle(limit: str, tmp_path: Path) -> None:
     """To pinocchio it is a cosine and a sine; its range is then the cell's alone."""
     plain = massive(tmp_path / "plain")
     head, last = urdf_text().rsplit('type="revolute"', 1)
@@ -46,7 +46,7 @@ def test_a_joint_that_turns_without_end_is_a_joint_with_an_angle(limit: str, tmp
     assert (robot.lower[5], robot.upper[5]) == (endless.limits.lower[5], endless.limits.upper[5])
 
 
-def test_what_has_no_torques_is_refused(tmp_path: Path) -> None:
+def test_joints_without_torques_are_refused(tmp_path: Path) -> None:
     bare = small_cell(tmp_path)
     with pytest.raises(MissingInertiaError, match="no moving link has an <inertial>"):
         load_dynamics(bare)

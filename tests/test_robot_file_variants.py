@@ -76,7 +76,7 @@ SIDE = {
 
 
 @pytest.mark.parametrize("name", sorted(SIDE))
-def test_a_joint_outside_of_the_chain_is_left_out_and_said(name: str, tmp_path: Path) -> None:
+def test_joint_outside_the_chain_is_left_out_and_reported(name: str, tmp_path: Path) -> None:
     """Planner and verifier have the bodies and the kinematics of the arm without it; masses stay."""
     cell = made(with_parts(SIDE[name]), tmp_path).cell
     said = [w for w in cell.warnings if "outside of the chain" in w]
@@ -94,7 +94,7 @@ def test_a_joint_outside_of_the_chain_is_left_out_and_said(name: str, tmp_path: 
     )
 
 
-def test_a_coupled_wrist_is_refused_without_an_advice_that_does_not_work(tmp_path: Path) -> None:
+def test_coupled_wrist_is_refused_without_wrong_advice(tmp_path: Path) -> None:
     """A hollow wrist of two bends: axis 5 and a joint behind it that turns back about another line."""
     text = urdf_text()
     at = text.index('<joint name="a6"')
@@ -130,7 +130,7 @@ UNUSED = {
 
 
 @pytest.mark.parametrize("name", sorted(UNUSED))
-def test_what_no_parser_uses_is_a_note(name: str, tmp_path: Path) -> None:
+def test_unused_elements_cause_a_note(name: str, tmp_path: Path) -> None:
     old, new = UNUSED[name]
     assert old in urdf_text()
     cell = made(urdf_text().replace(old, new, 1), tmp_path).cell
@@ -159,7 +159,7 @@ MEANT = {
 
 
 @pytest.mark.parametrize("name", sorted(MEANT))
-def test_what_may_be_meant_is_refused(name: str, tmp_path: Path) -> None:
+def test_ambiguous_elements_are_refused(name: str, tmp_path: Path) -> None:
     old, new = MEANT[name]
     assert old in urdf_text()
     (tmp_path / "arm.urdf").write_text(urdf_text().replace(old, new, 1))
@@ -186,7 +186,7 @@ def test_limits_above_a_turn_are_those_of_a_wrist(turn: float, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("degrees", [45.0, 90.0, 185.0, 360.0])
-def test_limits_in_degrees_are_refused_with_radians_that_work(degrees: float, tmp_path: Path) -> None:
+def test_limits_in_degrees_are_refused_with_the_values_in_radians(degrees: float, tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(limited(("a1", "a4", "a6"), lower=-degrees, upper=degrees))
     with pytest.raises(InputError) as refused:
@@ -197,7 +197,7 @@ def test_limits_in_degrees_are_refused_with_radians_that_work(degrees: float, tm
 
 
 @pytest.mark.parametrize("velocity", [200.0, 1000.0, 3.6e5, 1e-5])
-def test_a_velocity_of_no_drive_names_the_urdf_and_the_option_works(
+def test_impossible_velocity_names_the_urdf_and_the_option(
     velocity: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "arm.urdf"
@@ -220,7 +220,7 @@ def test_a_velocity_of_no_drive_names_the_urdf_and_the_option_works(
 @pytest.mark.parametrize(
     ("velocity", "warned"), [(2.0, False), (26.0, False), (34.0, False), (36.0, True), (100.0, True)]
 )
-def test_a_velocity_above_every_data_sheet_is_warned_of(velocity: float, warned: bool, tmp_path: Path) -> None:
+def test_velocity_above_every_data_sheet_causes_a_warning(velocity: float, warned: bool, tmp_path: Path) -> None:
     cell = made(limited(("a6",), velocity=velocity), tmp_path).cell
     assert any("faster than any arm" in w for w in cell.warnings) == warned
 
@@ -233,7 +233,7 @@ def xacro_of(head: str) -> str:
     return f"{XACRO}{head}{body}"
 
 
-def test_an_argument_without_a_value_is_named_and_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_argument_is_named_and_accepted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "arm.urdf.xacro"
     for head in ('<xacro:arg name="reach"/>', ""):
         file.write_text(xacro_of(head))
@@ -254,7 +254,7 @@ def test_an_argument_without_a_value_is_named_and_given(tmp_path: Path, capsys: 
 
 
 @pytest.mark.parametrize("option", ["--xacro-arg", "--package"])
-def test_options_of_robots_are_refused_for_other_files(
+def test_robot_options_are_refused_for_other_files(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "p.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min\n0,0,0,0,0,1,600\n1,0,0,0,0,1,600\n")
@@ -266,9 +266,7 @@ def test_options_of_robots_are_refused_for_other_files(
 
 
 @pytest.mark.parametrize("where", ["relative", "absolute", "up"])
-def test_a_package_is_looked_up_from_the_current_folder(
-    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_package_is_found_from_the_current_folder(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     robot, other = tmp_path / "in" / "robot" / "urdf", tmp_path / "lib" / "my_res" / "urdf"
     robot.mkdir(parents=True)
     other.mkdir(parents=True)
@@ -297,7 +295,7 @@ PLATES = {
 
 
 @pytest.mark.parametrize("name", sorted(PLATES))
-def test_an_adapter_plate_is_no_wrong_unit(name: str, tmp_path: Path) -> None:
+def test_adapter_plate_is_no_wrong_unit(name: str, tmp_path: Path) -> None:
     trimesh.creation.box((0.005, 0.005, 0.002)).export(tmp_path / "plate.stl")
     trimesh.creation.box((5.0, 5.0, 2.0)).export(tmp_path / "plate_mm.stl")
     plate = f'<link name="flange"><collision><geometry>{PLATES[name]}</geometry></collision></link>'
@@ -305,7 +303,7 @@ def test_an_adapter_plate_is_no_wrong_unit(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("sides", [(0.0003, 0.0002, 0.0001), (0.0015, 0.001, 0.001), (0.0028, 0.001, 0.001)])
-def test_a_link_in_thousandths_is_refused(sides: tuple[float, ...], tmp_path: Path) -> None:
+def test_link_in_thousandths_is_refused(sides: tuple[float, ...], tmp_path: Path) -> None:
     trimesh.creation.box(sides).export(tmp_path / "a.stl")
     mesh = '<link name="flange"><collision><geometry><mesh filename="a.stl"/></geometry></collision></link>'
     with pytest.raises(InputError, match="scale=") as refused:
@@ -314,7 +312,7 @@ def test_a_link_in_thousandths_is_refused(sides: tuple[float, ...], tmp_path: Pa
     made(urdf_text().replace('<link name="flange"/>', mesh.replace("/></geo", f" {scale}/></geo")), tmp_path)
 
 
-def test_an_endless_joint_becomes_continuous_as_advised(tmp_path: Path) -> None:
+def test_endless_joint_becomes_continuous_as_advised(tmp_path: Path) -> None:
     text = limited(("a6",), lower=-1e4, upper=1e4)
     with pytest.raises(InputError, match='type="continuous"'):
         made(text, tmp_path)
@@ -322,7 +320,7 @@ def test_an_endless_joint_becomes_continuous_as_advised(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["seven", "turntable"])
-def test_the_link_that_is_advised_gives_an_arm(kind: str, tmp_path: Path) -> None:
+def test_advised_link_gives_an_arm(kind: str, tmp_path: Path) -> None:
     joint = (
         '<link name="more"/><joint name="a0" type="revolute"><parent link="PARENT"/><child link="CHILD"/>'
         f'<origin xyz="0 0 0.1"/><axis xyz="0 0 1"/>{LIMIT}</joint>'
@@ -343,7 +341,7 @@ def test_the_link_that_is_advised_gives_an_arm(kind: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("uri", ["package://gone/meshes/a.stl", "gone.stl", "../gone.stl"])
-def test_a_missing_mesh_is_a_note_where_only_kinematics_is_needed(uri: str, tmp_path: Path) -> None:
+def test_missing_mesh_is_a_note_where_only_kinematics_is_needed(uri: str, tmp_path: Path) -> None:
     folder = made(urdf_text(), tmp_path).folder
     body = f'<collision><geometry><mesh filename="{uri}"/></geometry></collision>'
     robot = folder / "robot.urdf"

@@ -62,7 +62,7 @@ def configurations(cell: Cell, n: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", SHIPPED + REAL)
-def test_pose_and_jacobian_are_pinocchios(name: str, tmp_path: Path) -> None:
+def test_pose_and_jacobian_equal_pinocchio(name: str, tmp_path: Path) -> None:
     cell = cell_named(name, tmp_path)
     robot, reference, tool = load_robot(cell), Reference(cell), cell.tool.T_flange_tcp
     q = configurations(cell, 60)
@@ -118,7 +118,7 @@ vector = st.lists(st.floats(-1.0, 1.0).map(lambda x: round(x, 3)), min_size=3, m
     st.lists(st.tuples(vector, vector, vector.filter(lambda v: np.linalg.norm(v) > 0.1)), min_size=7, max_size=7),
     st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6),
 )
-def test_any_urdf_chain_is_read_as_it_stands(tmp_path_factory: pytest.TempPathFactory, joints: list, q: list) -> None:  # type: ignore[type-arg]
+def test_any_urdf_chain_is_read(tmp_path_factory: pytest.TempPathFactory, joints: list, q: list) -> None:  # type: ignore[type-arg]
     """Origins with all three angles, axes of any direction and length, a base_link that is not the root."""
     folder = tmp_path_factory.mktemp("urdf")
     text = '<robot name="any"><link name="root"/><link name="base_link"/><link name="flange"/>'
@@ -145,7 +145,7 @@ def test_any_urdf_chain_is_read_as_it_stands(tmp_path_factory: pytest.TempPathFa
     )  # the URDF's numbers are decimals
 
 
-def test_a_flange_off_the_arm_and_a_wrong_joint_are_refused(tmp_path: Path) -> None:
+def test_flange_outside_the_arm_and_a_wrong_joint_are_refused(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     with pytest.raises(InputError, match="not carried by the last arm joint"):
         load_robot(replace(cell, flange_link="link_5"))

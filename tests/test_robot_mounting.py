@@ -27,7 +27,7 @@ def heavy() -> Cell:
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
-def test_kinematics_jacobian_and_weight_are_those_of_a_mounted_urdf(heavy: Cell, mount: str) -> None:
+def test_mounted_arm_equals_a_mounted_urdf(heavy: Cell, mount: str) -> None:
     T_world_base = build_transform(compute_rpy_matrix(np.radians(MOUNTS[mount])), np.array([0.4, -0.2, 2.5]))
     cell = replace(heavy, T_world_base=T_world_base)
     rpy = " ".join(f"{v:.17g}" for v in np.radians(MOUNTS[mount]))
@@ -60,7 +60,7 @@ def test_kinematics_jacobian_and_weight_are_those_of_a_mounted_urdf(heavy: Cell,
             np.testing.assert_allclose(torque[n], -pin.computeGeneralizedGravity(model, data, row), atol=1e-6)
 
 
-def test_no_mount_but_the_floor_has_the_weight_of_the_floor(heavy: Cell) -> None:
+def test_weight_depends_on_the_mounting(heavy: Cell) -> None:
     """The test above would pass on an arm without weight; joint 2 of this one bears some kN·m."""
     q = np.array([[0.0, 0.2, 0.1, 0.3, 0.4, 0.0]])
     bears = []

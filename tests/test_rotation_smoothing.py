@@ -74,7 +74,7 @@ def best_of(
 
 
 @pytest.mark.parametrize("turn_at", [0.3, 3.0])
-def test_finds_the_known_optimum_between_the_grid_steps(turn_at: float) -> None:
+def test_known_optimum_between_grid_steps_is_found(turn_at: float) -> None:
     """Also where it crosses the seam of the grid at 180° (turn_at = 3 rad)."""
     path = straight(101, feed=0.02)
     s = path.s[path.stations] / path.s[-1]
@@ -94,7 +94,7 @@ def test_finds_the_known_optimum_between_the_grid_steps(turn_at: float) -> None:
     )  # joints are to first order in phi: exact here
 
 
-def test_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_curve_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPatch) -> None:
     """Convergence order: half the spacing halves the jumps of the second difference quotient; kinks double them."""
     monkeypatch.setattr(path_station_selection, "MAX_STATIONS", 150)
     path = straight(1201, feed=0.1)
@@ -118,7 +118,7 @@ def test_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPatch) -
     assert jump(grid, 2) < 0.7 * jump(grid, 1)  # what the test would see of kinks
 
 
-def test_stays_inside_what_is_feasible() -> None:
+def test_curve_stays_in_the_feasible_range() -> None:
     path = straight(101)
     target = np.linspace(0.0, 1.5, len(path.stations))
     candidates, scores = valley(path, target, low=np.radians(-10), high=np.radians(50))
@@ -134,7 +134,7 @@ def test_stays_inside_what_is_feasible() -> None:
     assert (band.high >= 0).all()
 
 
-def test_corridor_ends_at_infeasible_turns_and_jumps() -> None:
+def test_corridor_ends_at_infeasible_rotations_and_jumps() -> None:
     path = straight(11)
     candidates, scores = valley(path, np.zeros(len(path.stations)))
     candidates.q[:, 40:, 0, 2] = 2.0  # from 20° on another posture under the same branch index
@@ -166,7 +166,7 @@ def test_plunges_keep_the_rotation() -> None:
 
 
 @pytest.mark.parametrize("degrees", [12.34, -31.0])
-def test_fixed_rotation_is_met_exactly_on_a_contour(degrees: float) -> None:
+def test_fixed_rotation_is_exact_on_a_contour(degrees: float) -> None:
     path = straight(101)
     k = 50
     p = at_point(path, k)
@@ -184,7 +184,7 @@ def test_fixed_rotation_is_met_exactly_on_a_contour(degrees: float) -> None:
     assert np.abs(ends).max() < 1.0  # away from the point the valley rules
 
 
-def test_fixed_rotation_is_met_exactly_in_a_hole() -> None:
+def test_fixed_rotation_is_exact_in_a_hole() -> None:
     rows: Rows = []
     for x in (0.0, 0.1, 0.2):
         rows += [((x, 0, 0.05), UP, R), ((x, 0, -0.01), UP, C)]
@@ -200,7 +200,7 @@ def test_fixed_rotation_is_met_exactly_in_a_hole() -> None:
         assert np.ptp(curve.phi[a : b + 1]) == 0.0
 
 
-def test_a_hole_takes_the_bottom_of_its_valley() -> None:
+def test_hole_uses_the_minimum_of_its_valley() -> None:
     rows: Rows = []
     for x in (0.0, 0.1, 0.2):
         rows += [((x, 0, 0.05), UP, R), ((x, 0, -0.01), UP, C)]
@@ -214,7 +214,7 @@ def test_a_hole_takes_the_bottom_of_its_valley() -> None:
     assert off.max() < 5.0 / 8 / 2 + 0.05  # the fine grid of an eighth of a step
 
 
-def test_dropped_stations_leave_a_gap_and_the_rest_is_smooth() -> None:
+def test_missing_stations_leave_a_gap_and_the_rest_is_smooth() -> None:
     path = straight(61)
     candidates, scores = valley(path, np.full(len(path.stations), 0.3))
     candidates.feasible[20] = False

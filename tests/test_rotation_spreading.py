@@ -21,7 +21,7 @@ LIMITS: Any = SimpleNamespace(velocity=np.full(7, 2.0), acceleration=np.full(7, 
 
 
 @pytest.mark.parametrize("width", [0.05, 0.4, 3.0])
-def test_moving_average_is_that_of_a_fine_sum(width: float) -> None:
+def test_moving_average_equals_a_fine_sum(width: float) -> None:
     rng = np.random.default_rng(3)
     time = np.sort(np.r_[0.0, rng.uniform(0.0, 1.3, 12), 1.3, 0.7, 0.7])  # a jump at 0.7 s
     values = rng.uniform(-1.0, 1.0, len(time))
@@ -41,9 +41,7 @@ def make_job(seconds: float) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize(("seconds", "runs"), [(0.0, [(0, 29)]), (0.007, [(0, 29)]), (0.1, [(0, 29)]), (1.0, [])])
-def test_a_step_is_abrupt_where_the_axes_cannot_start_and_stop_in_its_time(
-    seconds: float, runs: list[tuple[int, int]]
-) -> None:
+def test_step_is_abrupt_where_axes_cannot_start_and_stop_in_time(seconds: float, runs: list[tuple[int, int]]) -> None:
     path, assignment = make_job(seconds)
     assert find_abrupt_runs(path, assignment, LIMITS, 0.97, 0.5 * STEP) == runs
     assert not find_abrupt_runs(path, assignment, LIMITS, 0.97, 1.5 * STEP)
@@ -58,7 +56,7 @@ def test_a_step_is_abrupt_where_the_axes_cannot_start_and_stop_in_its_time(
         (0.0, True, {"fixed": ("a rotation",)}, False),
     ],
 )
-def test_a_step_is_spread_unless_that_is_worse_or_collides(
+def test_step_is_spread_unless_worse_or_colliding(
     better: float, is_free: bool, options: dict[str, Any], is_spread: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, assignment = make_job(0.007)

@@ -38,7 +38,7 @@ def turned(v: np.ndarray, Q: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("frame", "degrees"), [("tool", 31.0), ("base", 118.0)])
 @pytest.mark.parametrize("quantity", ["wrench", "displacement"])
-def test_any_rotation_is_fitted_and_turned_back(frame: str, degrees: float, quantity: str) -> None:
+def test_any_rotation_is_fitted_and_corrected(frame: str, degrees: float, quantity: str) -> None:
     cell, right = load_cell(CELLS / CELL), recorded(frame)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     axis = np.array([0.6, 0.2, -0.77])

@@ -75,7 +75,7 @@ def broken(
     return one
 
 
-def test_a_joint_that_would_leave_its_range_is_named_by_the_way_that_misses_least() -> None:
+def test_joint_limit_of_the_nearest_continuation_is_named() -> None:
     one = broken(dict.fromkeys(AHEAD, InfeasibilityReason.LIMIT), {0: (3, 54.0), 1: (3, 52.5), 7: (4, -58.0)})
     assert (one.code, one.joint) == ("joint_limit", 4)
     assert (one.value, one.limit) == pytest.approx((52.5, 50.0))
@@ -87,7 +87,7 @@ def test_a_joint_that_would_leave_its_range_is_named_by_the_way_that_misses_leas
     assert (below.joint, below.value, below.limit) == (5, pytest.approx(-58.0), pytest.approx(-50.0))
 
 
-def test_told_is_the_reason_that_most_ways_have() -> None:
+def test_most_frequent_reason_is_reported() -> None:
     one = broken(
         {
             0: InfeasibilityReason.SINGULAR_WRIST,
@@ -101,13 +101,13 @@ def test_told_is_the_reason_that_most_ways_have() -> None:
     assert "a smaller singularity margin" in one.help
 
 
-def test_bodies_that_most_ways_touch_are_named() -> None:
+def test_most_frequent_contact_pair_is_named() -> None:
     one = broken(dict.fromkeys(AHEAD, InfeasibilityReason.COLLIDING), pairs={0: 1, 1: 0, 7: 1})
     assert (one.code, one.pair) == ("collision", "tool ~ table")
     assert one.text.startswith("tool ~ table touch or come nearer than the clearance on the way (of 3 ")
 
 
-def test_a_way_between_two_free_poses_is_told_with_what_bars_it() -> None:
+def test_blocked_motion_between_free_poses_names_the_obstacle() -> None:
     barred = broken({0: InfeasibilityReason.OK}, banned={2: 0})
     assert (barred.code, barred.pair) == ("collision", "link_4 ~ post")
     poseless = broken({0: InfeasibilityReason.OK}, banned={2: -1})
@@ -116,28 +116,28 @@ def test_a_way_between_two_free_poses_is_told_with_what_bars_it() -> None:
     assert "more points between them" in poseless.help
 
 
-def test_the_smallest_jump_of_a_joint_is_told() -> None:
+def test_smallest_joint_jump_is_reported() -> None:
     one = broken({0: InfeasibilityReason.OK, 1: InfeasibilityReason.OK}, {0: (1, 160.0), 1: (2, -150.0)})
     assert (one.code, one.joint) == ("joint_jump", 3)
     assert one.value == pytest.approx(150.0)
     assert one.text.startswith("joint 3 would have to jump by 150.0° (at most ")
 
 
-def test_a_plunge_keeps_its_rotation() -> None:
+def test_plunge_keeps_its_rotation() -> None:
     one = broken({}, other=1, plunge=True)
     assert (one.code, one.limit) == ("rotation", 0.0)
     assert one.value == pytest.approx(45.0)
     assert "the rotation is kept along a plunge, and none works at both ends (the nearest are 45.0° apart)" in one.text
 
 
-def test_rotations_too_far_apart_are_told() -> None:
+def test_too_large_rotation_steps_are_reported() -> None:
     one = broken({}, other=4)
     assert (one.code, one.value) == ("rotation", pytest.approx(180.0))
     assert one.limit < 180.0
     assert one.text == "the rotations that work are 180° apart"
 
 
-def test_what_works_only_turned_over_asks_for_a_retract() -> None:
+def test_flipped_configuration_suggests_a_retract() -> None:
     one = broken({}, other=0)
     assert one.code == "configuration"
     assert "where the arm may turn over" in one.help

@@ -186,7 +186,7 @@ def price_of(
 # --- against every sequence --------------------------------------------------------------------------------
 
 
-def test_sequences_one_by_one_and_all_at_once_have_the_same_prices() -> None:
+def test_single_and_batched_sequences_have_the_same_cost() -> None:
     path, candidates, scores = random_problem(2)
     options = PlanOptions(weights=ObjectiveWeights(travel=0.3, rotation=0.4), preferred_rotation=0.5)
     total, worst = every_price(path, candidates, scores, options)
@@ -215,7 +215,7 @@ def test_cheapest_of_all_sequences(seed: int) -> None:
 
 @pytest.mark.parametrize("rapid", [(0, 3), (0,), (0, 2, 4)])
 @pytest.mark.parametrize("seed", range(12))
-def test_no_sequence_is_better_than_the_bound_and_the_chosen_one_is_within_the_gap(seed: int, rapid: Rapid) -> None:
+def test_no_sequence_is_below_the_bound_and_the_choice_is_within_the_gap(seed: int, rapid: Rapid) -> None:
     path, candidates, scores = random_problem(seed, rapid)
     weights = ObjectiveWeights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4)
     found = every_sequence(path, candidates, scores, PlanOptions(weights=weights))
@@ -235,7 +235,7 @@ def test_no_sequence_is_better_than_the_bound_and_the_chosen_one_is_within_the_g
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_no_rapid_move_joins_branches_that_are_shut(seed: int) -> None:
+def test_no_rapid_move_joins_blocked_branches(seed: int) -> None:
     path, candidates, scores = random_problem(seed, (0, 2, 4))
     options = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4))
     branches = candidates.q.shape[2]
@@ -260,7 +260,7 @@ def test_no_rapid_move_joins_branches_that_are_shut(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_caps_are_searched_until_nothing_better_is_left(seed: int) -> None:
+def test_worst_case_search_ends_at_the_optimum(seed: int) -> None:
     """Sequences as pairs (value, worst) alone, in numbers that no job has."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 200))
@@ -283,7 +283,7 @@ def test_caps_are_searched_until_nothing_better_is_left(seed: int) -> None:
     assert len(asked) <= SOLVES
 
 
-def test_unstable_branch_indices_may_be_left_for_the_continuous_one() -> None:
+def test_unordered_branches_may_be_followed_by_continuity() -> None:
     """Solvers without a fixed branch order: the sequence follows the joints, not the number."""
     path, candidates, scores = random_problem(3, rapid=(0,), turning=1)
     q = np.broadcast_to(candidates.q[:1, :1], candidates.q.shape).copy()
@@ -326,7 +326,7 @@ def winding(path: PlanningPath, limit_turns: tuple[int, ...]) -> tuple[Candidate
     return candidates, CandidateScores(np.ones((S, 1, 1)), "stiffness", 1.0)
 
 
-def test_joint_6_walks_over_180_degrees_without_a_jump() -> None:
+def test_joint_6_passes_180_degrees_without_a_jump() -> None:
     path = line(5)
     candidates, scores = winding(path, (0, 1))
     choice = choose_sequence(path, candidates, scores, VELOCITY, PlanOptions())
@@ -335,7 +335,7 @@ def test_joint_6_walks_over_180_degrees_without_a_jump() -> None:
     assert choice.turn.tolist() == [0, 0, 0, 1, 1]
 
 
-def test_where_the_next_turn_is_outside_the_limits_the_sequence_breaks_and_says_where() -> None:
+def test_sequence_breaks_where_the_next_turn_exceeds_the_limits() -> None:
     path = line(5)
     candidates, scores = winding(path, (0,))
     choice = choose_sequence(path, candidates, scores, VELOCITY, PlanOptions())
@@ -343,7 +343,7 @@ def test_where_the_next_turn_is_outside_the_limits_the_sequence_breaks_and_says_
     assert not choice.dropped.any()
 
 
-def test_a_rapid_move_unwinds_at_its_price() -> None:
+def test_rapid_move_unwinds_at_its_cost() -> None:
     path = line(5, rapid=(0, 3))
     candidates, scores = winding(path, (0,))
     choice = choose_sequence(path, candidates, scores, VELOCITY, PlanOptions())
@@ -377,7 +377,7 @@ def test_branch_changes_only_over_a_rapid_move() -> None:
     assert len(set(choice.branch.tolist())) == 1
 
 
-def test_a_branch_that_ends_is_never_read() -> None:
+def test_missing_branch_is_no_predecessor() -> None:
     """NaN joints of a branch that does not exist at the station before: not a predecessor, not a crash."""
     path, candidates, scores = random_problem(1, rapid=(0,))
     q = candidates.q.copy()
@@ -397,7 +397,7 @@ def test_a_branch_that_ends_is_never_read() -> None:
     assert sequence(choice) == best[2]
 
 
-def test_stations_without_any_vertex_are_dropped_and_the_rest_is_planned() -> None:
+def test_stations_without_configurations_are_dropped() -> None:
     path, candidates, scores = random_problem(0, rapid=(0,), turning=1)
     feasible = np.ones_like(candidates.feasible)
     feasible[2] = False
@@ -424,7 +424,7 @@ def test_stations_without_any_vertex_are_dropped_and_the_rest_is_planned() -> No
     ).dropped[0]
 
 
-def test_rotation_stays_in_plunges_and_changes_no_faster_than_the_axes() -> None:
+def test_rotation_is_constant_in_plunges_and_limited_by_the_axes() -> None:
     rows: Rows = [
         ((0, 0, 0.03), UP, R),
         ((0, 0, 0.0), UP, C),
@@ -496,7 +496,7 @@ def test_bounds_fixed_and_preferred_rotation() -> None:
 
 @pytest.mark.parametrize("worst", [0.5, 4.0])
 @pytest.mark.parametrize("seed", range(8))
-def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(seed: int, worst: float) -> None:
+def test_segment_chosen_again_is_the_best_with_the_rest_fixed(seed: int, worst: float) -> None:
     path, candidates, scores = random_problem(seed)
     options = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=worst, travel=0.3, rotation=0.4))
     grid = SequenceGrid.build(path, candidates, scores, VELOCITY, options)
@@ -526,7 +526,7 @@ def test_a_stretch_chosen_again_is_the_best_of_all_sequences_that_keep_the_rest(
     assert again.bound == choice.bound
 
 
-def test_a_choice_and_an_assignment_are_read_only() -> None:
+def test_choice_and_assignment_are_read_only() -> None:
     """Whoever wants another makes another: what one step holds does not change behind it."""
     row = np.zeros(3, np.int32)
     choice = SequenceChoice(rotation=row, branch=row.copy(), turn=row.copy(), q=np.zeros((3, 6)), broken=())

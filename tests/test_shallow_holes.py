@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.mark.parametrize("depth", [0.03, 0.1, 0.2, 0.25])
 @pytest.mark.parametrize("short", [0.0, 1e-5, 5e-5])
-def test_a_joint_target_is_matched_where_it_is_reached_first(depth: float, short: float) -> None:
+def test_joint_target_is_matched_at_its_first_arrival(depth: float, short: float) -> None:
     """``depth`` in deg of joint motion; the first arrival is sampled ``short`` rad beside the target."""
     far, there, bottom = np.zeros(6), np.full(6, 0.5), np.full(6, 0.5) + np.radians(depth)
     first = there - short

@@ -76,7 +76,7 @@ def test_cell_loads_with_seven_link_meshes_and_no_warning(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_nothing_touches_at_home_and_no_pair_needs_excluding(name: str) -> None:
+def test_no_contact_at_home_without_exclusions(name: str) -> None:
     cell = cell_of(name)
     robot, shapes = load_chain(cell)
     model = CollisionModel(cell, robot, shapes, clearance=0.002)
@@ -85,7 +85,7 @@ def test_nothing_touches_at_home_and_no_pair_needs_excluding(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_meshes_are_made_of_closed_bodies_turned_outwards(name: str) -> None:
+def test_meshes_are_closed_bodies_with_outward_normals(name: str) -> None:
     for path in sorted((ROOT / "cells" / name / "meshes").glob("*.stl")):
         mesh = trimesh.load(path)
         for body in mesh.split(only_watertight=False):
@@ -142,7 +142,7 @@ def test_cells_with_external_axes(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("tag", TAGS)
-def test_table_2_pair_is_one_tcp_turned_by_the_stated_angle(kr500: tuple[Cell, Robot], tag: int) -> None:
+def test_table_2_pair_is_one_tcp_rotated_by_the_stated_angle(kr500: tuple[Cell, Robot], tag: int) -> None:
     cell, robot = kr500
     before, gamma_before, after, gamma_after = TAGS[tag]
     A, B = (robot.compute_fk(np.radians(q), cell.tool.T_flange_tcp) for q in (before, after))
@@ -153,7 +153,7 @@ def test_table_2_pair_is_one_tcp_turned_by_the_stated_angle(kr500: tuple[Cell, R
     assert turn[2, 2] == pytest.approx(1.0, abs=1e-9)
 
 
-def test_table_2_alone_yields_the_tool_and_the_elbow_offset(kr500: tuple[Cell, Robot]) -> None:
+def test_table_2_alone_determines_the_tool_and_the_elbow_offset(kr500: tuple[Cell, Robot]) -> None:
     """Least squares over both pairs for the TCP across the tool axis; −55 mm at the elbow cannot close them."""
     cell, robot = kr500
 
@@ -185,7 +185,7 @@ def test_table_2_alone_yields_the_tool_and_the_elbow_offset(kr500: tuple[Cell, R
     assert solve(-0.110)[1] > 10e-3
 
 
-def test_tags_lie_on_the_deck_with_the_tool_square_to_it(kr500: tuple[Cell, Robot]) -> None:
+def test_tags_lie_on_the_deck_normal_to_the_tool(kr500: tuple[Cell, Robot]) -> None:
     cell, robot = kr500
     for before, _, after, _ in TAGS.values():
         for q in (before, after):
@@ -201,7 +201,7 @@ def test_tags_lie_on_the_deck_with_the_tool_square_to_it(kr500: tuple[Cell, Robo
 
 
 @pytest.mark.parametrize("tag", TAGS)
-def test_gamma_is_the_papers_rotation_on_the_pass_between_the_tags(kr500: tuple[Cell, Robot], tag: int) -> None:
+def test_gamma_equals_the_published_rotation_between_the_tags(kr500: tuple[Cell, Robot], tag: int) -> None:
     cell, robot = kr500
     travel = np.array([0.0, 1.0, 0.0])  # Tag 1 to Tag 2, base_link
     before, gamma_before, after, gamma_after = TAGS[tag]
@@ -210,7 +210,7 @@ def test_gamma_is_the_papers_rotation_on_the_pass_between_the_tags(kr500: tuple[
         np.testing.assert_allclose(T[:3, :3], compute_tool_rotation(-T[:3, 2], travel, np.radians(gamma)), atol=1e-4)
 
 
-def test_table_2_configurations_are_within_limits_and_touch_nothing(kr500: tuple[Cell, Robot]) -> None:
+def test_table_2_configurations_are_within_limits_and_contact_free(kr500: tuple[Cell, Robot]) -> None:
     cell, robot = kr500
     q = np.radians([row for before, _, after, _ in TAGS.values() for row in (before, after)])
     assert ((q > robot.lower) & (q < robot.upper)).all()
@@ -218,7 +218,7 @@ def test_table_2_configurations_are_within_limits_and_touch_nothing(kr500: tuple
     assert not model.check_configurations(q, np.ones(len(q), bool)).any
 
 
-def test_two_grid_stiffness_holds_the_papers_values_around_the_deck(tmp_path: Path) -> None:
+def test_two_cell_stiffness_has_the_published_values_around_the_deck(tmp_path: Path) -> None:
     source = ROOT / "cells" / "kr500_milling"
     for path in source.rglob("*"):
         if path.is_file():
@@ -388,7 +388,7 @@ def test_toolpath_generator_makes_the_committed_files(tmp_path: Path, monkeypatc
         assert (tmp_path / name).read_bytes() == (ROOT / "toolpaths" / name).read_bytes(), name
 
 
-def test_panel_holes_are_normal_to_the_panel_and_go_through_it() -> None:
+def test_panel_holes_are_normal_to_the_panel_and_go_through() -> None:
     tip, axis, move = tips_and_axes("panel_holes.csv")
     centre = np.array([0.0, 0.0, -1500.0])
     radial = (tip - centre) * [1, 0, 1]
@@ -429,7 +429,7 @@ def test_contour_is_long_and_tilts_both_ways() -> None:
     sorted(p for p in (ROOT / "toolpaths").iterdir() if p.is_file() and p.suffix not in (".py", ".md")),
     ids=lambda p: p.name,
 )
-def test_every_toolpath_reads_with_nothing_left_over(path: Path) -> None:
+def test_every_toolpath_is_read_completely(path: Path) -> None:
     offsets = tuple(load_cell(ROOT / "cells" / "kr240_setups").offsets) if path.name == "two_plates.nc" else ()
     toolpath = read_toolpath(path, cell_offsets=offsets)
     assert toolpath.warnings == ()
@@ -439,7 +439,7 @@ def test_every_toolpath_reads_with_nothing_left_over(path: Path) -> None:
 @pytest.mark.parametrize(
     ("cam", "table"), [("panel_holes.aptsource", "panel_holes.csv"), ("contour_5axis.nc", "contour_5axis.csv")]
 )
-def test_cam_file_and_table_are_the_same_points(cam: str, table: str) -> None:
+def test_cam_file_and_table_have_the_same_points(cam: str, table: str) -> None:
     a, b = read_toolpath(ROOT / "toolpaths" / cam), read_toolpath(ROOT / "toolpaths" / table)
     np.testing.assert_allclose(a.position, b.position, atol=1e-7)  # m; the table has four decimals of a mm
     np.testing.assert_allclose(a.axis, b.axis, atol=1e-6)

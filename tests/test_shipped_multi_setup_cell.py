@@ -24,7 +24,7 @@ CELL, FILE = ROOT / "cells" / "kr240_setups", ROOT / "toolpaths" / "two_plates.n
 POSTS = ("krl", "rapid", "fanuc_joint", "urscript", "val3", "csv")
 
 
-def test_the_scripts_make_the_committed_files(tmp_path: Path) -> None:
+def test_scripts_make_the_committed_files(tmp_path: Path) -> None:
     script("cells/make_setup_cells.py").write(tmp_path)
     own = {p.relative_to(CELL) for p in CELL.rglob("*") if p.is_file() and p.name != "README.md"}
     assert {p.relative_to(tmp_path / CELL.name) for p in (tmp_path / CELL.name).rglob("*") if p.is_file()} == own
@@ -32,12 +32,12 @@ def test_the_scripts_make_the_committed_files(tmp_path: Path) -> None:
         assert (tmp_path / CELL.name / name).read_text() == (CELL / name).read_text()
 
 
-def test_without_the_cell_the_file_is_told_what_is_missing() -> None:
+def test_missing_tools_are_reported_without_the_cell() -> None:
     with pytest.raises(InputError, match=r"their relative position is not in the file; .*by the cell's offsets"):
         read_toolpath(FILE)
 
 
-def test_it_is_planned_tool_after_tool(tmp_path: Path) -> None:
+def test_job_is_planned_tool_after_tool(tmp_path: Path) -> None:
     cell = load_cell(CELL)
     assert cell.warnings == ()
     path = place_toolpath(read_toolpath(FILE, cell_offsets=tuple(cell.offsets)), cell)
@@ -56,7 +56,7 @@ def test_it_is_planned_tool_after_tool(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_command(tmp_path: Path) -> None:
+def test_whole_command(tmp_path: Path) -> None:
     """One program a tool, read back; contacts with the bodies of the tool that is on and both setups' fixtures."""
     done = run_optimize(OptimizeRequest(cell=CELL, toolpath=FILE, out=tmp_path / "out", posts=POSTS))
     assert done.exit_code == 0

@@ -71,7 +71,7 @@ def noise() -> Array:
     ],
     ids=["zigzag", "polygon", "beyond the tolerance", "slow", "dense", "three points", "straight"],
 )
-def test_lines_stay_lines(pose: Array, feed: float) -> None:
+def test_lines_remain_lines(pose: Array, feed: float) -> None:
     assert fill(pose, feed) is None
 
 
@@ -80,7 +80,7 @@ def test_noise_is_not_followed() -> None:
     assert filled is None or len(filled.pose) < 1.2 * 200  # type: ignore[attr-defined]
 
 
-def test_at_the_end_of_an_arc_the_line_stays_a_line() -> None:
+def test_line_after_an_arc_remains_a_line() -> None:
     arc = circle(0.002, 60)
     way = arc[-1, :3] - arc[-2, :3]
     line = arc[-1] + np.arange(1, 40)[:, None] * np.r_[way, 0.0, 0.0, 0.0]
@@ -96,7 +96,7 @@ def build_run(step: float, feed: float = FAST) -> RunInput:
 
 
 @pytest.mark.parametrize("step", [0.001, 0.002, 0.003])
-def test_the_run_keeps_the_tolerance_of_the_lines(step: float) -> None:
+def test_run_respects_the_tolerance_of_the_lines(step: float) -> None:
     run = build_run(step)
     (curve,) = build_curves(run.points, CornerTolerances(TOLERANCE, LEAN))  # type: ignore[misc]
     assert len(curve.u) > 1.5 * len(run.position)
@@ -110,7 +110,7 @@ def test_the_run_keeps_the_tolerance_of_the_lines(step: float) -> None:
     assert np.abs(curve.index(curve.u) - np.sort(curve.index(curve.u))).max() == 0.0
 
 
-def test_a_fast_run_takes_less_time_and_a_slow_one_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fast_run_takes_less_time_and_a_slow_one_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     def drive(step: float, feed: float) -> RunTrajectory:
         out = retime_run(build_run(step, feed))
         assert isinstance(out, RunTrajectory)

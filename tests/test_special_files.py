@@ -82,21 +82,21 @@ def test_view_and_optimize_answer(kind: Callable[[Path], None], name: str, plann
     assert os.path.lexists(_file(job, name))
 
 
-def test_a_huge_file_that_is_listed(planned: Job, tmp_path: Path) -> None:
+def test_huge_listed_file_is_refused(planned: Job, tmp_path: Path) -> None:
     job = copy_job(planned, tmp_path)
     _huge(job.out / "points.csv")
     update_manifest_hashes(job.out, {"points.csv": HUGE_SHA256})
     assert main(["verify", str(job.cell), str(job.toolpath), str(job.out), "--quiet"]) == 4
 
 
-def test_out_is_a_pipe_or_a_device(planned: Job, tmp_path: Path) -> None:
+def test_output_path_is_a_pipe_or_a_device(planned: Job, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for out in (str(tmp_path / "pipe"), "/dev/zero"):
         assert main(["verify", str(planned.cell), str(planned.toolpath), out, "--quiet"]) == 2
         assert main(["optimize", str(planned.cell), str(planned.toolpath), "-o", out, "--quiet"]) == 2
 
 
-def test_an_empty_folder_is_not_read_for_ever(planned: Job, tmp_path: Path) -> None:
+def test_endless_folder_is_not_read_forever(planned: Job, tmp_path: Path) -> None:
     job = copy_job(planned, tmp_path)
     shutil.rmtree(job.out)
     job.out.mkdir()

@@ -31,7 +31,7 @@ OPTIONS = list(OptionKeys.model_fields)
         ("wieghts", "weights"),
     ],
 )
-def test_slips_are_answered_with_the_word(word: str, meant: str) -> None:
+def test_typing_errors_are_answered_with_the_word(word: str, meant: str) -> None:
     assert find_typo(word, OPTIONS) == meant
 
 
@@ -65,7 +65,7 @@ def test_words_of_another_meaning_are_not_suggested(word: str, valid: list[str])
 
 
 @pytest.mark.parametrize("option", OPTIONS)
-def test_every_single_slip_of_an_option_finds_it_and_no_other_unit(option: str) -> None:
+def test_every_single_typing_error_of_an_option_finds_it(option: str) -> None:
     head, letters = option.split("_", maxsplit=1)[0], string.ascii_lowercase
     if len(head) >= 5:
         for at in range(1, len(head) - 1):

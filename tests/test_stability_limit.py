@@ -41,7 +41,7 @@ def read_result(out: Path) -> dict:
 
 
 @pytest.mark.slow
-def test_the_limit_is_kept_and_verified(tmp_path: Path) -> None:
+def test_limit_is_respected_and_verified(tmp_path: Path) -> None:
     path = ROOT / "toolpaths" / "plain.csv"
     assert optimize(path, tmp_path / "free") == 0
     assert optimize(path, tmp_path / "kept", "min_stability_ratio=1.5") == 0
@@ -57,7 +57,7 @@ def test_the_limit_is_kept_and_verified(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_limit_holds_between_the_points_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limit_holds_between_the_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All planning points of the driven path, the added ones between toolpath points included."""
     from machopt.commands.optimize import computation
 
@@ -73,7 +73,7 @@ def test_the_limit_holds_between_the_points_too(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.slow
-def test_points_without_a_stable_posture_name_the_best_ratio(tmp_path: Path) -> None:
+def test_points_without_a_stable_configuration_name_the_best_ratio(tmp_path: Path) -> None:
     path = ROOT / "toolpaths" / "contour_5axis.csv"
     short = tmp_path / "part.csv"
     rows = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
@@ -105,7 +105,7 @@ def test_points_without_a_stable_posture_name_the_best_ratio(tmp_path: Path) -> 
         ),
     ],
 )
-def test_a_limit_that_cannot_be_computed_is_refused(tmp_path: Path, change: tuple[str, str], word: str) -> None:
+def test_incomputable_limit_is_refused(tmp_path: Path, change: tuple[str, str], word: str) -> None:
     text = PROCESS.read_text(encoding="utf-8")
     assert change[0] in text
     text = text.replace(*change)
@@ -123,7 +123,7 @@ def test_a_limit_that_cannot_be_computed_is_refused(tmp_path: Path, change: tupl
     assert word in str(error.value)
 
 
-def test_a_limit_without_a_process_is_refused(tmp_path: Path) -> None:
+def test_limit_without_a_process_is_refused(tmp_path: Path) -> None:
     request = OptimizeRequest(
         cell=CELL, toolpath=ROOT / "toolpaths" / "plain.csv", out=tmp_path / "out", overrides=("min_stability_ratio=1",)
     )
@@ -190,7 +190,7 @@ def test_limits_of_a_plan_against_semi_discretization(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_modes_of_the_tool_count_in_the_limit(tmp_path: Path) -> None:
+def test_modes_of_the_tool_enter_the_limit(tmp_path: Path) -> None:
     """A soft spindle mode along the tool's x axis: the driven cut keeps the ratio of the smaller limit."""
     shutil.copytree(CELL, tmp_path / "cell")
     file = tmp_path / "cell" / "cell.yaml"

@@ -29,7 +29,7 @@ def plan(folder: Path, name: str, weight: float) -> dict[str, list[str]]:
     return read_columns(out / "points.csv")
 
 
-def test_the_price_of_instability_leaves_fewer_unstable_points(tmp_path: Path) -> None:
+def test_stability_weight_leaves_fewer_unstable_points(tmp_path: Path) -> None:
     lines = (ROOT / "toolpaths" / "contour_5axis.csv").read_text(encoding="utf-8").splitlines()
     head = next(n for n, line in enumerate(lines) if not line.startswith("#"))
     (tmp_path / "part.csv").write_text("\n".join([lines[head], *lines[head + 1 :: 12]]) + "\n", encoding="utf-8")
@@ -49,7 +49,7 @@ def test_the_price_of_instability_leaves_fewer_unstable_points(tmp_path: Path) -
     assert all(float(v) > 1.0 for v in priced["f1_Hz"] if v)
 
 
-def test_without_damping_stability_is_unknown(tmp_path: Path) -> None:
+def test_stability_is_unknown_without_damping(tmp_path: Path) -> None:
     lines = (ROOT / "toolpaths" / "contour_5axis.csv").read_text(encoding="utf-8").splitlines()
     rows = [line for line in lines if not line.startswith("#")][:40]
     (tmp_path / "part.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
@@ -60,7 +60,7 @@ def test_without_damping_stability_is_unknown(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.6, 1.2, 5.0, np.inf])
-def test_the_shortfall_is_zero_from_the_reserve_on(ratio: float) -> None:
+def test_shortfall_is_zero_above_the_reserve(ratio: float) -> None:
     from machopt.planning.stability.stability_price import compute_shortfall
 
     assert compute_shortfall(np.array([ratio]))[0] == pytest.approx(max(0.0, 1.0 - ratio / 1.2))

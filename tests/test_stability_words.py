@@ -45,7 +45,7 @@ def test_poles_of_the_delay_are_no_limit(rpm: int, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damping", ["", "modes: {damping_percent: [3, 3], source: assumed}"])
-def test_with_modes_of_the_tool_alone_nothing_is_stable(damping: str, tmp_path: Path) -> None:
+def test_modes_of_the_tool_alone_leave_nothing_stable(damping: str, tmp_path: Path) -> None:
     changes = {
         "process.yaml": ("modes: {damping_percent: 3, source: assumed}", damping),
         "cell.yaml": ("helix_deg: 30}", f"helix_deg: 30, {TOOL_MODES}}}"),

@@ -84,7 +84,7 @@ def two_operations() -> Toolpath:
     return replace(toolpath(rows), operations=labelled, operation=np.array([0, 0, 0, 0, 0, 1, 1, 1], np.int32))
 
 
-def test_wishes_are_laid_down_at_points() -> None:
+def test_steering_rules_are_assigned_to_points() -> None:
     wishes = (
         SteeringRule(operation="a", gamma=0.5),
         SteeringRule(operation="b", forbid=(0.0, 1.0)),
@@ -115,19 +115,19 @@ def test_wishes_are_laid_down_at_points() -> None:
         ),
     ],
 )
-def test_wishes_that_no_plan_could_keep_are_refused(wish: tuple[SteeringRule, ...], parts: list[str]) -> None:
+def test_impossible_rules_are_refused(wish: tuple[SteeringRule, ...], parts: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         resolve_steering(PlanOptions(steer=wish), two_operations())
     assert all(part in str(caught.value) for part in parts)
 
 
-def test_a_zone_between_two_rotations_of_the_grid_is_refused() -> None:
+def test_zone_between_two_grid_rotations_is_refused() -> None:
     refuse_narrow_zones(PlanOptions(steer=(SteeringRule(forbid=(deg(177), deg(-178))),)))  # 5° through 180°
     with pytest.raises(InputError, match=r"narrower than rotation_step_deg \(5\)"):
         refuse_narrow_zones(PlanOptions(steer=(SteeringRule(forbid=(deg(1), deg(4))),)))
 
 
-def test_a_pin_beyond_the_range_of_rotations_is_refused_and_half_a_turn_is_one_rotation_with_two_names() -> None:
+def test_pin_beyond_the_range_is_refused_and_half_turns_are_equal() -> None:
     options = PlanOptions(rotation_range=(deg(0), deg(180)), steer=(SteeringRule(points=(1, 2), gamma=deg(-180)),))
     refuse_narrow_zones(options)
     for beyond in ({"fixed": (FixedRotation(3, deg(-10)),)}, {"steer": (SteeringRule(operation="a", gamma=deg(-10)),)}):
@@ -137,7 +137,7 @@ def test_a_pin_beyond_the_range_of_rotations_is_refused_and_half_a_turn_is_one_r
     assert len(resolve_steering(PlanOptions(steer=both), two_operations()).fixed) > 1
 
 
-def test_a_zone_may_lead_through_half_a_turn_and_its_ends_are_allowed() -> None:
+def test_zone_may_contain_the_half_turn_and_includes_its_ends() -> None:
     zone = (deg(170), deg(-170))
     assert (
         is_inside_zone(np.radians([180.0, -175.0, 170.0, -170.0, 0.0, 169.0]), zone).tolist()
@@ -145,7 +145,7 @@ def test_a_zone_may_lead_through_half_a_turn_and_its_ends_are_allowed() -> None:
     )
 
 
-def test_pins_are_met_exactly_and_the_rest_stays_free(tmp_path: Path) -> None:
+def test_pins_are_met_exactly_and_the_rest_is_free(tmp_path: Path) -> None:
     free = job(tmp_path)
     pinned = job(tmp_path, before=free, steer=(SteeringRule(points=(4, 6), gamma=deg(71.3)),))
     assert is_complete(pinned)
@@ -159,7 +159,7 @@ def test_pins_are_met_exactly_and_the_rest_stays_free(tmp_path: Path) -> None:
     assert told.bound > 0.0
 
 
-def test_a_zone_is_kept_at_every_planning_point(tmp_path: Path) -> None:
+def test_zone_holds_at_every_planning_point(tmp_path: Path) -> None:
     at = at_points(job(tmp_path))[5]
     zone = (deg(at - 32.0), deg(at + 18.0))
     p = job(tmp_path, steer=(SteeringRule(points=(3, 7), forbid=zone),))
@@ -168,14 +168,14 @@ def test_a_zone_is_kept_at_every_planning_point(tmp_path: Path) -> None:
     assert not is_inside_zone(compute_gamma(p)[rows], (zone[0] + EXACT, zone[1] - EXACT)).any()
 
 
-def test_a_preferred_rotation_of_some_points_draws_the_curve(tmp_path: Path) -> None:
+def test_preferred_rotation_of_some_points_attracts_the_curve(tmp_path: Path) -> None:
     p = job(tmp_path, steer=(SteeringRule(points=(0, 9), prefer=deg(100), weight=50.0),))
     assert at_points(p) == pytest.approx(100.0, abs=2.0)  # the index still has its say
     everywhere = job(tmp_path, preferred_rotation=deg(100), preferred_weight=50.0)
     np.testing.assert_array_equal(p.chosen.assignment.phi, everywhere.chosen.assignment.phi)
 
 
-def test_a_branch_is_kept(tmp_path: Path) -> None:
+def test_branch_rule_is_respected(tmp_path: Path) -> None:
     taken = int(job(tmp_path).chosen.assignment.branch[3])
     other = next(b for b in (5, 4) if b != taken)
     p = job(tmp_path, steer=(SteeringRule(branch=other),))
@@ -187,7 +187,7 @@ def test_a_branch_is_kept(tmp_path: Path) -> None:
     assert (never.chosen.assignment.reason != InfeasibilityReason.OK).all()
 
 
-def test_a_branch_without_a_lasting_number_is_refused(tmp_path: Path) -> None:
+def test_branch_without_a_stable_number_is_refused(tmp_path: Path) -> None:
     """Axis 6 beside the wrist's centre: a general arm, whose solutions are counted anew at every pose."""
     cell = small_cell(tmp_path, stiffness=ArmStiffness(joints=K))
     beside = cell.urdf.read_text().replace('xyz="0.215 0.0 0.0"', 'xyz="0.215 0.0 0.02"')
@@ -197,7 +197,7 @@ def test_a_branch_without_a_lasting_number_is_refused(tmp_path: Path) -> None:
         plan_path(cell, toolpath(pass_over_block()), replace(FREE, steer=(SteeringRule(operation="op", branch=2),)))
 
 
-def test_the_pins_that_cannot_be_kept_together_are_named(tmp_path: Path) -> None:
+def test_conflicting_pins_are_named(tmp_path: Path) -> None:
     """Half a turn between two neighbouring points is none of this arm's; the third pin has nothing to do with it."""
     path = toolpath(pass_over_block())
     pins = (FixedRotation(1, deg(20)), FixedRotation(4, deg(10)), FixedRotation(5, deg(-170)))
@@ -214,7 +214,7 @@ def test_the_pins_that_cannot_be_kept_together_are_named(tmp_path: Path) -> None
     assert add_constraint_conflict(fine, p.setup.cell, path, held, StageTimings()) is fine
 
 
-def test_what_was_asked_beside_a_place_that_cannot_be_driven_is_told(tmp_path: Path) -> None:
+def test_rules_beside_an_undrivable_place_are_reported(tmp_path: Path) -> None:
     """The points are whole there, so nobody but the motion in time knows; wishes far away come last, three are told."""
     path = toolpath(pass_over_block())
     pins = (FixedRotation(0, deg(20)), FixedRotation(4, deg(20)), FixedRotation(5, deg(22)))
@@ -239,7 +239,7 @@ def test_two_rotations_along_one_plunge_are_a_conflict(tmp_path: Path) -> None:
     assert "10° at point 1, the rotation 12° at point 2" in p.conflict
 
 
-def test_the_least_conflict_is_found_among_many() -> None:
+def test_smallest_conflict_is_found_among_many() -> None:
     wishes = tuple(FixedRotation(k, 0.1) for k in range(40))
     bad = {wishes[7], wishes[31]}
     asked: list[int] = []
@@ -275,7 +275,7 @@ def still(external: np.ndarray) -> ExportedMotion:
     )
 
 
-def test_the_verifier_sees_an_external_joint_that_stands_elsewhere(tmp_path: Path) -> None:
+def test_verifier_detects_a_wrong_external_joint(tmp_path: Path) -> None:
     cell, path = external_cell(tmp_path, rail=True), two_operations()
     n = len(path)
     numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
@@ -315,7 +315,7 @@ def test_the_verifier_sees_an_external_joint_that_stands_elsewhere(tmp_path: Pat
     assert (told.passed, told.value, told.where) == (False, pytest.approx(20.0), "point 6")
 
 
-def test_the_verifier_sees_a_zone_and_a_branch_that_are_not_kept(tmp_path: Path) -> None:
+def test_verifier_detects_a_violated_zone_and_branch(tmp_path: Path) -> None:
     path = two_operations()
     n = len(path)
     numbers = {"gamma_deg": np.zeros(n), "branch": np.full(n, 4.0), "limit_margin_deg": np.full(n, 9.0)}
@@ -346,7 +346,7 @@ def test_the_verifier_sees_a_zone_and_a_branch_that_are_not_kept(tmp_path: Path)
     assert wrong["as asked: branch"].where == "point 7"
 
 
-def test_a_joint_stands_where_it_was_put_for_an_operation(tmp_path: Path) -> None:
+def test_external_joint_has_the_value_of_its_operation(tmp_path: Path) -> None:
     """Group by group; an operation without a value is left to the plan."""
     cell, path = external_cell(tmp_path, rail=True), two_operations()
 
@@ -364,7 +364,7 @@ def test_a_joint_stands_where_it_was_put_for_an_operation(tmp_path: Path) -> Non
             stands(at)
 
 
-def test_the_rotation_is_kept_between_the_points_of_a_pin(tmp_path: Path) -> None:
+def test_pinned_rotation_holds_between_its_points(tmp_path: Path) -> None:
     """Off the grid, where planning points between two pinned ones would stand on the grid's own rotations."""
     p = job(tmp_path, rotation_step=deg(30), steer=(SteeringRule(points=(2, 8), gamma=deg(71.3)),))
     rows = (p.path.index >= 2) & (p.path.index <= 8)
@@ -373,7 +373,7 @@ def test_the_rotation_is_kept_between_the_points_of_a_pin(tmp_path: Path) -> Non
     assert np.degrees(compute_gamma(p)[rows]) == pytest.approx(71.3, abs=np.degrees(EXACT))
 
 
-def test_a_point_of_its_own_divides_a_pin() -> None:
+def test_separate_point_divides_a_pin() -> None:
     options = PlanOptions(fixed=(FixedRotation(5, 0.9),), steer=(SteeringRule(points=(2, 8), gamma=0.5),))
     laid = resolve_steering(options, toolpath(pass_over_block()))
     assert laid.steer == (SteeringRule(points=(2, 4), gamma=0.5), SteeringRule(points=(6, 8), gamma=0.5))
@@ -393,7 +393,7 @@ def on_rail(folder: Path, *wishes: SteeringRule, mode: ExternalMode | None = Non
 
 
 @pytest.mark.slow
-def test_a_pinned_rail_is_there_at_that_point_and_moves_elsewhere(tmp_path: Path) -> None:
+def test_pinned_rail_is_reached_at_its_point_and_moves_elsewhere(tmp_path: Path) -> None:
     """Two places and a zone on one run: no one place would keep them."""
     zone = SteeringRule(points=(18, 21), joint="rail", away=(0.2, 2.5), unit="mm")
     p = on_rail(tmp_path, PIN, SteeringRule(points=(12, 14), joint="e1", at=-0.2, unit="mm"), zone)
@@ -412,7 +412,7 @@ def test_a_pinned_rail_is_there_at_that_point_and_moves_elsewhere(tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_rail_that_keeps_one_place_keeps_the_pinned_one(tmp_path: Path) -> None:
+def test_constant_rail_uses_the_pinned_place(tmp_path: Path) -> None:
     p = on_rail(tmp_path, PIN, mode="operation")
     assert (p.path.external == 0.4).all()
     locked = on_rail(tmp_path, PIN, mode="locked")
@@ -434,13 +434,13 @@ def test_a_rail_that_keeps_one_place_keeps_the_pinned_one(tmp_path: Path) -> Non
         ({"joint": "rail", "away": (0.3, 0.5), "unit": "mm"}, "rail at 400 mm at point 3 and rail not between 300 mm"),
     ],
 )
-def test_a_place_that_no_joint_could_take_is_refused(tmp_path: Path, wish: dict[str, object], told: str) -> None:
+def test_impossible_joint_place_is_refused(tmp_path: Path, wish: dict[str, object], told: str) -> None:
     with pytest.raises(InputError, match=told):
         on_rail(tmp_path, PIN, SteeringRule(points=(3, 3), **wish))  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
-def test_a_pinned_rail_that_leaves_points_out_of_reach_is_named(tmp_path: Path) -> None:
+def test_pinned_rail_with_unreachable_points_is_named(tmp_path: Path) -> None:
     cell = replace(external_cell(tmp_path, rail=True), stiffness=ArmStiffness(joints=K))
     far = SteeringRule(points=(3, 3), joint="rail", at=2.4, unit="mm")
     near = SteeringRule(points=(20, 20), joint="rail", at=0.5, unit="mm")
@@ -452,7 +452,7 @@ def test_a_pinned_rail_that_leaves_points_out_of_reach_is_named(tmp_path: Path) 
     assert "500 mm" not in told
 
 
-def test_a_place_comes_back_as_it_was_written() -> None:
+def test_place_is_read_back_as_written() -> None:
     given = [
         {"point": 7, "external": "rail", "at_mm": 400.0},
         {"operation": "a", "external": "e2", "forbid_deg": [-20.0, 30.0]},

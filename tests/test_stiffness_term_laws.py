@@ -205,7 +205,7 @@ def _extra(name: str, j: int, q: np.ndarray, w: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_each_law_against_its_own_direct_computation(name: str) -> None:
+def test_each_law_against_an_independent_computation(name: str) -> None:
     """Twist with the term less twist without it. 1e-6: differences of the second difference and of fk; the rest is
     exact."""
     term = StiffnessTerm(*LAWS[name])
@@ -223,7 +223,7 @@ def test_each_law_against_its_own_direct_computation(name: str) -> None:
     )
 
 
-def test_weight_decides_where_a_law_stands() -> None:
+def test_weight_shifts_the_operating_point_of_a_law() -> None:
     """The same force with weight and without, for the laws on the whole torque; play and creep know no weight."""
     q, w = postures(), wrenches(6)
     for name, (effect, location, parameters) in LAWS.items():
@@ -240,7 +240,7 @@ def test_weight_decides_where_a_law_stands() -> None:
     assert ArmElasticity(ROBOT, TOOL, stiffness, None, bare).warnings
 
 
-def test_a_small_load_meets_the_tangent_under_weight() -> None:
+def test_small_load_gives_the_tangent_under_weight() -> None:
     """compliance() against differences of respond() about no load; of play the slope once it is taken up."""
     q = postures(4, seed=3)
     for name, case in LAWS.items():
@@ -318,7 +318,7 @@ def _hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
     return out
 
 
-def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp_path: Path) -> None:
+def test_every_elastic_law_of_diagnose_is_a_term_with_equal_predictions(tmp_path: Path) -> None:
     """Through the file: column · coefficient of the hypothesis = what the term adds to the planner's twist."""
     r = _readings()
     seen = set()
@@ -419,7 +419,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_and_predicts_what_it_fitted(tmp
         ("gravity_compensator", "joint:2", {"ratio": 1.0}, "the pivots meet", "ratio"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(
+def test_invalid_terms_are_reported_with_their_place(
     effect: str, location: str, parameters: dict[str, Any], message: str, where: str
 ) -> None:
     with pytest.raises(InputError) as caught:
@@ -430,7 +430,7 @@ def test_what_is_wrong_is_said_with_its_place(
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_law_without_its_numbers_is_refused_by_the_planner_and_by_a_fit(name: str) -> None:
+def test_law_without_its_parameters_is_refused_by_planner_and_fit(name: str) -> None:
     effect, location, parameters = LAWS[name]
     for key in parameters:
         if key in ("law", "time_constant_s", "sin2_rad_per_Nm", "centre_deg", "width_deg"):
@@ -444,7 +444,7 @@ def test_a_law_without_its_numbers_is_refused_by_the_planner_and_by_a_fit(name: 
             build_fitted_term(effect, location, ROBOT, TOOL).compute_response(state, wrenches(1))
 
 
-def test_springs_that_give_way_against_the_load_are_refused() -> None:
+def test_springs_with_negative_stiffness_are_refused() -> None:
     def joint(effect: str, n: int, **parameters: Any) -> StiffnessTerm:
         return StiffnessTerm(effect, f"joint:{n}", parameters)
 
@@ -475,7 +475,7 @@ def test_springs_that_give_way_against_the_load_are_refused() -> None:
         elasticity(StiffnessTerm(effect, location, {**p, "force_times_length_Nm": 2e6}))
 
 
-def test_a_hardening_cubic_stays_a_spring_beyond_its_reach() -> None:
+def test_hardening_cubic_remains_a_spring_beyond_its_range() -> None:
     """Torque and twist grow together at any load, and the slope is never under a tenth of the joint's own."""
     term = StiffnessTerm("joint_nonlinear_stiffness", "joint:1", {"law": "cubic", "cubic_rad_per_Nm3": -1e-6 * C[0]})
     model = elasticity(term)
@@ -496,7 +496,7 @@ def test_a_hardening_cubic_stays_a_spring_beyond_its_reach() -> None:
     assert 20 < near.sum() < len(near) - 20
 
 
-def test_the_compensator_counts_in_every_use_of_joint_stiffness() -> None:
+def test_compensator_enters_every_use_of_joint_stiffness() -> None:
     """Grid, Jacobian, sensitivity to the gear's compliance, and its own share: all against differences."""
     effect, location, p = LAWS["compensator"]
     term, q, w = StiffnessTerm(effect, location, p), postures(5), wrenches(5)
@@ -523,7 +523,7 @@ def test_the_compensator_counts_in_every_use_of_joint_stiffness() -> None:
 # --- in the planner -----------------------------------------------------------------------------------------
 
 
-def test_a_batch_of_candidates_is_what_each_of_them_is_alone() -> None:
+def test_batch_of_candidates_equals_single_ones() -> None:
     names = ("knee", "backlash", "hysteresis", "creep", "harmonics", "compensator", "softening cubic", "sector")
     model = elasticity(*(StiffnessTerm(*LAWS[n]) for n in names))
     q = postures(500, seed=9)
@@ -535,7 +535,7 @@ def test_a_batch_of_candidates_is_what_each_of_them_is_alone() -> None:
     np.testing.assert_allclose(together[::50], alone, rtol=1e-12)  # the same sums in another order
 
 
-def test_the_planner_knows_the_weight_of_the_cell() -> None:
+def test_planner_uses_the_weight_of_the_cell() -> None:
     """Masses of the URDF and the tool: the same twist as with pinocchio's torques above, and no warning."""
     term, q, w = StiffnessTerm(*LAWS["backlash"]), postures(), wrenches(6)
     cell = replace(CELL, stiffness=ArmStiffness(joints=K, terms=(term,)))
@@ -546,7 +546,7 @@ def test_the_planner_knows_the_weight_of_the_cell() -> None:
     )
 
 
-def test_optimize_takes_the_laws_and_bends_more(tmp_path: Path) -> None:
+def test_optimize_applies_the_laws_and_predicts_more_deflection(tmp_path: Path) -> None:
     """The command, with terms that all soften: the predicted deflection grows at every point of the same rotation."""
     names = ("knees", "softening cubic", "hysteresis", "creep", "sector")
     toolpath = tmp_path / "holes.csv"

@@ -155,7 +155,7 @@ def spring_of(arm: tuple[Robot, np.ndarray], form: str) -> tuple[int, np.ndarray
 
 
 @pytest.mark.parametrize("form", sorted(BODIES - {"cylinders", "cylinders and sensor"}))
-def test_body_springs_are_virtual_joints_in_pinocchio(arm: tuple[Robot, np.ndarray], form: str) -> None:
+def test_body_springs_equal_virtual_joints_in_pinocchio(arm: tuple[Robot, np.ndarray], form: str) -> None:
     """The spring's own give, C_S times the wrench carried to it, as a finite motion of six virtual joints."""
     robot, tool = arm
     body, S, C_S = spring_of(arm, form)
@@ -183,7 +183,7 @@ def test_body_springs_are_virtual_joints_in_pinocchio(arm: tuple[Robot, np.ndarr
             np.testing.assert_allclose(found[3:], turn, atol=2e-7 * np.abs(turn).max() + 1e-30)
 
 
-def test_sensor_at_the_flange_is_a_virtual_joint_before_the_tool(arm: tuple[Robot, np.ndarray]) -> None:
+def test_flange_sensor_is_a_virtual_joint_before_the_tool(arm: tuple[Robot, np.ndarray]) -> None:
     robot, tool = arm
     _, _, p = FORMS["cylinders and sensor"]
     C = np.diag(np.r_[1e-3 / np.array(p["sensor_N_per_mm"]), 1.0 / np.array(p["sensor_Nm_per_rad"])])
@@ -215,7 +215,7 @@ def test_terms_are_symmetric_and_body_springs_never_stiffen(arm: tuple[Robot, np
         assert np.linalg.eigvalsh(scaled).min() > -1e-12
 
 
-def test_compliances_add_and_follow_their_coefficients(arm: tuple[Robot, np.ndarray]) -> None:
+def test_compliances_add_and_scale_with_their_coefficients(arm: tuple[Robot, np.ndarray]) -> None:
     robot, tool = arm
     q, k = postures(5, 2), np.array([2.6e6, 9.4e5, 6.6e5, 9.2e5, 4.4e4, 2.7e4])
     chosen = ["beam", "base", "cylinders and sensor", "coupling", "posture"]
@@ -242,7 +242,7 @@ def test_compliances_add_and_follow_their_coefficients(arm: tuple[Robot, np.ndar
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_turning_the_tcp_about_its_axis_changes_no_number(arm: tuple[Robot, np.ndarray], form: str) -> None:
+def test_rotating_the_tcp_frame_about_its_axis_changes_no_number(arm: tuple[Robot, np.ndarray], form: str) -> None:
     """Wrench and twist are in base axes, so a TCP frame turned in itself is the same point; stated matrices too."""
     robot, tool = arm
     turned = tool @ pin.SE3(pin.utils.rotate("z", 0.7), np.zeros(3)).homogeneous
@@ -252,7 +252,7 @@ def test_turning_the_tcp_about_its_axis_changes_no_number(arm: tuple[Robot, np.n
     np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-20)
 
 
-def test_a_base_that_only_turns_about_axis_1_is_joint_1(arm: tuple[Robot, np.ndarray]) -> None:
+def test_base_rotating_about_axis_1_only_equals_joint_1(arm: tuple[Robot, np.ndarray]) -> None:
     """Confounded for good: no reading tells a soft joint 1 from a base turning about the same line."""
     robot, tool = arm
     np.testing.assert_allclose(np.abs(robot.axis[0]), [0, 0, 1], atol=1e-12)
@@ -266,7 +266,7 @@ def test_a_base_that_only_turns_about_axis_1_is_joint_1(arm: tuple[Robot, np.nda
     )
 
 
-def test_joint_terms_are_springs_really_loaded(arm: tuple[Robot, np.ndarray]) -> None:
+def test_joint_terms_equal_loaded_springs(arm: tuple[Robot, np.ndarray]) -> None:
     """Full nonlinear kinematics at Δq = C_θ Jᵀw for small loads."""
     robot, tool = arm
     q = postures(5, 5)
@@ -320,7 +320,7 @@ def test_every_form_survives_its_file(arm: tuple[Robot, np.ndarray], form: str, 
     np.testing.assert_allclose(compliance(arm, double, q), 2 * compliance(arm, term, q), rtol=1e-12, atol=1e-24)
 
 
-def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Robot, np.ndarray]) -> None:
+def test_terms_to_be_fitted_have_coefficients_without_values(arm: tuple[Robot, np.ndarray]) -> None:
     counts = {
         ("link_compliance", "link:4", "beam"): 2,
         ("link_compliance", "link:4", "full"): 21,
@@ -386,7 +386,7 @@ def test_terms_still_to_be_fitted_have_coefficients_without_values(arm: tuple[Ro
         ("tool_compliance", "tool", {"cylinders": CYLINDERS, "sensor_N_per_mm": [1, 1, 0]}, "above zero", "sensor_N"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(
+def test_invalid_terms_are_reported_with_their_place(
     arm: tuple[Robot, np.ndarray], effect: str, location: str, parameters: Mapping[str, Any], message: str, where: str
 ) -> None:
     with pytest.raises(InputError) as caught:
@@ -396,7 +396,7 @@ def test_what_is_wrong_is_said_with_its_place(
     assert "stiffness.yaml" in str(caught.value)
 
 
-def test_a_term_stands_once(arm: tuple[Robot, np.ndarray]) -> None:
+def test_duplicate_term_is_refused(arm: tuple[Robot, np.ndarray]) -> None:
     term = StiffnessTerm(*FORMS["beam"])
     with pytest.raises(InputError, match="is given twice"):
         compile_terms((term, term), *arm)
@@ -407,7 +407,7 @@ def test_a_term_stands_once(arm: tuple[Robot, np.ndarray]) -> None:
 # --- in the planner ------------------------------------------------------------------------------------------
 
 
-def test_the_planner_scores_candidates_with_the_terms() -> None:
+def test_planner_scores_candidates_with_the_terms() -> None:
     """Every candidate's cost again from the summed compliance matrices, for both indices; terms only ever soften."""
     cell = load_cell(ROOT / "cells" / "irb6700_drilling")
     assert cell.stiffness is not None
@@ -439,7 +439,7 @@ def test_the_planner_scores_candidates_with_the_terms() -> None:
             assert costs[1][s, r, b] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_tool_across_its_flange_gives_way_without_a_length(arm: tuple[Robot, np.ndarray]) -> None:
+def test_tool_beside_its_flange_has_a_compliance_without_a_length(arm: tuple[Robot, np.ndarray]) -> None:
     """An angle head: the TCP beside the flange. A beam has no length there; a matrix needs none."""
     robot, T = arm[0], arm[1].copy()
     T[:3, 3] = T[:3, :3] @ np.array([0.15, 0.0, 0.0])

@@ -61,7 +61,7 @@ def build_pass(ae: float, ap: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("spindle", ["cw", "ccw"])
-def test_the_force_of_a_straight_pass_is_that_of_given_depths(tmp_path: Path, spindle: str) -> None:
+def test_force_of_a_straight_pass_equals_that_of_given_depths(tmp_path: Path, spindle: str) -> None:
     process = PROCESS.replace("spindle_rpm: 12000", f"spindle_rpm: 12000, spindle: {spindle}")
     segment = attach(*write_job(tmp_path, build_pass(3e-3, 5e-3), process))[0]
     loads = compute_loads(segment.cell, segment.toolpath, segment.toolpath.feed)
@@ -96,9 +96,7 @@ def test_the_force_of_a_straight_pass_is_that_of_given_depths(tmp_path: Path, sp
         ("surface: floor", "surface: side", ["cut is missing"]),
     ],
 )
-def test_a_stock_that_cannot_be_used_is_refused_with_its_key(
-    tmp_path: Path, old: str, new: str, words: list[str]
-) -> None:
+def test_unusable_stock_is_refused_with_its_key(tmp_path: Path, old: str, new: str, words: list[str]) -> None:
     cell, file = write_job(tmp_path, build_pass(3e-3, 5e-3), PROCESS.replace(old, new))
     mesh = build_block()
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
@@ -121,9 +119,7 @@ def write_wall(folder: Path, **sizes: float) -> tuple[Path, Path, TiltedWall]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sizes", [{}, {"corner": 2e-3, "below": 4e-3}, {"corner": 8.5e-3, "below": 10e-3}])
-def test_a_cutter_that_turns_with_a_wall_has_the_contact_of_its_allowance(
-    tmp_path: Path, sizes: dict[str, float]
-) -> None:
+def test_cutter_turning_along_a_wall_has_the_contact_of_its_allowance(tmp_path: Path, sizes: dict[str, float]) -> None:
     cell, file, wall = write_wall(tmp_path, **sizes)
     segments = attach(cell, file)
     segment = segments[0]
@@ -154,9 +150,7 @@ def test_wrong_arcs_of_a_turning_axis_fail_against_exact_shapes(tmp_path: Path) 
 
 @pytest.mark.parametrize("place", [0, 0.5, 1])
 @pytest.mark.parametrize("reverse", [False, True])
-def test_arcs_10_degrees_or_a_fifth_wrong_fail_anywhere_along_a_cut(
-    tmp_path: Path, place: float, reverse: bool
-) -> None:
+def test_arcs_off_by_10_degrees_or_a_fifth_fail_anywhere(tmp_path: Path, place: float, reverse: bool) -> None:
     path = build_pass(5e-3, 5e-3)
     segment = attach(*write_job(tmp_path, path[::-1] if reverse else path))[0]
     found = segment.toolpath.engagement
@@ -189,7 +183,7 @@ def list_arcs(contact: StockEngagement, point: int) -> tuple[np.ndarray, np.ndar
     return (contact.end - contact.start)[mine], (contact.high - contact.low)[mine]
 
 
-def test_an_axis_that_turns_a_little_changes_the_contact_a_little(tmp_path: Path) -> None:
+def test_small_axis_rotation_changes_the_contact_slightly(tmp_path: Path) -> None:
     cell, file = write_job(tmp_path, build_pass(3e-3, 5e-3))
     level = attach(cell, file)[0].toolpath.engagement
     text = file.read_text().splitlines()
@@ -207,7 +201,7 @@ def test_an_axis_that_turns_a_little_changes_the_contact_a_little(tmp_path: Path
         assert abs(a - b) < 0.03
 
 
-def test_a_stock_of_too_many_cells_names_the_cell_size_where_the_axis_turns(tmp_path: Path) -> None:
+def test_too_many_cells_with_a_turning_axis_name_the_cell_size(tmp_path: Path) -> None:
     cell, file, _ = write_wall(tmp_path)
     process = cell / "process.yaml"
     process.write_text(process.read_text().replace("cell_mm: 0.25", "cell_mm: 0.001"))
@@ -217,7 +211,7 @@ def test_a_stock_of_too_many_cells_names_the_cell_size_where_the_axis_turns(tmp_
 
 
 @pytest.mark.slow
-def test_a_tilted_finish_of_a_curved_wall_is_planned_and_verified(tmp_path: Path) -> None:
+def test_tilted_finish_of_a_curved_wall_is_planned_and_verified(tmp_path: Path) -> None:
     cell, file, wall = write_wall(tmp_path)
     assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out"), *COARSE]) == 0
     assert main(["verify", str(cell), str(file), str(tmp_path / "out")]) == 0
@@ -236,7 +230,7 @@ def pocket(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     return cell, file, folder / "out"
 
 
-def test_a_roughed_pocket_is_planned_and_verified(pocket: tuple[Path, Path, Path]) -> None:
+def test_roughed_pocket_is_planned_and_verified(pocket: tuple[Path, Path, Path]) -> None:
     cell, file, out = pocket
     assert main(["verify", str(cell), str(file), str(out)]) == 0
     stock = json.loads((out / "result.json").read_text())["process"]["stock"]
@@ -257,7 +251,7 @@ def test_a_roughed_pocket_is_planned_and_verified(pocket: tuple[Path, Path, Path
     assert "Stock and finished part" in (out / "report.html").read_text()
 
 
-def test_the_report_shows_stock_and_finished_part(pocket: tuple[Path, Path, Path]) -> None:
+def test_report_shows_stock_and_finished_part(pocket: tuple[Path, Path, Path]) -> None:
     page = (pocket[2] / "report.html").read_text()
     assert '"kind":"stock"' in page.replace(" ", "")
     assert '"kind":"workpiece"' in page.replace(" ", "")
@@ -286,7 +280,7 @@ def test_wrong_arcs_fail_the_verification(
     assert any("f_normal_N" in line for line in failed)
 
 
-def test_a_deeper_finished_part_shows_material_left(tmp_path: Path) -> None:
+def test_deeper_finished_part_shows_remaining_material(tmp_path: Path) -> None:
     cell, file = write_job(tmp_path, build_pocket_path())
     build_pocketed_block(DEPTH + 0.5e-3).export(cell / "meshes" / "finished.stl")
     assert main(["optimize", str(cell), str(file), "-o", str(tmp_path / "out"), *COARSE]) == 0

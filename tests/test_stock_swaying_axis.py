@@ -81,7 +81,7 @@ def integrate_arcs(low: np.ndarray, high: np.ndarray, start: np.ndarray, end: np
 
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", [101, 102, 103])
-def test_arcs_of_layers_with_a_swaying_axis_are_those_of_points(seed: int) -> None:
+def test_arcs_of_layers_with_a_swaying_axis_equal_sampled_points(seed: int) -> None:
     tip, axis = build_layers(seed, np.radians(7.0))
     mesh = trimesh.creation.box(2.0 * HALF)
     mesh.apply_translation([0, 0, -HALF[2]])
@@ -124,7 +124,7 @@ def attach(folder: Path, rows: list[tuple[np.ndarray, np.ndarray, str]]) -> tupl
 @pytest.mark.parametrize(
     ("gap", "lean", "is_cut"), [(0.03e-3, 0.0, False), (-0.06e-3, 0.0, True), (0.4e-3, 0.09, True)]
 )
-def test_a_plunge_that_grazes_the_stock_is_told_from_one_that_passes_it(
+def test_plunge_that_touches_the_stock_differs_from_one_that_passes_it(
     tmp_path: Path, gap: float, lean: float, is_cut: bool
 ) -> None:
     """The cutter comes down beside the block; inclined, its side reaches the upper edge as it comes to depth."""

@@ -14,7 +14,7 @@ from machopt.planning.motion.straight_rapid_collisions import EndContacts, build
 STEP = 0.02  # rad
 
 
-def test_each_way_is_as_free_as_by_itself(tmp_path: Path) -> None:
+def test_moves_checked_together_equal_those_checked_alone(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     robot, shapes = load_chain(cell)
     model = CollisionModel(cell, robot, shapes, 0.002)

@@ -37,12 +37,12 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 
 
-def test_a_skip_for_another_reason_is_told() -> None:
+def test_skip_for_an_unlisted_reason_is_reported() -> None:
     skips = Counter({"m20ia: its meshes are not here (x)": 3, "could not import 'pyarrow'": 2})
     assert unexpected_skips(skips) == Counter({"could not import 'pyarrow'": 2})
 
 
-def test_modules_that_ran_are_recorded_anew_and_others_stay() -> None:
+def test_executed_modules_are_recorded_again_and_others_remain() -> None:
     known = ["tests/test_cli.py", "tests/test_suite_tiers.py::test_was_long", "tests/test_gone.py"]
     ran = {"tests/test_suite_tiers.py": LONG_MODULE - 1, "tests/test_output_damage_detection.py": LONG_MODULE}
     longest = {
@@ -57,31 +57,31 @@ def test_modules_that_ran_are_recorded_anew_and_others_stay() -> None:
     ]
 
 
-def test_seconds_are_recorded_for_modules_that_ran_and_the_longest_comes_first() -> None:
+def test_seconds_are_recorded_longest_first() -> None:
     known = {"tests/test_cli.py": 50.0, "tests/test_suite_tiers.py": 7.0, "tests/test_gone.py": 9.0}
     lines = seconds_list(known, {"tests/test_suite_tiers.py": NOTED / 2, "tests/test_output_damage_detection.py": 90.0})
     assert seconds_of("\n".join(lines)) == {"tests/test_output_damage_detection.py": 90.0, "tests/test_cli.py": 50.0}
     assert lines[0].endswith("tests/test_output_damage_detection.py")
 
 
-def test_long_tests_are_recorded_anew_and_others_stay() -> None:
-    known = ["tests/test_cli.py::test_gone", "tests/test_suite_tiers.py::test_what_is_recorded_is_there"]
+def test_long_tests_are_recorded_again_and_others_remain() -> None:
+    known = ["tests/test_cli.py::test_gone", "tests/test_suite_tiers.py::test_recorded_names_exist"]
     longest = {"tests/test_a.py::test_long": LONG_TEST, "tests/test_a.py::test_short": LONG_TEST / 2}
     assert list_long_tests(known, longest) == [
         "tests/test_a.py::test_long",
-        "tests/test_suite_tiers.py::test_what_is_recorded_is_there",
+        "tests/test_suite_tiers.py::test_recorded_names_exist",
     ]
     assert list_long_tests(["tests/test_a.py::test_short"], longest) == ["tests/test_a.py::test_long"]
 
 
-def test_what_is_recorded_is_there() -> None:
+def test_recorded_names_exist() -> None:
     """A test that took another name would run in `make quick` again, however long it takes."""
     names = [name for file in (SLOW, PROOFS) for name in file.read_text(encoding="utf-8").split()]
     names += seconds_of(SECONDS.read_text(encoding="utf-8"))
     assert [name for name in names if not is_there(name)] == []
 
 
-def test_examples_are_the_same_in_ci_and_many_at_night() -> None:
+def test_examples_are_fixed_in_ci_and_many_in_nightly() -> None:
     assert settings.default is not None
     if PROFILE == "ci":
         assert settings.default.derandomize
@@ -89,7 +89,7 @@ def test_examples_are_the_same_in_ci_and_many_at_night() -> None:
     assert scale_example_count(30) == (600 if NIGHTLY else 30)
 
 
-def test_branches_are_summed_by_package_and_held_against_the_floor() -> None:
+def test_branches_are_summed_by_package_and_compared_with_the_floor() -> None:
     files = [
         BranchCount("planning/a.py", 9, 10),
         BranchCount("planning/cost/b.py", 81, 90),
@@ -113,7 +113,7 @@ def test_branches_are_summed_by_package_and_held_against_the_floor() -> None:
     assert not any(line.startswith(("planning", "measurement:")) for line in wrong)
 
 
-def test_every_package_of_the_floor_is_one_that_the_layers_know() -> None:
+def test_every_package_of_the_floor_is_a_layer() -> None:
     layers = PYPROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
     known = {name.strip() for layer in layers for name in layer.split("|")}
     for name in branch_coverage.FLOOR:
@@ -133,7 +133,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.Path:
     return zipfile.Path(made)
 
 
-def test_the_wheel_says_that_it_is_typed_and_holds_no_leavings(wheel: zipfile.Path) -> None:
+def test_wheel_is_typed_and_contains_no_extra_files(wheel: zipfile.Path) -> None:
     names = wheel.root.namelist()
     assert "machopt/py.typed" in names
     assert not [n for n in names if re.search(r"\.(orig|rej|pyc|nbi|nbc|bak)$|__pycache__|^tests/", n)]
@@ -141,7 +141,7 @@ def test_the_wheel_says_that_it_is_typed_and_holds_no_leavings(wheel: zipfile.Pa
     assert not [n for n in names if n.startswith("machopt/kernels")]  # as MACHOPT_KERNELS asks
 
 
-def test_there_is_one_source_of_the_version(wheel: zipfile.Path) -> None:
+def test_version_has_one_source(wheel: zipfile.Path) -> None:
     assert "version" in PROJECT["dynamic"]
     name = f"machopt-{machopt.__version__}.dist-info/METADATA"
     metadata = (wheel / name).read_text(encoding="utf-8")
@@ -150,7 +150,7 @@ def test_there_is_one_source_of_the_version(wheel: zipfile.Path) -> None:
     assert set(PROJECT["classifiers"]) <= said
 
 
-def test_classifiers_say_the_python_that_is_required() -> None:
+def test_classifiers_agree_with_the_required_python() -> None:
     """That the index knows them is what the build of the wheel checks."""
     lowest = re.search(r">=(3\.\d+)", PROJECT["requires-python"])
     assert lowest is not None

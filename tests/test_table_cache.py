@@ -12,7 +12,7 @@ from machopt.verification.tables.csv_columns import read_table
 from machopt.verification.tables.table_cache import cache_tables
 
 
-def test_a_table_is_read_once_and_anew_when_a_byte_has_changed(tmp_path: Path) -> None:
+def test_table_is_read_once_until_a_byte_changes(tmp_path: Path) -> None:
     file = tmp_path / "points.csv"
     file.write_text("a,b\n1,2\n")
     with cache_tables():
@@ -29,7 +29,7 @@ def test_a_table_is_read_once_and_anew_when_a_byte_has_changed(tmp_path: Path) -
     assert read_table(file) is not read_table(file)  # outside nothing is held
 
 
-def test_a_table_too_long_to_hold_is_read_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_too_long_to_cache_is_read_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table_cache, "MAX_CACHED_BYTES", 7)
     file = tmp_path / "points.csv"
     file.write_text("a,b\n1,2\n")

@@ -16,7 +16,7 @@ def test_blocks_give_the_product(shape: tuple[int, int, int]) -> None:
     np.testing.assert_allclose(multiply_tall(a, b), a @ b, rtol=0, atol=1e-12)
 
 
-def test_no_block_is_larger_than_one_thread_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_block_exceeds_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     sizes = []
     product = np.matmul
 

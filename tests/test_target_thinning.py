@@ -59,7 +59,7 @@ def test_dense_points_are_thinned_within_the_tolerance(shape: str, step: float) 
     assert len(kept) < len(T) / 2 or step > 0.05
 
 
-def test_what_the_path_needs_stays() -> None:
+def test_targets_needed_by_the_path_remain() -> None:
     corner = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0], [0.1, 0.1, 0]])
     assert 2 in needed(poses(corner))  # a corner 35 µm off any line past it
     line = poses(np.column_stack([0.01 * np.arange(100), np.zeros((100, 2))]))
@@ -72,7 +72,7 @@ def test_what_the_path_needs_stays() -> None:
 
 
 @pytest.mark.slow
-def test_the_feed_is_held_on_points_a_hundredth_of_a_millimetre_apart(tmp_path: Path) -> None:
+def test_feed_is_held_on_points_a_hundredth_of_a_millimetre_apart(tmp_path: Path) -> None:
     s = np.arange(0, 30, 0.01)
     rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation", "0,0,60,0,0,1,rapid,,f"]
     rows += [f"{x:.6f},{3 * np.sin(x / 4):.6f},20,0,0,1,cut,1200,f" for x in s]

@@ -22,7 +22,7 @@ def _writing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
 
 
-def test_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_template_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "stored"
     assert made(folder).get_template("a.html").render(name="you") == "hello you"
     (file,) = folder.iterdir()
@@ -31,14 +31,14 @@ def test_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert made(folder).get_template("a.html").render(name="me") == "hello me"
 
 
-def test_is_compiled_anew_where_anything_changed(tmp_path: Path) -> None:
+def test_template_is_compiled_again_after_any_change(tmp_path: Path) -> None:
     made(tmp_path).get_template("a.html")
     assert made(tmp_path, "bye {{ name }}").get_template("a.html").render(name="you") == "bye you"
     made(tmp_path, options="other").get_template("a.html")
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:
+def test_damaged_cache_file_is_rebuilt(tmp_path: Path) -> None:
     made(tmp_path).get_template("a.html")
     (file,) = tmp_path.iterdir()
     good = file.read_bytes()
@@ -48,7 +48,7 @@ def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:
         assert file.read_bytes() == good
 
 
-def test_nothing_is_stored_where_it_cannot_or_must_not_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_stored_where_impossible_or_forbidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("in the way")
     assert made(tmp_path / "file").get_template("a.html").render(name="you") == "hello you"
     monkeypatch.setattr(sys, "dont_write_bytecode", True)

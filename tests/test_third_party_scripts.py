@@ -100,7 +100,7 @@ class Station:
         return self.targets[-1]
 
 
-def test_a_plan_goes_into_a_station() -> None:
+def test_plan_is_imported_into_a_station() -> None:
     station, push = Station(), script("robodk_station").push
     push(station, np.array, GOLDEN / "json" / "golden.json")
     told = json.loads((GOLDEN / "json" / "golden.json").read_text())
@@ -120,7 +120,7 @@ def test_a_plan_goes_into_a_station() -> None:
     np.testing.assert_allclose(tool[:3, 3], 1e3 * TOOL[:3, 3] * [1, -1, -1], atol=1e-5)
 
 
-def test_a_robot_that_counts_otherwise_is_refused_or_said() -> None:
+def test_robot_with_other_joint_conventions_is_refused_or_reported() -> None:
     push = script("robodk_station").push
     backwards = (-1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     station = Station(robot=Item("KR", turned=backwards))
@@ -133,7 +133,7 @@ def test_a_robot_that_counts_otherwise_is_refused_or_said() -> None:
         push(station, np.array, GOLDEN / "json" / "golden.json", "gone")
 
 
-def test_a_station_s_program_comes_back_as_a_toolpath(tmp_path: Path) -> None:
+def test_program_of_a_station_is_read_as_a_toolpath(tmp_path: Path) -> None:
     pull = script("robodk_station").pull
     down = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -155,7 +155,7 @@ def test_a_station_s_program_comes_back_as_a_toolpath(tmp_path: Path) -> None:
         pull(station, "Main", tmp_path / "part.csv")
 
 
-def test_the_message_of_a_bag_is_the_json_s() -> None:
+def test_bag_message_equals_the_json() -> None:
     document = json.loads((GOLDEN / "ros_json" / "golden.json").read_text())
 
     class Types(dict):  # type: ignore[type-arg]
@@ -170,7 +170,7 @@ def test_the_message_of_a_bag_is_the_json_s() -> None:
     assert {"sec": last.sec, "nanosec": last.nanosec} == document["points"][-1]["time_from_start"]
 
 
-def test_a_joint_path_is_read_by_a_few_lines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_joint_path_is_read_by_a_few_lines(capsys: pytest.CaptureFixture[str]) -> None:
     module, file = script("joint_path"), GOLDEN / "compas_fab" / "golden.json"
     names, times, positions = module.joint_path(file)
     assert names == ["a1", "a2", "a3", "a4", "a5", "a6"]

@@ -104,7 +104,7 @@ def cam(index: Array) -> tuple[Array, Array, Array]:
     return (1 - f) * point[k] + f * point[k + 1], a, t / np.linalg.norm(t, axis=1, keepdims=True)
 
 
-def test_the_samples_realise_the_tilt_that_they_state(job: tuple[Path, Path]) -> None:
+def test_samples_realise_their_stated_tilt(job: tuple[Path, Path]) -> None:
     cell, path = job
     found = table(path.parent / "tilted" / "trajectory.csv")
     cut = np.array(found["move"]) == "cut"
@@ -137,7 +137,7 @@ def test_points_keep_the_axis_of_the_file_and_state_their_tilt(job: tuple[Path, 
     assert np.allclose(tip, p + RADIUS_MM * (a - axis), atol=1e-3)
 
 
-def test_a_tilt_lowers_the_objective(job: tuple[Path, Path]) -> None:
+def test_tilt_lowers_the_objective(job: tuple[Path, Path]) -> None:
     folder = job[1].parent
     both = [json.loads((folder / name / "result.json").read_text())["objective"] for name in ("plain", "tilted")]
     assert both[1]["chosen"]["total"] < both[0]["chosen"]["total"]
@@ -145,7 +145,7 @@ def test_a_tilt_lowers_the_objective(job: tuple[Path, Path]) -> None:
     assert both[1]["jiao2022"] == both[0]["jiao2022"]  # the baselines have no tilt
 
 
-def test_ranges_of_zero_change_no_byte(job: tuple[Path, Path]) -> None:
+def test_zero_ranges_change_no_byte(job: tuple[Path, Path]) -> None:
     cell, path = job
     out = path.parent / "zero"
     assert optimize(cell, path, out, *COARSE, "--set", "tilt_deg={lead: [0, 0], side: [0, 0]}") == 0
@@ -154,7 +154,7 @@ def test_ranges_of_zero_change_no_byte(job: tuple[Path, Path]) -> None:
         assert (out / name).read_bytes() == (path.parent / "plain" / name).read_bytes()
 
 
-def test_an_operation_has_its_own_range(job: tuple[Path, Path]) -> None:
+def test_operation_has_its_own_range(job: tuple[Path, Path]) -> None:
     cell, path = job
     out = path.parent / "wall"
     assert (
@@ -173,7 +173,7 @@ def test_an_operation_has_its_own_range(job: tuple[Path, Path]) -> None:
     assert np.hypot(lead, side)[cut & (label == "wall")].max() > 0.5
 
 
-def test_the_compensated_path_may_tilt(job: tuple[Path, Path]) -> None:
+def test_compensated_path_may_tilt(job: tuple[Path, Path]) -> None:
     cell, path = job
     assert optimize(cell, path, path.parent / "both", *COARSE, "--set", FREE, "--compensate") == 0
 
@@ -208,18 +208,18 @@ def test_other_cutters_are_refused(
         "operations={wal: {tilt_deg: {lead: [0, 5]}}}",
     ],
 )
-def test_ranges_that_mean_nothing_are_refused(job: tuple[Path, Path], tmp_path: Path, option: str) -> None:
+def test_invalid_ranges_are_refused(job: tuple[Path, Path], tmp_path: Path, option: str) -> None:
     cell, path = job
     assert main(["optimize", str(cell), str(path), "-o", str(tmp_path / "out"), "--quiet", "--set", option]) == 2
 
 
-def test_methods_without_a_choice_of_tilt_are_refused(job: tuple[Path, Path], tmp_path: Path) -> None:
+def test_methods_without_tilt_are_refused(job: tuple[Path, Path], tmp_path: Path) -> None:
     cell, path = job
     given = ["optimize", str(cell), str(path), "-o", str(tmp_path / "out"), "--set", FREE, "--method", "jiao2022"]
     assert main(given) == 2
 
 
-def test_a_pin_in_the_view_is_planned_with_the_tilt(job: tuple[Path, Path], tmp_path: Path) -> None:
+def test_pin_in_the_view_is_planned_with_the_tilt(job: tuple[Path, Path], tmp_path: Path) -> None:
     cell, path = job
     request = OptimizeRequest(cell=cell, toolpath=path, out=tmp_path / "out", overrides=("rotation_step_deg=10", FREE))
     session = ViewSession.start(load_optimize_inputs(request), tmp_path / "plan.yaml", (), lambda _: None)

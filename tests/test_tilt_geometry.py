@@ -75,7 +75,7 @@ def test_lead_and_side_are_rotations_of_the_axis() -> None:
     assert np.allclose(compute_tilted_axis(axis, travel, zero, angle), side, atol=1e-14)
 
 
-def test_measuring_inverts_tilting_and_the_angle_is_that_of_both() -> None:
+def test_measuring_inverts_tilting() -> None:
     axis, travel, rng = random_frames(50)
     lead, side = rng.uniform(-0.5, 0.5, (2, 50))
     tilted = compute_tilted_axis(axis, travel, lead, side)
@@ -84,7 +84,7 @@ def test_measuring_inverts_tilting_and_the_angle_is_that_of_both() -> None:
     assert np.allclose(np.arccos(np.sum(axis * tilted, axis=1)), angle, atol=1e-12)
 
 
-def test_the_ball_turns_about_its_centre() -> None:
+def test_ball_turns_about_its_centre() -> None:
     axis, travel, rng = random_frames(20)
     tip = rng.normal(size=(20, 3))
     tilted = compute_tilted_axis(axis, travel, *rng.uniform(-0.3, 0.3, (2, 20)))
@@ -92,7 +92,7 @@ def test_the_ball_turns_about_its_centre() -> None:
     assert np.allclose(moved + RADIUS * tilted, tip + RADIUS * axis, atol=1e-15)
 
 
-def test_the_smallest_rotation_takes_one_axis_to_the_other() -> None:
+def test_smallest_rotation_moves_one_axis_to_the_other() -> None:
     axis, travel, rng = random_frames(20)
     tilted = compute_tilted_axis(axis, travel, *rng.uniform(-0.3, 0.3, (2, 20)))
     assert np.allclose(rotate_with_axis(axis, axis, tilted), tilted, atol=1e-14)
@@ -100,7 +100,7 @@ def test_the_smallest_rotation_takes_one_axis_to_the_other() -> None:
     assert np.allclose(rotate_with_axis(normal, axis, tilted), normal, atol=1e-14)
 
 
-def test_gamma_is_counted_from_the_travel_across_the_tilted_axis(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_gamma_is_measured_from_the_travel_normal_to_the_tilted_axis(corner: tuple[Toolpath, PlanningPath]) -> None:
     _, path = corner
     n = len(path.index)
     axis = compute_tilted_axis(path.axis, path.travel, np.full(n, 0.08), np.full(n, -0.06))
@@ -113,14 +113,14 @@ def test_gamma_is_counted_from_the_travel_across_the_tilted_axis(corner: tuple[T
     assert tilted.lead == pytest.approx(np.full(n, 0.08))
 
 
-def test_no_tilt_changes_no_bit(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_zero_tilt_changes_no_bit(corner: tuple[Toolpath, PlanningPath]) -> None:
     _, path = corner
     same = tilt_path(path, path.axis.copy(), RADIUS)
     for name in ("position", "axis", "reference", "offset"):
         assert np.array_equal(getattr(same, name), getattr(path, name))
 
 
-def test_a_curve_is_sampled_between_its_points(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_curve_is_sampled_between_its_points(corner: tuple[Toolpath, PlanningPath]) -> None:
     toolpath, path = corner
     n = len(path.index)
     axis = compute_tilted_axis(path.axis, path.travel, np.linspace(0.0, 0.08, n), np.zeros(n))
@@ -132,13 +132,13 @@ def test_a_curve_is_sampled_between_its_points(corner: tuple[Toolpath, PlanningP
     assert np.allclose(np.linalg.norm(sampled.axis, axis=1), 1.0, atol=1e-12)
 
 
-def test_a_plunge_has_the_travel_of_the_next_cut(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_plunge_uses_the_travel_of_the_next_cut(corner: tuple[Toolpath, PlanningPath]) -> None:
     _, path = corner
     before = path.index <= 1.0  # the rapid point and the plunge
     assert np.allclose(path.travel[before], [1.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_a_corner_keeps_both_ranges(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_corner_respects_both_ranges(corner: tuple[Toolpath, PlanningPath]) -> None:
     toolpath, path = corner
     ranges = {"face": TiltRange((0.0, 0.08), (-0.02, 0.06)), "wall": TiltRange((-0.05, 0.03), (0.0, 0.02))}
     limits = compute_tilt_limits(path, toolpath, PlanOptions(tilt_operations=tuple(ranges.items())))
@@ -153,14 +153,14 @@ def test_a_corner_keeps_both_ranges(corner: tuple[Toolpath, PlanningPath]) -> No
     assert -0.02 - 1e-3 <= side <= 0.06 + 1e-3  # the axis is inclined by 5.7° there, against the x of the frame
 
 
-def test_a_range_without_zero_is_refused_at_a_sharp_corner(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_range_without_zero_is_refused_at_a_sharp_corner(corner: tuple[Toolpath, PlanningPath]) -> None:
     toolpath, path = corner
     with pytest.raises(CellError) as caught:
         compute_tilt_limits(path, toolpath, PlanOptions(tilt=TiltRange((radians(3), radians(8)))))
     assert caught.value.where == "tilt_deg"
 
 
-def test_a_fixed_lead_follows_a_curve(tmp_path: Path) -> None:
+def test_fixed_lead_follows_a_curve(tmp_path: Path) -> None:
     angle = np.radians(np.arange(0, 90, 5))
     rows = [f"{60 * np.cos(a):.6f},{60 * np.sin(a):.6f},0,0,0,1,{'cut' if a else 'rapid'},1000,arc" for a in angle]
     toolpath, path = make_path(tmp_path, tuple(rows))
@@ -173,7 +173,7 @@ def test_a_fixed_lead_follows_a_curve(tmp_path: Path) -> None:
     assert np.abs(side[cut]).max() < 1e-9
 
 
-def test_outside_cuts_the_neighbours_tilt_is_kept(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_moves_outside_cuts_keep_the_adjacent_tilt(corner: tuple[Toolpath, PlanningPath]) -> None:
     toolpath, path = corner
     limits = compute_tilt_limits(path, toolpath, FREE)
     w = limits.project(np.tile([0.05, 0.02, 0.0], (len(path.index), 1)))
@@ -183,7 +183,7 @@ def test_outside_cuts_the_neighbours_tilt_is_kept(corner: tuple[Toolpath, Planni
     assert np.allclose(held[last:], held[last], atol=1e-12)
 
 
-def test_a_run_that_only_goes_along_the_axis_is_not_tilted(tmp_path: Path) -> None:
+def test_axial_run_is_not_tilted(tmp_path: Path) -> None:
     toolpath, path = make_path(tmp_path, ("0,0,20,0,0,1,rapid,,a", "0,0,-3,0,0,1,cut,300,a", "0,0,20,0,0,1,retract,,a"))
     assert not compute_tilt_limits(path, toolpath, FREE).is_free.any()
 
@@ -247,7 +247,7 @@ def price_sequence(given: dict[str, Array], chosen: tuple[int, ...]) -> float:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_joint_search_finds_the_cheapest_sequence(seed: int) -> None:
+def test_joint_search_finds_the_cheapest_sequence(seed: int) -> None:
     given, S = make_search(seed)
     found = find_joint_sequence(*given.values())
     vertices = [range(given["first"][s], given["first"][s + 1]) for s in range(S)]
@@ -264,7 +264,7 @@ def _price_step(given: dict[str, Array], s: int, m: int, n: int) -> float:
     return price_sequence(alone, (m, n)) - float(given["price"][m])
 
 
-def test_gradient_and_hessian_of_the_smoothing_are_those_of_its_price(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_gradient_and_hessian_of_the_smoothing_agree_with_its_cost(corner: tuple[Toolpath, PlanningPath]) -> None:
     toolpath, path = corner
     limits = compute_tilt_limits(path, toolpath, FREE)
     nodes = build_tilt_nodes(path, limits)
@@ -301,7 +301,7 @@ def test_smoothing_finds_the_cheap_end_of_a_range(corner: tuple[Toolpath, Planni
     assert price_tangents(path, costs, FREE, w) < price_tangents(path, costs, FREE, flat)
 
 
-def test_the_grid_has_the_ends_of_both_ranges(corner: tuple[Toolpath, PlanningPath]) -> None:
+def test_grid_contains_the_ends_of_both_ranges(corner: tuple[Toolpath, PlanningPath]) -> None:
     toolpath, path = corner
     limits = compute_tilt_limits(path, toolpath, FREE)
     nodes = build_tilt_nodes(path, limits)

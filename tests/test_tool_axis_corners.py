@@ -40,13 +40,13 @@ def run_corner(cell: str, number: int, folder: Path, *overrides: str, posts: tup
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [10, 14])
-def test_a_cut_may_turn_the_tool_axis_on_the_spot(number: int, tmp_path: Path) -> None:
+def test_cut_may_rotate_the_tool_axis_on_the_spot(number: int, tmp_path: Path) -> None:
     assert run_corner("kr500_milling", number, tmp_path) == 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [6, 15])
-def test_points_of_a_turn_on_the_spot_are_found_between_streamed_samples(number: int, tmp_path: Path) -> None:
+def test_points_of_a_rotation_on_the_spot_are_found_between_samples(number: int, tmp_path: Path) -> None:
     assert run_corner("cutting_cobot", number, tmp_path, "collision=false", posts=("ros", "csv")) == 0
 
 

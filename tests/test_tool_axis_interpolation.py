@@ -18,7 +18,7 @@ def random_axes(count: int, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("interpolate", [rigid_transforms.interpolate_axis, axis_interpolation.interpolate_axis])
-def test_the_axis_turns_evenly_in_the_plane_of_both_ends(interpolate: object) -> None:
+def test_axis_rotates_uniformly_in_the_plane_of_both_ends(interpolate: object) -> None:
     start, end = random_axes(200, 1), random_axes(200, 2)
     share = np.random.default_rng(3).random(200)
     found = interpolate(start, end, share)  # type: ignore[operator]
@@ -30,14 +30,14 @@ def test_the_axis_turns_evenly_in_the_plane_of_both_ends(interpolate: object) ->
 
 
 @pytest.mark.parametrize("interpolate", [rigid_transforms.interpolate_axis, axis_interpolation.interpolate_axis])
-def test_equal_axes_stay_as_they_are(interpolate: object) -> None:
+def test_equal_axes_remain_unchanged(interpolate: object) -> None:
     axes = random_axes(20, 4)
     np.testing.assert_allclose(interpolate(axes, axes, np.full(20, 0.3)), axes, atol=1e-15)  # type: ignore[operator]
 
 
 @pytest.mark.parametrize("angle", [5.0, 45.0, 90.0, 170.0])
 @pytest.mark.parametrize("length", [0.0, 1e-4, 0.1])
-def test_the_planned_path_turns_the_axis_evenly(angle: float, length: float) -> None:
+def test_planned_path_rotates_the_axis_uniformly(angle: float, length: float) -> None:
     """Linear interpolation of the vector would be 0.46° off in the middle of a move of 45°."""
     end = np.radians(angle)
     toolpath = Toolpath(

@@ -54,7 +54,7 @@ def job(*tools: str, rows: Rows | None = None) -> Toolpath:
     return replace(path, operation=operation, operations=labels, events=EVENTS)
 
 
-def test_the_job_is_cut_where_the_tool_changes(tmp_path: Path) -> None:
+def test_job_is_divided_at_tool_changes(tmp_path: Path) -> None:
     cell, path = table(tmp_path), job(*LABELS)
     segments = split_into_tool_segments(select_job_tools(cell, path), path)
     assert [(s.tool, s.first, s.stop, s.number) for s in segments] == [
@@ -75,7 +75,7 @@ def test_the_job_is_cut_where_the_tool_changes(tmp_path: Path) -> None:
     assert one.tool == "3"
 
 
-def test_a_change_on_the_way_of_a_cut_or_a_shared_number_is_refused(tmp_path: Path) -> None:
+def test_tool_change_within_a_cut_or_a_shared_number_is_refused(tmp_path: Path) -> None:
     cell, path = table(tmp_path), job("3", "BALL")
     cut = replace(path, operation=(np.arange(len(path)) > 1).astype(np.int32))
     with pytest.raises(InputError, match=r"cuts from point 1 to point 2, and the tool changes from 3 to BALL"):
@@ -90,7 +90,7 @@ def test_a_change_on_the_way_of_a_cut_or_a_shared_number_is_refused(tmp_path: Pa
         select_job_tools(cell, job("3", "DRILL"))
 
 
-def test_the_same_text_comes_before_the_same_number(tmp_path: Path) -> None:
+def test_equal_text_takes_precedence_over_equal_number(tmp_path: Path) -> None:
     cell = table(tmp_path)
     both = replace(cell, tools={"3": cell.tools["3"], "T03": cell.tools["BALL"]})
     assert select_job_tools(both, job("3")).tool_name == "3"
@@ -105,7 +105,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Toolpath, tupl
     return cell, path, segments, plan_job(segments, path, OPTIONS, StageTimings())
 
 
-def test_each_tool_has_the_plan_it_has_alone(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]) -> None:
+def test_each_tool_has_the_plan_of_its_own_job(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]) -> None:
     _, path, segments, whole = done
     assert len(whole.plan.parts) == len(segments) == 3
     np.testing.assert_array_equal(whole.plan.path.index[whole.plan.path.is_point], np.arange(len(path)))
@@ -147,7 +147,7 @@ def held(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Pat
     return verify_tool_segments(done[2], out, options=OPTIONS)
 
 
-def test_the_motion_changes_tools_at_rest_and_is_verified(
+def test_motion_changes_tools_at_rest_and_is_verified(
     done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], tmp_path: Path
 ) -> None:
     motion = done[3].timeline.trajectory  # type: ignore[union-attr]
@@ -165,7 +165,7 @@ def test_the_motion_changes_tools_at_rest_and_is_verified(
     assert [line.rpartition(",")[2] for line in (text[1], text[at[0] + 2], text[-1])] == ["3", "BALL", "3"]
 
 
-def test_the_verifier_sees_a_wrong_tool_and_a_change_in_the_wrong_place(
+def test_verifier_detects_a_wrong_tool_and_a_misplaced_change(
     done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], tmp_path: Path
 ) -> None:
     out = written(done, tmp_path, "BALL", "3", "BALL")
@@ -186,7 +186,7 @@ def test_the_verifier_sees_a_wrong_tool_and_a_change_in_the_wrong_place(
     assert failed["path"].where.startswith("tool BALL, points counted from 10:")
 
 
-def test_wishes_are_those_of_the_segment_they_are_about(tmp_path: Path) -> None:
+def test_steering_rules_apply_to_their_segment(tmp_path: Path) -> None:
     cell, path = table(tmp_path), job(*LABELS)
     segments = split_into_tool_segments(select_job_tools(cell, path), path)
     wished = replace(
@@ -197,7 +197,7 @@ def test_wishes_are_those_of_the_segment_they_are_about(tmp_path: Path) -> None:
     assert [[f.point for f in o.fixed] for o in laid] == [[], [1, 2, 3], []]
 
 
-def test_the_picture_has_the_tool_that_is_on(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]) -> None:
+def test_picture_shows_the_active_tool(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan]) -> None:
     _, path, _, whole = done
     plan, shown = whole.plan, compute_collision_map(whole.plan)
     assert len(shown.known) == len(plan.path.stations)
@@ -222,7 +222,7 @@ def test_the_picture_has_the_tool_that_is_on(done: tuple[Cell, Toolpath, tuple[T
     assert view.stations.tool.tolist() == [int(10 <= k < 15) for k in at]
 
 
-def test_a_place_that_the_file_names_twice_has_a_sample_for_each(tmp_path: Path) -> None:
+def test_repeated_place_has_a_sample_for_each_point(tmp_path: Path) -> None:
     """G0 X Y, then G0 Z where the tool is already: a rapid move without a way."""
     rows = slots(0.0)
     path = toolpath([rows[0], *rows])

@@ -53,14 +53,14 @@ def job(*tools: str, named: str = "") -> Toolpath:
     return replace(one, operation=operation, operations=labels)
 
 
-def test_a_table_is_read(cell: Cell) -> None:
+def test_table_is_read(cell: Cell) -> None:
     assert list(cell.tools) == ["3", "BALL_D6"]
     assert (cell.tool_name, cell.tool) == ("3", cell.tools["3"])
     np.testing.assert_allclose(cell.tools["BALL_D6"].T_flange_tcp[2, 3], 0.32)
     assert [s.name for s in cell.tools["BALL_D6"].geometry] == ["spindle", "holder"]
 
 
-def test_neither_or_a_bad_one_is_refused(folder: Path) -> None:  # noqa: F811
+def test_invalid_table_is_refused(folder: Path) -> None:  # noqa: F811
     change(folder, (ONE, ""))
     expect(refusal(folder), "found no tool; expected tool or tools")
     (folder / "cell.yaml").write_text(
@@ -79,14 +79,14 @@ def test_neither_or_a_bad_one_is_refused(folder: Path) -> None:  # noqa: F811
         (job("3", "", ""), "3"),  # it holds until another one is named
     ],
 )
-def test_words_of_the_file(cell: Cell, path: Toolpath, name: str) -> None:
+def test_tool_is_chosen_by_the_words_of_the_file(cell: Cell, path: Toolpath, name: str) -> None:
     chosen = select_single_tool(cell, path)
     assert chosen.tool_name == name
     assert chosen.tool is cell.tools[name]
     assert set(match_operation_tools(path, cell.tools)) == {name}
 
 
-def test_what_is_told_where_no_tool_can_be_chosen(cell: Cell) -> None:
+def test_unchoosable_tool_is_reported(cell: Cell) -> None:
     with pytest.raises(
         InputError, match=r"operation 'op1' wants the tool '5', which the cell does not have.*3.*BALL_D6"
     ):
@@ -101,7 +101,7 @@ def test_what_is_told_where_no_tool_can_be_chosen(cell: Cell) -> None:
     assert select_single_tool(alone, job("")).tool_name == "3"
 
 
-def test_a_column_of_tools(tmp_path: Path) -> None:
+def test_column_of_tools(tmp_path: Path) -> None:
     """Modal, with or without operations; a change of tool begins an operation."""
     rows = [(0, "a", "3"), (1, "a", ""), (2, "a", "5"), (3, "b", "")]
     for header, cells, labels in (
@@ -117,7 +117,7 @@ def test_a_column_of_tools(tmp_path: Path) -> None:
         assert [(o.label, o.tool) for o in read_toolpath(file, kind="path").operations] == labels
 
 
-def test_a_name_beside_a_number(tmp_path: Path) -> None:
+def test_name_takes_precedence_beside_a_number(tmp_path: Path) -> None:
     file = tmp_path / "part.cls"
     file.write_text(
         "TOOL PATH/FACE,TOOL,BALL_D6\nMSYS/0,0,0,1,0,0,0,1,0\nLOADTL/7\nFEDRAT/MMPM,600\nGOTO/0,0,0,0,0,1\n"
@@ -127,7 +127,7 @@ def test_a_name_beside_a_number(tmp_path: Path) -> None:
     assert operation.tools == ("BALL_D6", "7")
 
 
-def test_the_exported_table_names_the_tool(cell: Cell, tmp_path: Path) -> None:
+def test_exported_table_names_the_tool(cell: Cell, tmp_path: Path) -> None:
     from small_cell import small_cell
 
     plain = small_cell(tmp_path)
@@ -141,7 +141,7 @@ def test_the_exported_table_names_the_tool(cell: Cell, tmp_path: Path) -> None:
     assert "data row 41, tool: '5' is not the tool '3'; the toolpath wants another" in failed.where
 
 
-def test_a_word_that_no_name_has_is_the_number_in_the_controller(tmp_path: Path) -> None:
+def test_unknown_word_is_the_number_in_the_controller(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     tools = {"MILL": replace(cell.tool, number=5), "DRILL": replace(cell.tool, number=7)}
     assert match_tool(ToolpathOperation("a", "trajectory", "5"), tools) == "MILL"

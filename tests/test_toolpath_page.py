@@ -44,7 +44,7 @@ class _Balanced(HTMLParser):
 
 
 @pytest.mark.parametrize("sample", [FANUC, HEIDENHAIN, TABLE], ids=lambda s: s.name)
-def test_the_page_holds_everything_and_needs_nothing(sample: Sample, tmp_path: Path) -> None:
+def test_page_is_complete_and_self_contained(sample: Sample, tmp_path: Path) -> None:
     t = read(tmp_path, sample)
     html = build_toolpath_html(t, summarise_toolpath(t))
     parser = _Balanced()
@@ -58,7 +58,7 @@ def test_the_page_holds_everything_and_needs_nothing(sample: Sample, tmp_path: P
     assert html == build_toolpath_html(t, summarise_toolpath(t))
 
 
-def test_what_is_wrong_stands_on_top(tmp_path: Path) -> None:
+def test_problems_are_at_the_top(tmp_path: Path) -> None:
     cut = FANUC.text[: FANUC.text.index("M98")]
     t = read(tmp_path, FANUC, cut + "FOO<b>\n")
     html = build_toolpath_html(t, summarise_toolpath(t))
@@ -72,7 +72,7 @@ def test_what_is_wrong_stands_on_top(tmp_path: Path) -> None:
     assert file.read_text(encoding="utf-8").startswith(html)
 
 
-def test_views_look_from_where_they_say(tmp_path: Path) -> None:
+def test_views_have_the_named_direction(tmp_path: Path) -> None:
     t = read(tmp_path, TABLE)  # from (0, 0, 10) to (60, 0, 0)
     top, front, _, slanted = (build_view_svg(t, v) for v in VIEWS)
     assert "tool axis" in top  # the last point's tool is tilted
@@ -95,7 +95,7 @@ def test_views_look_from_where_they_say(tmp_path: Path) -> None:
         assert np.cross(right, up)[2] >= -1e-12  # nothing is looked at from below
 
 
-def test_a_long_path_makes_a_small_page(tmp_path: Path) -> None:
+def test_long_path_makes_a_small_page(tmp_path: Path) -> None:
     angle = np.arange(60_000) * 0.05
     rows = np.column_stack([80 * np.cos(angle), 60 * np.sin(1.7 * angle), angle * 1e-3])
     body = "\n".join(f"{x:.4f},{y:.4f},{z:.4f},600" for x, y, z in rows.tolist())
@@ -107,7 +107,7 @@ def test_a_long_path_makes_a_small_page(tmp_path: Path) -> None:
     assert max(xs) - min(xs) > 400.0  # pixels: the whole width is still drawn
 
 
-def test_numbers_of_a_flat_view_do_not_lie_on_each_other(tmp_path: Path) -> None:
+def test_numbers_of_a_flat_view_do_not_overlap(tmp_path: Path) -> None:
     t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min,kind\n0,0,0,600,path\n400,0,10,600,\n400,300,10,600,\n")
     front = build_view_svg(t, VIEWS[1])
     heights = [float(v) for v in re.findall(r'<text class="tick" x="35" y="([\d.]+)"', front)]

@@ -19,7 +19,7 @@ point,move,x_mm,y_mm,z_mm,k_axial_N_mm,deflection_mm
 """
 
 
-def test_cuts_are_coloured_misses_are_red_and_nothing_leaves_the_frame(tmp_path: Path) -> None:
+def test_cuts_are_coloured_missing_points_red_and_all_inside_the_frame(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(POINTS)
     path = build_path_picture(tmp_path / "points.csv", "a <b>")
     assert path is not None
@@ -34,7 +34,7 @@ def test_cuts_are_coloured_misses_are_red_and_nothing_leaves_the_frame(tmp_path:
     assert "a &lt;b&gt;: toolpath coloured by predicted deflection" in svg
 
 
-def test_without_a_force_stiffness_colours_and_a_job_without_points_has_no_picture(tmp_path: Path) -> None:
+def test_colours_without_a_force_and_no_picture_without_points(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(re.sub(r"0\.[12]0$", "", POINTS, flags=re.M))
     path = build_path_picture(tmp_path / "points.csv", "a")
     assert path is not None

@@ -43,7 +43,7 @@ def confirmed(cell: Cell, listed: list[tuple[str, str]]) -> tuple[set[frozenset[
 
 @pytest.mark.parametrize("offset", [0.0, 0.1])
 @pytest.mark.parametrize("size", [0.1, 0.2, 0.3, 0.36, 0.4, 0.44, 0.5, 0.6, 0.8])
-def test_the_verifier_confirms_what_the_planner_leaves_out(size: float, offset: float, tmp_path: Path) -> None:
+def test_verifier_confirms_what_the_planner_excludes(size: float, offset: float, tmp_path: Path) -> None:
     cell = cell_with(tmp_path, size, offset)
     listed = excluded_by_planner(cell)
     checked, unfounded = confirmed(cell, listed)
@@ -51,14 +51,14 @@ def test_the_verifier_confirms_what_the_planner_leaves_out(size: float, offset: 
     assert not {frozenset(pair) for pair in listed} & checked
 
 
-def test_a_pair_that_does_not_touch_is_named_and_checked(tmp_path: Path) -> None:
+def test_pair_that_does_not_touch_is_named_and_checked(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, 0.1, 0.0)
     checked, unfounded = confirmed(cell, [("link_2_0", "box")])
     assert unfounded == ["link_2_0 ~ box"]
     assert frozenset(("link_2_0", "box")) in checked
 
 
-def test_without_a_list_the_verifier_decides(tmp_path: Path) -> None:
+def test_verifier_decides_without_a_list(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, 0.1, 0.0)
     arm = UrdfKinematics(cell)
     found, unfounded = list_checked_pairs(cell, arm, build_bodies(cell, arm), CLEARANCE, None)

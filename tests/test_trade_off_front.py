@@ -42,7 +42,7 @@ A = FrontPlan(
 )
 
 
-def test_a_plan_is_dominated_by_one_that_is_nowhere_worse() -> None:
+def test_plan_is_dominated_by_one_that_is_nowhere_worse() -> None:
     points = [
         A,
         replace(A, plan="worse", cycle_time_s=11.0),
@@ -63,13 +63,13 @@ def test_a_plan_is_dominated_by_one_that_is_nowhere_worse() -> None:
         (PlanOptions(allow_gaps=True), "without it"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_what_works(options: PlanOptions, works: str) -> None:
+def test_invalid_request_is_refused_with_what_is_accepted(options: PlanOptions, works: str) -> None:
     with pytest.raises(InputError, match=works):
         check_front_options(options)
     check_front_options(PlanOptions())
 
 
-def test_differences_that_nobody_could_measure_are_none() -> None:
+def test_unmeasurable_differences_count_as_equal() -> None:
     slower = replace(A, plan="slower", cycle_time_s=10.2, clearance_mm=20.0007)  # 0.2 s for 0.7 µm
     assert [p.dominated for p in mark_dominated_plans([A, slower])] == [False, True]
     assert [p.dominated for p in mark_dominated_plans([slower, A])] == [True, False]
@@ -89,12 +89,12 @@ def test_differences_that_nobody_could_measure_are_none() -> None:
     assert not all(p.dominated for p in mark_dominated_plans(round_about))
 
 
-def test_clearance_is_asked_for_only_where_it_is_checked() -> None:
+def test_clearance_is_a_criterion_only_where_checked() -> None:
     assert "wider clearance" in [name for name, _, _ in list_front_variants(PlanOptions())]
     assert "wider clearance" not in [name for name, _, _ in list_front_variants(PlanOptions(collision=False))]
 
 
-def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
+def test_file_contains_the_nondominated_plans(tmp_path: Path) -> None:
     write_trade_off_front(tmp_path / "front.csv", mark_dominated_plans([A, replace(A, plan="b", clearance_mm=10.0)]))
     assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [
         ",".join(name for name in FRONT_COLUMNS if name not in PROCESS_COLUMNS),  # no tolerance, no column
@@ -102,7 +102,7 @@ def test_file_holds_what_is_not_dominated(tmp_path: Path) -> None:
     ]
 
 
-def test_a_plan_that_could_not_be_driven_is_told() -> None:
+def test_undrivable_plan_is_reported() -> None:
     names = [name for name, _, _ in list_front_variants(PlanOptions())]
     every = [A, *(replace(A, plan=name) for name in names)]
     assert describe_missing_plans(every, PlanOptions()) == ()
@@ -112,7 +112,7 @@ def test_a_plan_that_could_not_be_driven_is_told() -> None:
     assert names[0] not in told
 
 
-def test_a_further_plan_that_is_better_by_the_weights_asked_for_is_said() -> None:
+def test_better_plan_of_other_weights_is_reported() -> None:
     """The objective of other weights' plans, found where the plan asked for is only the best near by."""
     own, better = replace(A, objective=1.41884), replace(A, plan="travel", changed="× 4", objective=1.41414)
     (said,) = describe_better_plans([own, replace(A, plan="worse", objective=1.5), better])
@@ -121,7 +121,7 @@ def test_a_further_plan_that_is_better_by_the_weights_asked_for_is_said() -> Non
     assert describe_better_plans([]) == describe_better_plans([A, better]) == ()
 
 
-def test_the_objective_of_parts_is_priced_by_any_weights() -> None:
+def test_objective_is_recomputed_for_any_weights() -> None:
     parts = PlanObjective(
         total=9.9, mean=1.0, worst=2.0, travel=3.0, rotation=4.0, feed=0.5, preferred=0.25, clearance=0.125
     )
@@ -130,7 +130,7 @@ def test_the_objective_of_parts_is_priced_by_any_weights() -> None:
     assert compute_total(parts, weights, elsewhere=3.0) == pytest.approx(compute_total(parts, weights) + 10.0)
 
 
-def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
+def test_picture_of_the_front_has_axes_where_all_plans_are_equal() -> None:
     point = TradeOffPoint(
         name="as asked", changed="", mean=0.4, worst=0.5, cycle=10.0, travel=1000.0, clearance=None, dominated=False
     )
@@ -144,7 +144,7 @@ def test_picture_of_the_front_has_axes_even_where_all_plans_are_one() -> None:
 
 
 @pytest.mark.parametrize(("kind", "width"), [("broad", 640), ("narrow", 372)])
-def test_no_names_of_the_picture_lie_on_one_another_or_leave_it(kind: str, width: int) -> None:
+def test_labels_of_the_picture_do_not_overlap(kind: str, width: int) -> None:
     """Plans of nearly one time and mean: their dots are apart, and so are the lines of their names."""
     one = TradeOffPoint(
         name="as asked, and a little more of it",
@@ -189,7 +189,7 @@ def test_tolerances_errors_and_stability_are_criteria() -> None:
     assert [p.dominated for p in mark_dominated_plans(points)] == [False, False, True, False, False, True]
 
 
-def test_the_curve_goes_through_plans_with_more_in_tolerance_than_every_faster_one() -> None:
+def test_curve_contains_plans_with_more_in_tolerance_than_faster_ones() -> None:
     point = TradeOffPoint(
         name="", changed="", mean=0.4, worst=0.5, cycle=0.0, travel=1.0, clearance=None, dominated=False
     )
@@ -214,7 +214,7 @@ def test_process_variants_need_tolerances_and_stability() -> None:
 
 
 @pytest.mark.proof
-def test_a_front_with_a_process_is_a_curve_and_is_verified(tmp_path: Path) -> None:
+def test_front_with_a_process_is_a_curve_and_is_verified(tmp_path: Path) -> None:
     rows = (ROOT / "toolpaths" / "plain.csv").read_text(encoding="utf-8").splitlines()
     rows = [line for line in rows if not line.startswith("#")]
     (tmp_path / "part.csv").write_text("\n".join(rows[:36]) + "\n", encoding="utf-8")

@@ -34,7 +34,7 @@ def no_room(b: trajectory_builder._Builder, before: int, after: int) -> Sequence
     return b._build_no_room_break(float(b.path.index[before]), float(b.path.index[after]))
 
 
-def test_the_whole_is_driven_from_home_and_back(made: Plan) -> None:
+def test_whole_path_is_driven_from_home_and_back(made: Plan) -> None:
     done = build_timeline(made, toolpath(ROWS))
     assert done.trajectory is not None
     assert done.obstructions == ()
@@ -42,7 +42,7 @@ def test_the_whole_is_driven_from_home_and_back(made: Plan) -> None:
     assert set(done.trajectory.move) == {int(MoveKind.RAPID), int(MoveKind.CUT)}
 
 
-def test_a_stretch_without_room_at_an_end_loses_the_point_there(made: Plan) -> None:
+def test_run_without_room_at_an_end_loses_that_point(made: Plan) -> None:
     b = builder(made)
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     points = np.flatnonzero(made.path.is_point)
@@ -55,7 +55,7 @@ def test_a_stretch_without_room_at_an_end_loses_the_point_there(made: Plan) -> N
     assert b._shorten_stretch(other, first, last) is None
 
 
-def test_a_gap_without_room_stops_the_job_or_costs_the_cuts_beside_it(made: Plan) -> None:
+def test_gap_without_room_stops_the_job_or_omits_adjacent_cuts(made: Plan) -> None:
     """At the second half of a run, as behind a gap: no lift is found at all."""
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[5])
@@ -78,7 +78,7 @@ def test_a_gap_without_room_stops_the_job_or_costs_the_cuts_beside_it(made: Plan
     assert "left out with the stretch it is in: there is not enough free space" in allowed.given_up[middle, last]
 
 
-def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) -> None:
+def test_cut_that_loses_its_first_point_starts_at_the_next(made: Plan) -> None:
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[3])
     b = builder(made, gaps=True)
@@ -101,7 +101,7 @@ def test_a_cut_that_loses_its_first_point_is_driven_from_the_next(made: Plan) ->
         ("end", "rapid_collides", "at the end of the rapid move"),
     ],
 )
-def test_what_blocks_a_rapid_move_says_what_would_help(
+def test_blocked_rapid_move_reports_a_remedy(
     made: Plan, monkeypatch: pytest.MonkeyPatch, reason: str, code: str, said: str
 ) -> None:
     blocked = BlockedRapid("spindle ~ post", np.zeros(6), 0.0, reason)  # type: ignore[arg-type]
@@ -113,7 +113,7 @@ def test_what_blocks_a_rapid_move_says_what_would_help(
     assert {b.pair for b in done.obstructions} == {"spindle ~ post"}
 
 
-def test_only_gaps_and_nothing_cut_is_no_motion(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_job_of_gaps_only_is_no_motion(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     """With gaps allowed each stretch may be left out, not all of them: what was in the way is said."""
     blocked = BlockedRapid("spindle ~ post", np.zeros(6), 0.5, "way")
     own = segment_planner.plan_rapid
@@ -126,9 +126,7 @@ def test_only_gaps_and_nothing_cut_is_no_motion(made: Plan, monkeypatch: pytest.
     assert done.given_up
 
 
-def test_a_run_or_a_lift_that_cannot_be_driven_is_a_break_where_it_is(
-    made: Plan, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_undrivable_run_or_retract_is_a_break_at_its_place(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[4])
     b = builder(made)
@@ -143,7 +141,7 @@ def test_a_run_or_a_lift_that_cannot_be_driven_is_a_break_where_it_is(
     assert lift.after == float(made.path.index[middle])
 
 
-def test_a_file_of_rapid_moves_alone_lifts_at_the_feed_of_approaches(tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_file_of_rapid_moves_only_uses_the_approach_feed(tmp_path_factory: pytest.TempPathFactory) -> None:
     rows: Rows = [((-0.1 + 0.05 * k, -0.1, 0.08), UP, R) for k in range(3)]
     p = small_job(tmp_path_factory.mktemp("rapid"), rows, FREE)
     assert (builder(p, path=toolpath(rows)).made.feed_after == p.options.approach_feed).all()

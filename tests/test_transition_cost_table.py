@@ -27,7 +27,7 @@ def same(a: SequenceChoice, b: SequenceChoice) -> bool:
 
 @pytest.mark.parametrize("stable", [True, False])
 @pytest.mark.parametrize("seed", range(12))
-def test_a_grid_that_was_searched_before_gives_the_same_choice_as_one_that_was_not(seed: int, stable: bool) -> None:
+def test_repeated_search_over_a_grid_gives_the_same_choice(seed: int, stable: bool) -> None:
     path, candidates, scores = random_problem(seed)
     candidates = replace(candidates, stable=stable)
     used = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
@@ -41,7 +41,7 @@ def test_a_grid_that_was_searched_before_gives_the_same_choice_as_one_that_was_n
 
 
 @pytest.mark.parametrize("stable", [True, False])
-def test_without_room_for_all_steps_the_choice_is_the_same(stable: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limited_memory_for_steps_gives_the_same_choice(stable: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     path, candidates, scores = random_problem(1)
     candidates = replace(candidates, stable=stable)
     whole = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)

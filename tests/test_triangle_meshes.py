@@ -36,7 +36,7 @@ def same(ours: TriangleMesh | None, theirs: trimesh.Trimesh) -> bool:
         trimesh.creation.annulus(r_min=30.0, r_max=80.0, height=50.0, sections=17),  # in mm
     ],
 )
-def test_binary_stl_is_read_as_trimesh_reads_it(solid: trimesh.Trimesh, tmp_path: Path) -> None:
+def test_binary_stl_is_read_as_by_trimesh(solid: trimesh.Trimesh, tmp_path: Path) -> None:
     file = tmp_path / "solid.stl"
     solid.export(file)
     raw = parse_binary_stl(file.read_bytes())
@@ -47,7 +47,7 @@ def test_binary_stl_is_read_as_trimesh_reads_it(solid: trimesh.Trimesh, tmp_path
     assert parse_binary_stl(solid.export(file_type="stl_ascii").encode()) is None
 
 
-def test_corners_that_are_not_finite_are_left_out_with_their_triangles(tmp_path: Path) -> None:
+def test_nonfinite_corners_are_left_out_with_their_triangles(tmp_path: Path) -> None:
     solid = trimesh.creation.box((1.0, 2.0, 3.0))
     raw = merge_equal_vertices(TriangleMesh(np.array(solid.vertices), np.array(solid.faces)))
     vertices = np.vstack([raw.vertices, raw.vertices[:2], [[np.nan] * 3]])  # two corners twice, one that is none
@@ -58,7 +58,7 @@ def test_corners_that_are_not_finite_are_left_out_with_their_triangles(tmp_path:
     assert len(found.faces) == len(raw.faces) + 1
 
 
-def test_boxes_and_cylinders_are_those_of_trimesh() -> None:
+def test_boxes_and_cylinders_equal_trimesh() -> None:
     assert same(build_box((0.4, 0.3, 0.05)), trimesh.creation.box((0.4, 0.3, 0.05)))
     for radius, height in ((0.005, 0.04), (0.3, 1.7)):
         assert same(
@@ -66,12 +66,12 @@ def test_boxes_and_cylinders_are_those_of_trimesh() -> None:
         )
 
 
-def test_a_thin_cutter_keeps_its_end_faces() -> None:
+def test_thin_cutter_keeps_its_end_faces() -> None:
     """trimesh leaves out triangles below 1e-8 m²: those of a cutter of 0.5 mm."""
     assert is_closed_surface(build_cylinder(0.25e-3, 5e-3, 48).faces)
 
 
-def test_a_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
+def test_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
     """Its corners stand in an OBJ once for every normal."""
     solid = trimesh.creation.box((0.1, 0.2, 0.3))
     solid.unmerge_vertices()
@@ -87,7 +87,7 @@ def test_a_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
     assert is_closed_surface(faces)
 
 
-def test_corners_whose_keys_meet_are_still_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_corners_with_equal_hash_are_distinguished(monkeypatch: pytest.MonkeyPatch) -> None:
     solid = trimesh.creation.icosphere(subdivisions=1)
     apart = TriangleMesh(solid.vertices[solid.faces].reshape(-1, 3), np.arange(3 * len(solid.faces)).reshape(-1, 3))
     whole = merge_equal_vertices(apart)
@@ -96,7 +96,7 @@ def test_corners_whose_keys_meet_are_still_told_apart(monkeypatch: pytest.Monkey
     assert all(np.array_equal(a, b) for a, b in zip(merge_equal_vertices(apart), whole, strict=True))
 
 
-def test_nothing_merges_to_nothing() -> None:
+def test_merging_nothing_gives_nothing() -> None:
     none = merge_equal_vertices(TriangleMesh(np.full((3, 3), np.nan), np.array([[0, 1, 2]])))
     assert none.vertices.shape == (0, 3)
     assert none.faces.shape == (0, 3)

@@ -65,7 +65,7 @@ def every_price_with_turns(x: ValueGridSequences) -> dict[tuple[int, ...], float
 
 @given(st.integers(0, 10**6), prices, st.integers(0, 511), st.booleans())
 @settings(max_examples=scale_example_count(25), deadline=None)
-def test_bound_and_best_are_those_of_every_sequence_with_every_turn(
+def test_bound_and_best_equal_those_of_every_sequence_with_every_turn(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> None:
     problem = small(seed, priced, flags, stable)
@@ -99,7 +99,7 @@ def test_bound_and_best_are_those_of_every_sequence_with_every_turn(
 
 @given(st.integers(0, 10**6), prices, st.integers(0, 511), st.booleans())
 @settings(max_examples=scale_example_count(25), deadline=None)
-def test_turns_fit_together_where_the_best_of_each_step_can_be_driven(
+def test_turns_are_consistent_where_the_best_steps_can_be_driven(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> None:
     """No bound that lets each step choose is above the truth, and it is the truth where they fit."""
@@ -114,7 +114,7 @@ def test_turns_fit_together_where_the_best_of_each_step_can_be_driven(
         assert driven == pytest.approx(total, rel=EXACT)
 
 
-def test_a_joint_that_winds_itself_up_has_to_come_back() -> None:
+def test_winding_joint_has_to_unwind() -> None:
     """Three steps of a third of a turn each lead beyond what limits of little more than a turn leave."""
     x = small(0, (1.0, 0.3, 0.0, 0.0), 0, False)
     third = TURN / 3.0

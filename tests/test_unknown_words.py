@@ -339,13 +339,13 @@ def refused_at(path: Path, options: dict[str, object]) -> str | None:
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_the_files_are_good(tmp_path: Path, name: str) -> None:
+def test_example_files_are_valid(tmp_path: Path, name: str) -> None:
     sample = DIALECTS[name].sample
     assert refused_at(write(tmp_path, sample, sample.text), sample.options) is None
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_a_word_that_looks_like_frames_or_motion_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
+def test_words_similar_to_frames_or_motion_are_refused_with_their_line(tmp_path: Path, name: str) -> None:
     dialect, rng, tried = DIALECTS[name], random.Random(name), 0
     for number, form in enumerate(dialect.forms):
         if NOT_UNKNOWN.get(name) == number:
@@ -361,7 +361,7 @@ def test_a_word_that_looks_like_frames_or_motion_is_refused_with_its_line(tmp_pa
 
 
 @pytest.mark.parametrize("name", [n for n, d in DIALECTS.items() if d.reviewed])
-def test_a_reviewed_word_never_stops_a_plan(tmp_path: Path, name: str) -> None:
+def test_reviewed_word_never_stops_a_plan(tmp_path: Path, name: str) -> None:
     dialect, rng = DIALECTS[name], random.Random(name)
     plain = read_toolpath(write(tmp_path, dialect.sample, dialect.sample.text), **dialect.sample.options)  # type: ignore[arg-type]
     for statement in dialect.reviewed:
@@ -372,7 +372,7 @@ def test_a_reviewed_word_never_stops_a_plan(tmp_path: Path, name: str) -> None:
         assert (found.position == plain.position).all(), statement
 
 
-def test_an_accepted_word_is_counted_and_passes(tmp_path: Path) -> None:
+def test_accepted_word_is_counted_and_ignored(tmp_path: Path) -> None:
     rng = random.Random(3)
     for name in ("apt", "gcode", "sinumerik", "krl", "rapid", "fanuc", "urscript", "jbi", "val3", "heidenhain"):
         dialect = DIALECTS[name]
@@ -392,7 +392,7 @@ def test_an_accepted_word_is_counted_and_passes(tmp_path: Path) -> None:
             )
 
 
-def test_a_word_that_the_file_does_not_have_cannot_be_accepted(tmp_path: Path) -> None:
+def test_word_missing_in_the_file_cannot_be_accepted(tmp_path: Path) -> None:
     path = write(tmp_path, GENERIC, GENERIC.text)
     with pytest.raises(InputError) as refused:
         read_toolpath(path, accept_unknown=("MCSYS",))
@@ -413,7 +413,7 @@ def test_inspect_shows_the_file_and_optimize_refuses_it(tmp_path: Path, capsys: 
     assert not (tmp_path / "out").exists()
 
 
-def test_nobody_plans_from_a_file_without_the_check() -> None:
+def test_every_planner_of_a_file_checks_unknown_words() -> None:
     """Every module outside of the readers that reads a toolpath refuses unknown words; ``inspect`` and the API's
     reading show them."""
     shows = {"cli/toolpath_commands.py", "api/toolpath.py"}

@@ -43,7 +43,7 @@ OPTIONS: dict[str, dict[str, object]] = {
 
 @pytest.mark.parametrize("option", OPTIONS)
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda s: s.name)
-def test_an_option_acts_or_is_refused_or_reported(tmp_path: Path, sample: Sample, option: str) -> None:
+def test_option_has_an_effect_or_is_refused_or_reported(tmp_path: Path, sample: Sample, option: str) -> None:
     path = write(tmp_path, sample, sample.text)
     plain = read_toolpath(path, **sample.options)  # type: ignore[arg-type]
     asked = {**sample.options, **OPTIONS[option]}
@@ -66,7 +66,7 @@ def test_an_option_acts_or_is_refused_or_reported(tmp_path: Path, sample: Sample
     assert changed or reported or option in ("--decimals", "--offset", "--machine")  # G-code says itself what these do
 
 
-def test_options_that_act_are_not_reported(tmp_path: Path) -> None:
+def test_options_with_effect_are_not_reported(tmp_path: Path) -> None:
     text = "UNITS/MM\nGOTO/5,5,20\nCYCLE/DRILL,2,12\nGOTO/5,5,1\nCYCLE/OFF\nFINI\n"
     path = tmp_path / "x.apt"
     path.write_text(text)
@@ -92,16 +92,14 @@ WORK_OFFSETS = "G21 G90 G17 G94 {}\nG0 X0. Y0. Z10.\nG1 Z-1. F200.\nX5.\n{}G0 Z1
         ("G54", "G55 X1. Y1. Z1.\n", ("G55=1,0,0", "G56=1,1,1")),
     ],
 )
-def test_an_offset_that_no_point_counts_from_is_refused(
-    tmp_path: Path, first: str, more: str, offsets: tuple[str, ...]
-) -> None:
+def test_offset_without_effect_is_refused(tmp_path: Path, first: str, more: str, offsets: tuple[str, ...]) -> None:
     file = tmp_path / "x.nc"
     file.write_text(WORK_OFFSETS.format(first, more))
     with pytest.raises(InputError, match="--offset"):
         read_toolpath(file, offsets=offsets)
 
 
-def test_the_first_offset_counts_where_another_one_does(tmp_path: Path) -> None:
+def test_first_offset_applies_where_another_one_does(tmp_path: Path) -> None:
     file = tmp_path / "x.nc"
     file.write_text(WORK_OFFSETS.format("G54", "G55 X1. Y1. Z1.\n"))
     path = read_toolpath(file, offsets=("G54=10,0,0", "G55=15,0,0"))
@@ -109,7 +107,7 @@ def test_the_first_offset_counts_where_another_one_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("decimals", [0, 3])
-def test_decimals_of_a_file_whose_numbers_have_points_are_refused(tmp_path: Path, decimals: int) -> None:
+def test_decimals_option_for_numbers_with_points_is_refused(tmp_path: Path, decimals: int) -> None:
     file = tmp_path / "x.nc"
     file.write_text(WORK_OFFSETS.format("G54", ""))
     with pytest.raises(InputError, match="--decimals"):
@@ -139,14 +137,14 @@ CELL = Path(__file__).resolve().parents[1] / "cells" / "kr240_drilling"
     ],
 )
 @pytest.mark.parametrize("file", [CELL, CELL / "cell.yaml"], ids=["folder", "file"])
-def test_inspecting_a_cell_refuses_what_only_toolpaths_have(
+def test_inspecting_a_cell_refuses_toolpath_options(
     file: Path, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["inspect", str(file), *words]) == 2
     assert words[0].partition("=")[0] in capsys.readouterr().err
 
 
-def test_a_cell_beside_a_toolpath_states_its_reach(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_cell_beside_a_toolpath_states_its_reach(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "x.nc"
     file.write_text(WORK_OFFSETS.format("", ""))
     assert main(["inspect", str(file), "--cell", str(CELL), "--json"]) == 0

@@ -64,7 +64,7 @@ def texts(folder: Path) -> str:
 
 
 @pytest.mark.parametrize("name", ["kr240_drilling", "kr500_milling"])
-def test_a_shipped_cell_is_valid_and_drawn(name: str, tmp_path: Path) -> None:
+def test_shipped_cell_is_valid_and_drawn(name: str, tmp_path: Path) -> None:
     done = run_validate(CELLS / name, picture_file=tmp_path / "cell.svg")
     assert (done.findings, done.exit_code) == ((), 0)
     svg = (tmp_path / "cell.svg").read_text()
@@ -73,13 +73,13 @@ def test_a_shipped_cell_is_valid_and_drawn(name: str, tmp_path: Path) -> None:
     assert "nan" not in svg
 
 
-def test_what_init_writes_is_valid(good: Path) -> None:
+def test_cells_written_by_init_are_valid(good: Path) -> None:
     done = run_validate(good)
     assert done.errors == ()
     assert "estimated" in texts(good)
 
 
-def test_a_tool_that_stands_sideways_is_told(good: Path, changed: Make) -> None:
+def test_sideways_tool_is_reported(good: Path, changed: Make) -> None:
     """flange against tool0: the planner verifies what such a cell says, and the spindle hits the arm's side."""
     tcp = line_of(good, "tcp:")
     folder = changed((tcp, "  tcp: {xyz_mm: [200, 0, 0], rpy_deg: [0, 90, 0]}"))
@@ -89,7 +89,7 @@ def test_a_tool_that_stands_sideways_is_told(good: Path, changed: Make) -> None:
     assert "200 mm behind the flange" in texts(folder)
 
 
-def test_a_tool_whose_body_and_tip_do_not_fit_is_told(good: Path, changed: Make) -> None:
+def test_inconsistent_tool_body_and_tip_are_reported(good: Path, changed: Make) -> None:
     folder = changed(("cylinder_mm: [40, 160]", "cylinder_mm: [40, 300]"))
     assert "spindle reaches 30 mm beyond the TCP" in texts(folder)
     assert "warning tool.tcp: the TCP lies inside spindle" in texts(folder)
@@ -97,7 +97,7 @@ def test_a_tool_whose_body_and_tip_do_not_fit_is_told(good: Path, changed: Make)
     assert "the cutter's upper end (40 mm behind the TCP) is 50 mm from the nearest body" in texts(folder)
 
 
-def test_a_part_out_of_reach_and_a_home_in_contact_are_errors(good: Path, changed: Make) -> None:
+def test_unreachable_part_and_home_in_contact_are_errors(good: Path, changed: Make) -> None:
     lines = (good / "cell.yaml").read_text().splitlines()
     pose = next(x for x in lines[lines.index("workpiece:") :] if x.strip().startswith("pose:"))
     cell = load_cell(good)
@@ -112,7 +112,7 @@ def test_a_part_out_of_reach_and_a_home_in_contact_are_errors(good: Path, change
     assert run_validate(folder).exit_code == 2
 
 
-def test_every_mistake_is_told_at_once(changed: Make, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_mistake_is_reported_at_once(changed: Make, capsys: pytest.CaptureFixture[str]) -> None:
     folder = changed(
         ("mass_kg: 0", "mass_kg: -4"),
         (
@@ -142,7 +142,7 @@ def test_every_mistake_is_told_at_once(changed: Make, capsys: pytest.CaptureFixt
     assert capsys.readouterr().err.count("machopt: ") == 7
 
 
-def test_mistakes_in_the_robot_are_told_with_all_others(good: Path, changed: Make) -> None:
+def test_mistakes_in_the_robot_are_reported_with_all_others(good: Path, changed: Make) -> None:
     """Each is read on as what it seems to mean."""
     home, jerk = line_of(good, "home_deg:"), line_of(good, "jerk_deg_s3:")
     folder = changed(
@@ -165,7 +165,7 @@ def test_mistakes_in_the_robot_are_told_with_all_others(good: Path, changed: Mak
     assert run_validate(folder).exit_code == 2
 
 
-def test_beside_a_robot_that_cannot_be_read_its_files_are_looked_at(good: Path, changed: Make) -> None:
+def test_files_beside_an_unreadable_robot_are_checked(good: Path, changed: Make) -> None:
     jerk = line_of(good, "jerk_deg_s3:")
     folder = changed(
         ("obstacles: []", "obstacles: [{name: b, mesh: gone.stl}]"), (jerk, "    jerk_deg_s3: [1, 2, 3, 4, 5, 6, 7]")
@@ -181,7 +181,7 @@ def test_beside_a_robot_that_cannot_be_read_its_files_are_looked_at(good: Path, 
     assert "did you mean 'joints_Nm_per_rad'" in said
 
 
-def test_options_that_no_plan_would_take_are_errors_in_the_same_words(tmp_path: Path) -> None:
+def test_options_refused_by_the_planner_are_errors_with_the_same_text(tmp_path: Path) -> None:
     shutil.copytree(CELLS / "kr500_rail", tmp_path / "cell")
     file = tmp_path / "cell" / "cell.yaml"
     text = file.read_text()
@@ -201,7 +201,7 @@ def test_options_that_no_plan_would_take_are_errors_in_the_same_words(tmp_path: 
     assert set(wanted) <= set(said)
 
 
-def test_no_cell_and_no_picture_are_refused(good: Path, tmp_path: Path) -> None:
+def test_missing_cell_and_picture_are_refused(good: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no cell\.yaml in this folder"):
         run_validate(tmp_path)
     with pytest.raises(InputError, match=r"pictures are SVG; a\.svg would work"):

@@ -63,7 +63,7 @@ def compute_plain_costs(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stable", [True, False])
-def test_prices_are_those_of_plain_search(*, stable: bool) -> None:
+def test_costs_equal_those_of_a_plain_search(*, stable: bool) -> None:
     """Grids with up to four of five vertices infeasible, with runs, rapid moves and plunges in any order."""
     rng = np.random.default_rng(7)
     for _ in range(GRIDS):

@@ -87,7 +87,7 @@ def test_no_result_contradicts_itself(
     assert (again.verdict, again.sentence) == (judged.verdict, judged.sentence)
 
 
-def test_each_rule_is_noticed_where_it_is_broken() -> None:
+def test_violated_rules_are_detected() -> None:
     """A document that claims too much has a contradiction, whatever the claim."""
     right = replace(explained(), measured_noise=0.024, heldout_after=0.025, heldout_before=0.06, explained=0.8)
     right = apply_verdict_rules(right)
@@ -110,7 +110,7 @@ def test_each_rule_is_noticed_where_it_is_broken() -> None:
 
 
 @pytest.mark.parametrize("change", [uncertain, small_gain])
-def test_a_correction_that_cannot_be_named_is_written_and_not_listed(change) -> None:
+def test_unnamed_correction_is_written_but_not_listed(change) -> None:
     d = replace(explained(), findings=(hysteresis(), change(zero_offset())), heldout_before=0.06, heldout_after=0.025)
     judged = apply_verdict_rules(replace(d, measured_noise=0.024))
     assert [f.effect for f in judged.findings] == ["joint_hysteresis"]
@@ -122,7 +122,7 @@ def test_a_correction_that_cannot_be_named_is_written_and_not_listed(change) -> 
 @pytest.mark.parametrize(
     ("after", "noise", "named"), [(0.025, 0.024, True), (0.04, 0.024, False), (0.025, np.nan, False)]
 )
-def test_a_torque_by_the_angle_is_named_only_where_it_leaves_noise(after: float, noise: float, named: bool) -> None:
+def test_torque_over_the_angle_is_named_only_where_it_leaves_noise(after: float, noise: float, named: bool) -> None:
     """Any smooth error of joint 2 looks like a gravity compensator, of which kinematics.yaml states the rotation."""
     slow = KinematicCorrection(
         "transmission_error",

@@ -27,7 +27,7 @@ JOBS = {job.name: job for job in fixed_jobs()}
         "zero offsets",  # the tool axis by nominal kinematics
     ],
 )
-def test_an_intact_plan_verifies(name: str, tmp_path: Path) -> None:
+def test_intact_plan_verifies(name: str, tmp_path: Path) -> None:
     found = run(JOBS[name], tmp_path, None, None)
     assert found is not None
     assert (found.optimize, found.verify, found.failing) == (0, 0, ()), found.said

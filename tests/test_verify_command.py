@@ -50,7 +50,7 @@ def verified(job: Job, *options: str) -> int:
     return main(["verify", str(job.cell), str(job.toolpath), str(job.out), *options])
 
 
-def test_what_is_switched_off_stands_everywhere_in_the_same_words(
+def test_disabled_checks_are_reported_everywhere_alike(
     without_collision: Job, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = (
@@ -70,7 +70,7 @@ def test_what_is_switched_off_stands_everywhere_in_the_same_words(
     assert capsys.readouterr().out.splitlines()[-1] == add_scope_to_verdict("verification passed", words)
 
 
-def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
+def test_exclusions_of_a_cell_are_part_of_the_verdict(tmp_path: Path) -> None:
     shutil.copytree(KR500, tmp_path / "cell")
     text = (tmp_path / "cell" / "cell.yaml").read_text()
     cell = load_cell(tmp_path / "cell")
@@ -88,7 +88,7 @@ def test_what_a_cell_leaves_out_stands_in_the_verdict(tmp_path: Path) -> None:
     )
 
 
-def test_a_check_that_could_not_run_stands_in_the_verdict() -> None:
+def test_check_that_could_not_run_is_part_of_the_verdict() -> None:
     checks = [
         VerificationCheck(name="path", passed=True, value=0.0, limit=1.0, unit="mm", where=""),
         VerificationCheck(name="program a.src", passed=None, value=0.0, limit=0.0, unit="", where="no reader"),
@@ -117,9 +117,7 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     assert "note: feed_mm_min = 500.0 here, but the folder was made with 1100.0" in told
 
 
-def test_verify_says_what_the_folder_was_made_from(
-    plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verify_names_the_inputs_of_the_folder(plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job = copy_job(plain, tmp_path)
     file = job.cell / "stiffness.yaml"
     recorded = next(f for f in read_manifest(job.out)[0].inputs if f.role == "stiffness")
@@ -130,14 +128,14 @@ def test_verify_says_what_the_folder_was_made_from(
     assert recorded.sha256[:12] in told.err
 
 
-def test_the_same_files_elsewhere_are_the_same_inputs(plain: Job, tmp_path: Path) -> None:
+def test_same_files_elsewhere_are_the_same_inputs(plain: Job, tmp_path: Path) -> None:
     job = copy_job(plain, tmp_path)
     renamed = job.toolpath.with_name("renamed.csv")
     job.toolpath.rename(renamed)
     assert verified(Job(job.cell, renamed, job.out)) == 0
 
 
-def test_a_folder_without_manifest_is_checked_and_fails_by_name(
+def test_folder_without_manifest_is_checked_and_fails_by_name(
     plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = copy_job(plain, tmp_path)
@@ -151,7 +149,7 @@ def test_a_folder_without_manifest_is_checked_and_fails_by_name(
 @pytest.mark.parametrize(
     "text", ["", "{", "null", "[]", '{"machopt_manifest": 1}', "\x00\x01", "{" * 5000, '{"files": {"x": NaN}}']
 )
-def test_any_manifest_is_a_named_failure(
+def test_invalid_manifest_is_a_named_failure(
     text: str, plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     job = copy_job(plain, tmp_path)
@@ -160,7 +158,7 @@ def test_any_manifest_is_a_named_failure(
     assert "manifest.json" in capsys.readouterr().err
 
 
-def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
+def test_infeasible_plan_leaves_no_program_and_verifies_as_such(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     toolpath = tmp_path / "far.csv"
@@ -184,7 +182,7 @@ def test_an_infeasible_plan_leaves_no_program_and_verifies_as_such(
     assert verified(Job(KR500, toolpath, out)) == 4
 
 
-def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plan_that_fails_verification_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object, **options: object) -> Verification:
         found = verify_tool_segments(*args, **options)  # type: ignore[arg-type]
         return Verification(
@@ -220,7 +218,7 @@ def test_a_plan_that_does_not_hold_leaves_no_program(tmp_path: Path, monkeypatch
     assert "withheld: verification failed" in (out / "report.html").read_text()
 
 
-def test_what_other_commands_wrote_is_refused_by_name(
+def test_folders_of_other_commands_are_refused_by_name(
     plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
@@ -250,7 +248,7 @@ def test_what_other_commands_wrote_is_refused_by_name(
     assert "is of machopt map" in capsys.readouterr().err
 
 
-def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> None:
+def test_every_part_of_a_result_is_checked(plain: Job, tmp_path: Path) -> None:
     """Every key of result.json that is taken away fails a check."""
     told: Callable[[Path], list[str]] = lambda out: [  # noqa: E731
         c.name
@@ -276,9 +274,7 @@ def test_no_part_of_a_result_goes_unlooked_at(plain: Job, tmp_path: Path) -> Non
         assert told(job.out), key
 
 
-def test_the_verdict_is_the_same_on_one_core_and_where_the_motion_is_too_long_to_check_both_at_once(
-    plain: Job, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_verdict_does_not_depend_on_cores_or_length(plain: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     def found() -> list[str]:
         done = verify_folder(cell, toolpath, plain.out, options=options, inputs=manifest.inputs)
         return [repr(check) for check in done.checks]
@@ -305,7 +301,7 @@ LONG: tuple[tuple[float, float, float, str, str], ...] = (
 )
 
 
-def test_a_worst_index_that_no_place_of_a_long_move_has_is_seen(tmp_path: Path) -> None:
+def test_impossible_worst_index_is_detected(tmp_path: Path) -> None:
     """What lies between two points 0.6 m apart is recomputed: 5 % more than the softest place is too much."""
     job = plan_table(tmp_path, KR500, LONG)
     cell, toolpath = load_cell(job.cell), read_toolpath(job.toolpath)

@@ -67,7 +67,7 @@ def draw_cuts(count: int, seed: int) -> list[RandomCut]:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 5])
-def test_right_limits_pass_at_all_spindle_speeds(seed: int) -> None:
+def test_correct_limits_pass_at_all_spindle_speeds(seed: int) -> None:
     cuts = draw_cuts(150, seed)
     assert sum(cut.is_limited for cut in cuts) > 60
     assert [cut for cut in cuts if compute_excess(cut.law, cut.stated) > LIMIT_SHARE] == []
@@ -83,7 +83,7 @@ def test_wrong_limits_are_found_at_all_spindle_speeds(seed: int) -> None:
     assert [cut for cut in cuts if is_limit_reached(cut.law, 0.6 * cut.stated)] == []
 
 
-def test_the_limit_of_one_mode_is_that_of_the_real_part() -> None:
+def test_limit_of_one_mode_equals_that_of_the_real_part() -> None:
     """b = −1 / (2 G Re Φ), at the worst lobe 2 k ζ (1 + ζ) / G, for one mode; Altıntaş (2012), eq. 3.44."""
     omega, zeta, gain = 2.0 * math.pi * 20.0, 0.03, -0.05e6
     least = 2.0 * omega**2 * zeta * (1.0 + zeta) / abs(gain)
@@ -97,7 +97,7 @@ def test_the_limit_of_one_mode_is_that_of_the_real_part() -> None:
     assert min(found) >= least * 0.999
 
 
-def test_a_stated_limit_with_unknown_damping_is_wrong() -> None:
+def test_stated_limit_with_unknown_damping_is_wrong() -> None:
     law = draw_cuts(1, 1)[0].law
     unknown = DelayLaw(np.append(law.zeta[:-1], np.nan), law.omega, law.G, law.T)
     assert compute_excess(unknown, 1e-3) == math.inf

@@ -97,7 +97,7 @@ def measured(a: Any, b: Any, T: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("first", SHAPES)
-def test_the_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
+def test_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
     for n, second in enumerate(SHAPES):
         a, b = SHAPES[first](), SHAPES[second]()
         T = np.concatenate([poses(40, far, 10 * n + k) for k, far in enumerate((0.35, 0.6, 2.0))])
@@ -113,7 +113,7 @@ def test_the_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
         assert (below[d == 0.0] <= EXACT).all()
 
 
-def test_a_claim_is_proven_in_no_row_where_it_does_not_hold() -> None:
+def test_no_false_claim_is_proven() -> None:
     a, b = known(SHAPES["bowl"]()), known(SHAPES["shell"]())
     T = poses(300, 0.6, 5)
     corners = box_mesh()[0]
@@ -131,7 +131,7 @@ def test_a_claim_is_proven_in_no_row_where_it_does_not_hold() -> None:
     assert (far >= 0.1 + CLAIM_MARGIN_M - EXACT).all()
 
 
-def test_shells_that_are_convex_and_closed_are_one_part() -> None:
+def test_closed_convex_shells_are_one_part() -> None:
     corners, faces = box_mesh()
     assert split_convex_shells(corners, faces)[1] == [8]
     assert split_convex_shells(corners[faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))[1] == [
@@ -146,7 +146,7 @@ def test_shells_that_are_convex_and_closed_are_one_part() -> None:
     assert split_convex_shells(np.empty((0, 3)), np.empty((0, 3), int))[1] == []
 
 
-def test_coal_is_asked_only_where_a_claim_is_not_proven(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exact_distance_is_computed_only_for_unproven_claims(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = small_cell(tmp_path)
     arm = UrdfKinematics(cell)
     bodies = build_bodies(cell, arm)
@@ -179,7 +179,7 @@ def test_coal_is_asked_only_where_a_claim_is_not_proven(tmp_path: Any, monkeypat
     assert len(asked) <= 3
 
 
-def test_without_a_way_no_row_is_taken_for_granted() -> None:
+def test_no_row_is_assumed_free_without_motion() -> None:
     a = known(coal.Box(*SIZE))
     T = np.tile(np.eye(4), (2, 1, 1))
     T[0, 0, 3], T[1, 0, 3] = 2.0, 0.5  # far away, then near

@@ -33,12 +33,12 @@ def build_points() -> ExportedPoints:
     )
 
 
-def test_every_column_belongs_to_one_or_is_free() -> None:
+def test_every_column_has_an_owner_or_is_free() -> None:
     assert {*POINT_COLUMNS, *OPTIONAL_COLUMNS} == {*OWNERS, *FREE}
 
 
 @pytest.mark.parametrize("name", sorted(OWNERS))
-def test_a_filled_cell_without_its_owner_fails(name: str) -> None:
+def test_filled_cell_without_its_owner_fails(name: str) -> None:
     points = build_points()
     assert check_empty_cells(points).passed
     if name in TEXT_COLUMNS:
@@ -60,7 +60,7 @@ def test_unknown_stability_needs_no_modes_of_the_arm() -> None:
 
 
 @pytest.mark.parametrize("change", [np.nan, 2.0])
-def test_an_error_without_an_interval_fails(change: float) -> None:
+def test_error_without_an_interval_fails(change: float) -> None:
     points = build_points()
     low, high, _ = INTERVALS[0]
     wrong = replace(points, numbers={**points.numbers, low: np.array([change, np.nan])})

@@ -23,7 +23,7 @@ CELL = Path(__file__).parents[1] / "cells" / "kr500_milling"
 
 
 @pytest.mark.parametrize("name", sorted(INVENTORY))
-def test_the_inventory_can_fail(name: str) -> None:
+def test_listed_checks_can_fail(name: str) -> None:
     cell = load_cell(CELL)
     arm = UrdfKinematics(cell)
     bodies = build_bodies(cell, arm)

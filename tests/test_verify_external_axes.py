@@ -159,7 +159,7 @@ def external(made: Made) -> str:
     return next(name for name in made[1] if name.startswith("e1_"))
 
 
-def test_a_sound_motion_passes(made: Made, tmp_path: Path) -> None:
+def test_correct_motion_passes(made: Made, tmp_path: Path) -> None:
     result = verified(made, tmp_path)
     assert result.ok, result.failed
     by_name = {check.name: check for check in result.checks}
@@ -168,7 +168,7 @@ def test_a_sound_motion_passes(made: Made, tmp_path: Path) -> None:
     assert by_name["points.csv on the toolpath"].passed
 
 
-def test_damages(made: Made, tmp_path: Path) -> None:
+def test_damages_are_detected(made: Made, tmp_path: Path) -> None:
     cut = np.flatnonzero(np.array(made[1]["move"]) == "cut")
     middle, e = int(cut[len(cut) // 2]), external(made)
     here, size = slice(middle, middle + 1), 0.1  # mm or deg
@@ -218,7 +218,7 @@ def program(cell: Cell, motion: ExportedMotion, tolerance: ProgramTolerance) -> 
     )
 
 
-def test_a_program_between_whose_targets_the_axes_go_evenly(made: Made, tmp_path: Path) -> None:
+def test_program_with_uniform_axis_motion_between_targets(made: Made, tmp_path: Path) -> None:
     """Enough targets and it is the motion; without what lies between, the axes go another way than the motion's."""
     cell = made[0]
     verified(made, tmp_path)

@@ -96,14 +96,14 @@ INDEX = VerificationCheck(
         ((VERDICT,), f"result.json verdict: {SAID}", f"result.json verdict: {SAID}"),
     ],
 )
-def test_the_first_line_is_the_cause(checks: tuple[VerificationCheck, ...], first: str, last: str) -> None:
+def test_first_line_states_the_cause(checks: tuple[VerificationCheck, ...], first: str, last: str) -> None:
     lines = format_failures(checks).split("\n")
     assert lines[0] == first
     assert lines[-1] == last
     assert sort_causes_first((OK, *checks))[-1] is OK
 
 
-def test_values_stand_as_the_file_would_write_them() -> None:
+def test_values_are_formatted_as_in_the_file() -> None:
     assert format_json_value(None) == "null"
     assert format_json_value(True) == "true"
     assert format_json_value("done") == '"done"'

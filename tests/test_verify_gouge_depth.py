@@ -60,7 +60,7 @@ def test_points_cover_the_cutter(corner: float) -> None:
     assert gap.max() < 0.0016  # 1.5 steps of 1 mm
 
 
-def test_a_tilted_cutter_in_a_flat_face(tmp_path: Path) -> None:
+def test_tilted_cutter_in_a_flat_face(tmp_path: Path) -> None:
     points, tilt = verification_build_cutter_points(CutterGeometry(0.012, 0.05)), np.radians(3.0)
     expected = 0.006 * np.sin(tilt)
     block = trimesh.creation.box((0.2, 0.2, 0.05))
@@ -74,7 +74,7 @@ def test_a_tilted_cutter_in_a_flat_face(tmp_path: Path) -> None:
         assert find_deepest_point(part, points, T[[0, 2]], LIMIT)[0] == 0.0
 
 
-def test_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -> None:
+def test_depth_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -> None:
     ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=32)
     shape, part = mesh(tmp_path, ring)
     cutter = CutterGeometry(0.01, 0.06, 0.002)
@@ -90,7 +90,7 @@ def test_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -> None
     np.testing.assert_array_equal(theirs[ours == 0] < 0.0012, True)
 
 
-def test_only_what_is_fed_counts_and_the_place_is_told() -> None:
+def test_only_cutting_moves_count_and_the_place_is_named() -> None:
     cutter = CutterGeometry(0.012, 0.05)
     tcp = np.array([at(0.001 * n, 0, 0) for n in range(40)])
     tcp[20:, 2, 3] = -0.0007

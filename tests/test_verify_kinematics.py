@@ -81,12 +81,12 @@ def held_against(cell: Cell, externals: int = 0) -> None:
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_shipped_robot(name: str) -> None:
+def test_every_shipped_robot_agrees_with_pinocchio(name: str) -> None:
     cell = load_cell(CELLS / name)
     held_against(cell, externals=len(cell.external_joints))
 
 
-def test_rail_and_turntable_with_oblique_axes_and_a_joint_nobody_moves(tmp_path: Path) -> None:
+def test_rail_and_turntable_with_oblique_axes_and_a_fixed_joint(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     cell.urdf.write_text(cell.urdf.read_text().replace("</robot>", AROUND + "</robot>"))
     tilt = np.eye(4)
@@ -98,19 +98,19 @@ def test_rail_and_turntable_with_oblique_axes_and_a_joint_nobody_moves(tmp_path:
     held_against(around, externals=2)
 
 
-def test_no_rows(tmp_path: Path) -> None:
+def test_zero_rows_are_accepted(tmp_path: Path) -> None:
     arm = UrdfKinematics(small_cell(tmp_path))
     assert arm.compute_placements(np.empty((0, 6)), np.empty((0, 0))).shape == (0, arm.model.njoints + 2, 4, 4)
 
 
-def test_a_part_that_nothing_moves_stands_in_all_rows_where_it_stands_in_one() -> None:
+def test_fixed_part_has_one_pose_in_all_rows() -> None:
     arm = UrdfKinematics(load_cell(CELLS / "kr500_milling"))
     rows = arm.T_base_workpiece(np.empty((3, 0)))
     assert rows.shape == (3, 4, 4)
     assert (rows == arm.T_base_workpiece(np.empty((1, 0)))).all()
 
 
-def test_what_stands_where_says_so_or_is_refused(tmp_path: Path) -> None:
+def test_constant_pose_is_marked_or_refused(tmp_path: Path) -> None:
     arm = UrdfKinematics(external_cell(tmp_path, rail=True))
     with pytest.raises(ValueError, match="give their positions"):
         arm.compute_configuration(np.zeros((1, 6)))
@@ -118,7 +118,7 @@ def test_what_stands_where_says_so_or_is_refused(tmp_path: Path) -> None:
         arm.compute_gravity_torque(np.zeros((1, 6)))
 
 
-def test_weight_follows_a_gantry_that_tilts(tmp_path: Path) -> None:
+def test_weight_of_a_tilting_gantry_follows_from_energy(tmp_path: Path) -> None:
     """By the energy: m g times the height of the tool, the only mass, and its slope in each joint."""
     cell = external_cell(tmp_path, rail=True)
     text = cell.urdf.read_text().replace('name="rail" type="prismatic"', 'name="rail" type="revolute"')
@@ -141,7 +141,7 @@ def names(cell: Cell) -> set[frozenset[str]]:
     return {frozenset((a.name, b.name)) for a, b in list_checked_pairs(cell, arm, build_bodies(cell, arm))}
 
 
-def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
+def test_pairs_depend_on_the_joints_between_bodies(tmp_path: Path) -> None:
     post = CollisionShape(name="post", kind="box", size=(0.1, 0.1, 1.0), mesh=None, T_parent_shape=pose(1.0, 3.4, 0.5))
     clamp = CollisionShape(
         name="clamp", kind="box", size=(0.05, 0.05, 0.05), mesh=None, T_parent_shape=pose(0.2, 0.1, 0.1), link="plate"
@@ -169,7 +169,7 @@ def test_pairs_are_what_joints_lie_between(tmp_path: Path) -> None:
     assert frozenset(("base_link_0", "post")) not in still
 
 
-def test_contacts_of_what_a_rail_and_a_table_move(tmp_path: Path) -> None:
+def test_contacts_of_bodies_on_rail_and_table(tmp_path: Path) -> None:
     """The carriage runs through a post between two samples; a clamp on the table through another."""
     post = CollisionShape(
         name="post", kind="box", size=(0.02, 0.02, 1.0), mesh=None, T_parent_shape=pose(0.1, 1.0, -0.3)

@@ -70,7 +70,7 @@ def stiffness(*, counted: bool, geometric: bool = False) -> ArmStiffness:
 
 
 @pytest.mark.parametrize(("counted", "geometric"), [(True, False), (False, False), (True, True)])
-def test_both_laws_say_the_same(tmp_path: Path, *, counted: bool, geometric: bool) -> None:
+def test_verifier_and_planner_agree_on_the_discrepancy(tmp_path: Path, *, counted: bool, geometric: bool) -> None:
     setup = small_job(tmp_path, corner(), FREE, stiffness=stiffness(counted=counted, geometric=geometric)).setup
     rng = np.random.default_rng(1)
     q, force = setup.cell.home + rng.normal(0, 0.4, (20, 6)), rng.normal(0, 500, (20, 3))
@@ -112,7 +112,7 @@ def tilted_cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 
 @pytest.mark.parametrize("term", ALONE, ids=lambda t: "-".join([t.effect, *t.parameters]))
-def test_what_a_term_itself_may_lack_is_the_same_by_both(tilted_cell: Cell, term: StiffnessTerm) -> None:
+def test_verifier_and_planner_agree_on_the_discrepancy_of_a_term(tilted_cell: Cell, term: StiffnessTerm) -> None:
     cell, rng = tilted_cell, np.random.default_rng(0)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     limits = cell.limits.lower[:6], cell.limits.upper[:6]
@@ -146,7 +146,7 @@ def test_what_a_term_itself_may_lack_is_the_same_by_both(tilted_cell: Cell, term
     np.testing.assert_allclose(law.compute_deflection_std(soft, force), compute_reported_std(ways), rtol=1e-6)
 
 
-def test_a_part_without_a_term_is_said(tilted_cell: Cell) -> None:
+def test_part_without_a_term_is_reported(tilted_cell: Cell) -> None:
     lacks = ModelDiscrepancy(
         parts=("term 4 0",),
         torque=np.full(6, 400.0),

@@ -45,7 +45,7 @@ def said(told: dict[str, Any] | None, known: PositionError | None = KNOWN, kinem
     return list(check_position_error(SimpleNamespace(result=result, cell=cell, toolpath=path, points=Columns())))  # type: ignore[arg-type]
 
 
-def test_what_follows_from_cell_and_points_is_passed() -> None:
+def test_values_that_follow_from_cell_and_points_pass() -> None:
     assert said(RIGHT) == []
     assert said(None, known=None) == []
     assert said(RIGHT | {"std_mm": 0.9, "corrected": False}, kinematics=None) == []
@@ -64,12 +64,12 @@ def test_what_follows_from_cell_and_points_is_passed() -> None:
         {"outside_percent": 140.0},
     ],
 )
-def test_what_does_not_follow_is_said(changed: dict[str, Any]) -> None:
+def test_inconsistent_values_are_reported(changed: dict[str, Any]) -> None:
     wrong = said(RIGHT | changed)
     assert wrong
     assert all(w.startswith(f"position_error.{next(iter(changed))}") or "outside" in w for w in wrong)
 
 
-def test_an_error_that_no_file_holds_and_one_that_is_kept_silent_are_said() -> None:
+def test_unfounded_and_missing_errors_are_reported() -> None:
     assert said(RIGHT, known=None)
     assert said(None)

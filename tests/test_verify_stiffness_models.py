@@ -207,7 +207,7 @@ def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
 
 
 @pytest.mark.parametrize("name", ["kr500_milling", "cutting_cobot", "irb6700_drilling"])
-def test_posture_is_the_solver_s(name: str) -> None:
+def test_configuration_class_equals_that_of_the_solver(name: str) -> None:
     """Branch and distance from the singularities of 200 random configurations."""
     cell = load_cell(CELLS / name)
     robot, arm = load_robot(cell), UrdfKinematics(cell)
@@ -259,7 +259,7 @@ def some_path(kind: str) -> Toolpath:
 
 
 @pytest.mark.parametrize("kind", ["travel", "given", "drilling"])
-def test_the_reference_direction_is_the_planner_s(kind: str) -> None:
+def test_reference_direction_equals_that_of_the_planner(kind: str) -> None:
     """gamma = 0 and the direction of travel at every point of a path."""
     toolpath = some_path(kind)
     path = build_planning_path(toolpath)
@@ -278,7 +278,7 @@ def test_the_reference_direction_is_the_planner_s(kind: str) -> None:
     assert (cross[plain] < 1e-12).mean() > 0.9
 
 
-def test_a_plunge_along_which_the_axis_turns_is_read_as_the_planner_reads_it() -> None:
+def test_plunge_with_a_rotating_axis_agrees_with_the_planner() -> None:
     """Straight down the axis, which tips sideways on the way: past its first degree the move says where it goes."""
     corners = np.array([[0, 0, 0.04], [0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.2, 0, 0.04]])
     lean = np.array([[0, 0, 1], [0, 0.1, 1], [0.02, 0.1, 1], [0, 0.1, 1], [0, 0, 1.0]])
@@ -302,7 +302,7 @@ def test_a_plunge_along_which_the_axis_turns_is_read_as_the_planner_reads_it() -
     assert np.degrees(np.nanmin(apart, axis=1)[path.index > 0].max()) < 1.0  # the rest is the axis' own turn sideways
 
 
-def test_between_points_the_file_s_reference_is_that_of_the_point_that_was_left() -> None:
+def test_reference_between_points_is_that_of_the_previous_point() -> None:
     """A long move between two rows with directions of their own, as robot programs give them."""
     base = some_path("travel")
     toolpath = replace(
@@ -324,7 +324,7 @@ def test_between_points_the_file_s_reference_is_that_of_the_point_that_was_left(
     assert apart[inside].max() < 1e-9
 
 
-def test_a_body_or_a_mass_that_vanished_is_named(cell: Cell, tmp_path: Path) -> None:
+def test_missing_body_or_mass_is_named(cell: Cell, tmp_path: Path) -> None:
     """Whatever a parser drops: the file itself is counted."""
 
     def told(old: str, new: str) -> list[str]:

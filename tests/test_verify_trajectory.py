@@ -199,7 +199,7 @@ def names(result: Verification) -> set[str]:
     return {check.name for check in result.failed}
 
 
-def test_a_sound_trajectory_passes(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_correct_trajectory_passes(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     result = verified(cell, table, tmp_path)
     assert result.ok, result.failed
     assert result.samples == len(table["time_s"])
@@ -220,7 +220,7 @@ def cut_rows(table: dict[str, list[object]]) -> np.ndarray:
     return np.flatnonzero(np.array(table["move"]) == "cut")
 
 
-def test_catches_each_damage(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_each_damage_is_detected(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     cut = cut_rows(table)
     middle = int(cut[len(cut) // 2])
     here = slice(middle, middle + 1)
@@ -272,7 +272,7 @@ def test_catches_each_damage(cell: Cell, table: dict[str, list[object]], tmp_pat
     assert {"path", "moves of the samples", "cutting points visited"} <= result
 
 
-def test_catches_points_that_tell_another_story(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_contradicting_points_are_detected(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     def other_wrist(t: dict[str, list[object]]) -> None:
         t["q6_deg"][2] = float(t["q6_deg"][2]) + 5.0  # type: ignore[arg-type]
 
@@ -292,7 +292,7 @@ def test_catches_points_that_tell_another_story(cell: Cell, table: dict[str, lis
     assert names(verified(cell, table, tmp_path, points=shorter)) == {"points.csv complete"}
 
 
-def test_gaps_count_only_where_they_are_allowed(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_gaps_are_accepted_only_where_allowed(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     def stop_early(t: dict[str, list[object]]) -> None:
         for n in cut_rows(table):
             if float(t["point"][n]) > 2.4:  # type: ignore[arg-type]
@@ -311,7 +311,7 @@ def test_gaps_count_only_where_they_are_allowed(cell: Cell, table: dict[str, lis
     assert not {"cutting points visited", "cut throughout"} & failed
 
 
-def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     part = cell.workpiece
 
     def hits(changed: Cell, damage: Damage | None = None) -> str:
@@ -365,7 +365,7 @@ def test_catches_contacts(cell: Cell, table: dict[str, list[object]], tmp_path: 
     assert [c.name for c in off.checks if c.passed is None and "switched off" in c.where] == ["collisions"]
 
 
-def test_catches_a_contact_between_samples(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_contact_between_samples_is_detected(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     """A sheet thinner than one sample's way, placed between two samples of the rapid move."""
     tcp = UrdfKinematics(cell).compute_tcp_in_workpiece(
         np.deg2rad(np.array([table[f"q{i}_deg"] for i in range(1, 7)], float).T), np.zeros((len(table["q1_deg"]), 0))
@@ -406,7 +406,7 @@ def coal_distance(cell: Cell, arm: UrdfKinematics, q: np.ndarray, pair: Collisio
 
 
 @pytest.mark.parametrize("name", ["small", "kr210l150", "kr500_r2800_2"])
-def test_agrees_with_the_planner_s_collision_model(tmp_path: Path, name: str) -> None:
+def test_contacts_agree_with_the_collision_model_of_the_planner(tmp_path: Path, name: str) -> None:
     """Two libraries, two bounds, one answer: random motions, the contacting pairs by name."""
     cell = small_cell(tmp_path) if name == "small" else real_cell(tmp_path, name, meshes=True)
     robot, shapes = load_chain(cell)
@@ -449,7 +449,9 @@ def test_unreadable_tables_are_refused(cell: Cell, table: dict[str, list[object]
     assert "cannot be read" in check.where
 
 
-def test_without_a_mesh_the_cuts_tell_the_level(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_cuts_give_the_material_level_without_a_mesh(
+    cell: Cell, table: dict[str, list[object]], tmp_path: Path
+) -> None:
     """Right under a cut is material; beside it nobody knows, and that is said; over it is air."""
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
@@ -472,7 +474,9 @@ def test_without_a_mesh_the_cuts_tell_the_level(cell: Cell, table: dict[str, lis
     assert check_cut_level(motion, path, on, cell) == []  # the mesh tells it
 
 
-def test_moves_from_and_to_home_stay_over_the_cuts(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_moves_from_and_to_home_remain_over_the_cuts(
+    cell: Cell, table: dict[str, list[object]], tmp_path: Path
+) -> None:
     """They were not held at all; where the tip rests under a cut nothing can be held, which is told."""
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
@@ -499,7 +503,7 @@ def test_moves_from_and_to_home_stay_over_the_cuts(cell: Cell, table: dict[str, 
         assert told(row, (0.05, 0.0, -0.07)) == expected
 
 
-def test_a_shifted_cut_is_left_from_where_it_ends(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
+def test_shifted_cut_is_left_at_its_end(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
     """Compensated by 0.6 mm downwards, a path without a mesh failed at the first sample of the way out."""
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
@@ -514,7 +518,7 @@ def test_a_shifted_cut_is_left_from_where_it_ends(cell: Cell, table: dict[str, l
     assert check_cut_level(motion, path, on, bare, shifted)[0].passed
 
 
-def test_shares_nothing_with_the_planner() -> None:
+def test_verification_shares_nothing_with_the_planner() -> None:
     import machopt.verification as package
 
     own = ("planning", "kinematics", "collision", "dynamics", "stiffness", "numerics.rigid_transforms")

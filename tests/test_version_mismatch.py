@@ -9,18 +9,18 @@ from machopt.verification.folder.version_mismatch import describe_version_mismat
 from machopt.version import __version__
 
 
-def test_another_version_is_named(tmp_path: Path) -> None:
+def test_other_version_is_named(tmp_path: Path) -> None:
     (said,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": "0.0.9"}))
     assert said.startswith(f"the folder was written by machopt 0.0.9, this is {__version__}: ")
 
 
-def test_keys_that_came_later_are_named(tmp_path: Path) -> None:
+def test_newer_keys_are_named(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text("{}")
     (said,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": __version__}))
     assert "before result.json had machopt_result" in said
 
 
-def test_a_damaged_file_is_of_no_other_version(tmp_path: Path) -> None:
+def test_damaged_file_has_no_other_version(tmp_path: Path) -> None:
     assert describe_version_mismatch(tmp_path, None) == ()
     (tmp_path / "result.json").write_text('{"machopt_result": "x"}')
     assert describe_version_mismatch(tmp_path, None) == ()

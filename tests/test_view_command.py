@@ -50,7 +50,7 @@ def gammas(session: ViewSession) -> list[float]:
     return np.degrees(session.current.job_result.points.table.gamma).tolist()
 
 
-def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
+def test_session_pins_compares_restores_and_saves(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
     free = gammas(session)
     want = round(free[6] + 21.3, 1)
@@ -72,7 +72,7 @@ def test_a_session_pins_compares_goes_back_and_saves(tmp_path: Path) -> None:
     assert session.list_wishes()["fixed"] == []
 
 
-def test_a_pinned_column_says_that_the_pin_excludes_the_rest_of_it(tmp_path: Path) -> None:
+def test_pinned_column_is_marked_as_excluding_the_rest(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
     made = session.current.job_result.plan
     before = build_rotation_map(made, compute_collision_map(made), np.zeros(len(session.optimize_inputs.toolpath)))
@@ -91,7 +91,7 @@ def test_a_pinned_column_says_that_the_pin_excludes_the_rest_of_it(tmp_path: Pat
     assert "pin" in STATUS_NAMES[PlaceCode.BOUNDS]
 
 
-def test_the_verified_state_stays_until_another_plan_is_shown(tmp_path: Path) -> None:
+def test_verified_state_remains_until_another_plan_is_shown(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
     nothing = session.list_wishes()
     assert session.verify(quiet).good
@@ -107,7 +107,7 @@ def test_the_verified_state_stays_until_another_plan_is_shown(tmp_path: Path) ->
     assert '"verified":{' in session.build_html()
 
 
-def test_while_a_handle_is_dragged_angle_deflection_and_state_are_shown(tmp_path: Path) -> None:
+def test_dragging_a_handle_shows_angle_deflection_and_state(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
     server = serve_view(
         ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
@@ -144,7 +144,7 @@ def test_while_a_handle_is_dragged_angle_deflection_and_state_are_shown(tmp_path
     driven(server, user)
 
 
-def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> None:
+def test_infeasible_plan_is_reported_and_the_old_one_remains(tmp_path: Path) -> None:
     session = begun(tmp_path)
     old = session.current
     act = SessionActions(session).run_action
@@ -165,9 +165,7 @@ def test_a_plan_that_cannot_be_is_told_and_the_old_one_stays(tmp_path: Path) -> 
     assert session.current is old
 
 
-def test_optimize_says_first_which_pins_of_a_plan_file_contradict(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_optimize_first_reports_contradicting_pins(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "plan.yaml"
     wishes = "  - {points: [5, 5], branch: 0}\n  - {points: [9, 9], branch: 7}\n"
     file.write_text(f"machopt_plan: 1\nsteer:\n{wishes}", encoding="utf-8")
@@ -213,7 +211,7 @@ DOTS = """[...document.querySelectorAll('.pin')].map(e => { const r = e.getBound
 CURVE = "DATA.map.lines.find(l => l.name === 'chosen').y"
 
 
-def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) -> None:
+def test_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
     server = serve_view(
         ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
@@ -269,7 +267,7 @@ def test_a_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) 
     assert checks["as asked: fixed rotations"]
 
 
-def test_cells_and_reports_are_served_by_themselves(tmp_path: Path) -> None:
+def test_cells_and_reports_are_served_separately(tmp_path: Path) -> None:
     for places, part in (((CELLS / "cutting_cobot",), "The cell, the arm at home"),):
         server = serve_view(
             ViewRequest(
@@ -294,7 +292,7 @@ def test_cells_and_reports_are_served_by_themselves(tmp_path: Path) -> None:
         )
 
 
-def test_the_command_ends_with_ctrl_c() -> None:
+def test_command_ends_with_ctrl_c() -> None:
     command = [sys.executable, "-m", "machopt", "view", str(CELLS / "cutting_cobot")]
     with subprocess.Popen(
         command,
@@ -317,7 +315,7 @@ def test_the_command_ends_with_ctrl_c() -> None:
             process.kill()  # one that does not end would be waited for, without end
 
 
-def test_a_port_that_is_none_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_port_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     try:
         code = main(["view", "out", "--port", "65536"])
     except SystemExit as end:

@@ -26,7 +26,7 @@ def job(tmp_path: Path) -> tuple[Path, FolderManifest]:
     return out, made
 
 
-def test_cell_and_toolpath_are_found_wherever_the_folders_were_moved(job: tuple[Path, FolderManifest]) -> None:
+def test_cell_and_toolpath_are_found_after_moving_the_folders(job: tuple[Path, FolderManifest]) -> None:
     out, manifest = job
     found = locate_inputs(out, manifest)
     shop = out.parents[1]
@@ -36,7 +36,7 @@ def test_cell_and_toolpath_are_found_wherever_the_folders_were_moved(job: tuple[
     assert locate_inputs(out, manifest).cell == other / "cell.yaml"
 
 
-def test_a_file_of_that_name_that_holds_something_else_is_not_it(job: tuple[Path, FolderManifest]) -> None:
+def test_file_with_the_same_name_and_other_content_is_rejected(job: tuple[Path, FolderManifest]) -> None:
     out, manifest = job
     (out.parents[1] / "part.csv").write_text("x_mm\n2\n")  # as long as it was
     found = locate_inputs(out, manifest)
@@ -47,13 +47,13 @@ def test_a_file_of_that_name_that_holds_something_else_is_not_it(job: tuple[Path
     assert locate_inputs(out, manifest).toolpath == out.parents[1] / "kept" / "part.csv"
 
 
-def test_the_search_ends(job: tuple[Path, FolderManifest], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_terminates(job: tuple[Path, FolderManifest], monkeypatch: pytest.MonkeyPatch) -> None:
     out, manifest = job
     monkeypatch.setattr(input_locations, "MAX_ENTRIES", 1)
     assert locate_inputs(out, manifest).missing == ("cell cell.yaml", "toolpath part.csv")
 
 
-def test_inputs_that_changed_since_are_named(job: tuple[Path, FolderManifest]) -> None:
+def test_changed_inputs_are_named(job: tuple[Path, FolderManifest]) -> None:
     _, manifest = job
     now = (replace(manifest.inputs[0], sha256="0" * 64), manifest.inputs[1])
     assert list_changed_inputs(manifest.inputs, now) == ("cell.yaml",)

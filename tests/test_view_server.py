@@ -43,7 +43,7 @@ def ask(
         connection.close()
 
 
-def test_the_page_is_there_for_who_has_the_token() -> None:
+def test_page_is_served_with_the_token() -> None:
     with served(lambda *_: DONE) as server:
         assert server.url == f"http://127.0.0.1:{server.port}/{server.token}/"
         assert len(server.token) >= 24  # 18 random bytes
@@ -56,7 +56,7 @@ def test_the_page_is_there_for_who_has_the_token() -> None:
 
 
 @pytest.mark.parametrize("path", ["/", "/progress", "/x/", "/favicon.ico", "/../etc/passwd", "//"])
-def test_nothing_is_there_without_the_token(path: str) -> None:
+def test_nothing_is_served_without_the_token(path: str) -> None:
     with served(lambda *_: DONE) as server:
         for method in ("GET", "POST"):
             status, text, _ = ask(server, method, path, "{}", Content_Type="application/json")
@@ -65,7 +65,7 @@ def test_nothing_is_there_without_the_token(path: str) -> None:
             assert server.token not in text
 
 
-def test_other_hosts_and_pages_of_others_are_refused() -> None:
+def test_other_hosts_and_origins_are_refused() -> None:
     """A name that leads to 127.0.0.1 brings a page of others here, with its own name as host (DNS rebinding)."""
     with served(lambda *_: DONE) as server:
         for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1", f"127.0.0.1:{server.port + 1}", ""):
@@ -76,7 +76,7 @@ def test_other_hosts_and_pages_of_others_are_refused() -> None:
         assert ask(server, "GET", "", Origin=f"http://127.0.0.1:{server.port}")[0] == 200
 
 
-def test_what_is_no_request_of_the_page_is_refused() -> None:
+def test_invalid_requests_are_refused() -> None:
     with served(lambda *_: DONE) as server:
         json_ = "application/json"
         assert ask(server, "POST", "plan", "{}", Content_Type="text/plain")[0] == 415
@@ -88,7 +88,7 @@ def test_what_is_no_request_of_the_page_is_refused() -> None:
         assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length=str(MAX_REQUEST_BYTES + 1))[0] == 413
 
 
-def test_what_is_asked_is_done_by_the_one_who_works() -> None:
+def test_requests_are_executed_one_at_a_time() -> None:
     """One thing at a time; the page is made anew where what it shows has changed."""
     pages = iter(["first", "second", "third"])
     doers: list[int] = []
@@ -117,7 +117,7 @@ def test_what_is_asked_is_done_by_the_one_who_works() -> None:
         assert server.progress.stage == ""
 
 
-def test_who_waits_is_let_go_at_the_end() -> None:
+def test_waiting_requests_are_released_at_the_end() -> None:
     with served(lambda *_: DONE) as server:
         found: list[int] = []
         page = threading.Thread(

@@ -75,7 +75,7 @@ def banned(edges: ForbiddenTransitions, s: int, u: int, v: int, T: int) -> Forbi
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_answer_is_that_of_the_search_with_turns_told_apart(seed: int) -> None:
+def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
     rng, asked, found = np.random.default_rng(seed), 0, 0
     unbroken = 0
     while asked < 60:
@@ -119,7 +119,7 @@ def test_the_answer_is_that_of_the_search_with_turns_told_apart(seed: int) -> No
     assert min(found, unbroken) > 8
 
 
-def test_a_way_is_forbidden_in_every_turn_only_if_no_turn_is_left() -> None:
+def test_motion_is_forbidden_in_every_turn_only_if_no_turn_remains() -> None:
     feasible = np.ones((2, 1, 1, 2), bool)
     one = banned(ForbiddenTransitions.none(), 1, 0, 0, 2)  # turn 0 to both turns
     assert not len(one.in_every_turn(feasible))
@@ -129,7 +129,7 @@ def test_a_way_is_forbidden_in_every_turn_only_if_no_turn_is_left() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_way_that_is_closed_is_forbidden_turn_by_turn(seed: int) -> None:
+def test_closed_motion_is_forbidden_turn_by_turn(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for _ in range(4):
         grid = random_grid(rng)
@@ -150,7 +150,7 @@ def test_a_way_that_is_closed_is_forbidden_turn_by_turn(seed: int) -> None:
         assert closed.taken(slice(0, S), flat, T) == each.taken(slice(0, S), flat, T)
 
 
-def test_of_equal_sequences_no_joint_turns_round_for_nothing() -> None:
+def test_equal_sequences_use_no_unnecessary_turns() -> None:
     """Free travel: only the turns tell the sequences apart."""
     half = np.radians(np.full(6, 100.0))
     half[3] = np.radians(350.0)

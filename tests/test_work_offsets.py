@@ -33,7 +33,7 @@ def read(tmp_path: Path, text: str, cell: Cell, name: str = "path.csv") -> Toolp
     return place_toolpath(read_toolpath(tmp_path / name, cell_offsets=tuple(cell.offsets)), cell)
 
 
-def test_a_column_of_offsets_is_modal_and_turns_axes_too(tmp_path: Path, cell: Cell) -> None:
+def test_column_of_offsets_is_modal_and_rotates_axes(tmp_path: Path, cell: Cell) -> None:
     rows = ["0,0,50,0,0,1,1,0,0,rapid,,", "0,0,5,0,0,1,1,0,0,rapid,,g54", "10,0,0,0,0,1,1,0,0,cut,600,"]
     rows += ["10,0,50,0,0,1,1,0,0,rapid,,G55", "10,5,0,0,0,1,0,1,0,cut,600,", "20,5,0,0,0,1,0,1,0,cut,600,"]
     path = read(tmp_path, HEAD + "\n".join(rows) + "\n", cell)
@@ -51,7 +51,7 @@ def test_a_column_of_offsets_is_modal_and_turns_axes_too(tmp_path: Path, cell: C
     assert place_toolpath(bare, cell) is bare
 
 
-def test_offsets_of_g_code_are_the_cells(tmp_path: Path, cell: Cell) -> None:
+def test_offsets_of_g_code_are_those_of_the_cell(tmp_path: Path, cell: Cell) -> None:
     first = "G21 G90 G17\nG54\nT1 M6\nG0 X0 Y0\nG0 Z5\nG1 Z0 F600\nG1 X10\nG0 Z50\n"
     code = f"{first}G55\nG0 X10 Y0\nZ5\nG1 Z-1 F300\nX20\nG0 Z50\nM30\n"
     path = read(tmp_path, code, cell, "part.nc")
@@ -67,7 +67,7 @@ def test_offsets_of_g_code_are_the_cells(tmp_path: Path, cell: Cell) -> None:
         read_toolpath(tmp_path / "part.nc", cell_offsets=("G54",), offsets=("G55=1,2,3",))
 
 
-def test_an_unknown_offset_and_a_change_in_a_cut_are_refused(tmp_path: Path, cell: Cell) -> None:
+def test_unknown_offset_and_a_change_within_a_cut_are_refused(tmp_path: Path, cell: Cell) -> None:
     rows = ["0,0,5,0,0,1,1,0,0,rapid,,G54", "10,0,0,0,0,1,1,0,0,cut,600,", "20,0,0,0,0,1,1,0,0,cut,600,FIXTURE_B"]
     with pytest.raises(InputError, match=r"work offset 'FIXTURE_B' is not in the cell's offsets.*G54.*G55"):
         read(tmp_path, HEAD + "\n".join(rows) + "\n", cell)
@@ -78,7 +78,7 @@ def test_an_unknown_offset_and_a_change_in_a_cut_are_refused(tmp_path: Path, cel
         read(tmp_path, HEAD + "\n".join(rows) + "\n", cell)
 
 
-def test_bodies_of_an_offset_stand_in_its_frame(folder: Path) -> None:  # noqa: F811
+def test_bodies_of_an_offset_are_in_its_frame(folder: Path) -> None:  # noqa: F811
     before = load_cell(folder)
     change(
         folder,

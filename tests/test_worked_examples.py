@@ -19,7 +19,7 @@ LEAVES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(LEAVES))
-def test_an_example_runs(name: str, tmp_path: Path) -> None:
+def test_example_runs(name: str, tmp_path: Path) -> None:
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

@@ -116,7 +116,7 @@ def numeric_jacobian(cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # t
 # --- the table against independent computation ---------------------------------------------------------------
 
 
-def test_slice_is_what_pinocchio_says_of_its_joints(tmp_path: Path, cell) -> None:  # type: ignore[no-untyped-def]
+def test_slice_agrees_with_pinocchio(tmp_path: Path, cell) -> None:  # type: ignore[no-untyped-def]
     outcome = make_map(tmp_path / "m", tool_axis="0.2,0,1", gamma=30.0, wrench="0,200,-1500,40,0,0", **SMALL)
     assert outcome.exit_code == 0
     found = [r for name in ("map.csv", "map_free.csv") for r in rows(tmp_path / "m" / name) if r["reason"] == "ok"]
@@ -152,7 +152,7 @@ def test_slice_is_what_pinocchio_says_of_its_joints(tmp_path: Path, cell) -> Non
         assert soft @ tt @ soft == pytest.approx(np.linalg.eigvalsh(tt)[2], rel=1e-5)
 
 
-def test_turning_joint_1_changes_nothing_that_the_base_does_not_see(setting: MapSettings) -> None:
+def test_rotating_joint_1_changes_no_base_independent_field(setting: MapSettings) -> None:
     q = postures(30)
     turned = q + np.array([0.9, 0, 0, 0, 0, 0])
     unloaded = replace(setting, load=None)
@@ -178,7 +178,7 @@ def test_inequalities_between_the_fields(setting: MapSettings) -> None:
     assert ((v["dexterity"] > 0) & (v["dexterity"] <= 1)).all()
 
 
-def test_terms_beside_the_springs_count(cell, setting: MapSettings) -> None:  # type: ignore[no-untyped-def]
+def test_additional_terms_are_included(cell, setting: MapSettings) -> None:  # type: ignore[no-untyped-def]
     beam = StiffnessTerm("link_compliance", "link:4", {"EI_Nm2": 2.0e6})
     stiffness = replace(cell.stiffness, terms=(beam,))
     soft = replace(setting, elasticity=ArmElasticity(setting.robot, setting.T_flange_tcp, stiffness))
@@ -191,7 +191,7 @@ def test_terms_beside_the_springs_count(cell, setting: MapSettings) -> None:  # 
     assert (v["k_min"] < bare["k_min"]).all()
 
 
-def test_frame_of_the_workpiece_is_only_another_way_to_say_the_same(tmp_path: Path) -> None:
+def test_workpiece_frame_gives_equivalent_fields(tmp_path: Path) -> None:
     """The KR500's workpiece frame is turned by 90° about z: its x is the base's y."""
     kr500 = CELLS / "kr500_milling"
     cell = load_cell(kr500)
@@ -213,9 +213,7 @@ def test_frame_of_the_workpiece_is_only_another_way_to_say_the_same(tmp_path: Pa
 # --- structure of the papers' figures ------------------------------------------------------------------------
 
 
-def test_dexterity_over_joints_2_and_3_has_the_two_dark_lines_of_dumas2011_figure_3b(
-    tmp_path: Path, arm: ReachingArm
-) -> None:
+def test_dexterity_has_the_two_dark_lines_of_dumas2011_figure_3b(tmp_path: Path, arm: ReachingArm) -> None:
     """Stretched or folded arm: a horizontal line; wrist centre on axis 1: an oblique one. Zero there, better beside."""
     make_map(tmp_path / "j", joints="a2,a3", q="a1=0,a4=45,a5=45,a6=45", steps=("2",), length=600.0, collision="none")
     table = rows(tmp_path / "j" / "map.csv")
@@ -240,7 +238,7 @@ def test_dexterity_over_joints_2_and_3_has_the_two_dark_lines_of_dumas2011_figur
     assert np.median(dexterity) > 0.15
 
 
-def test_nu_p_and_nu_r_stay_as_small_as_dumas2011_section_3_2_says(setting: MapSettings) -> None:
+def test_load_influence_is_as_small_as_in_dumas2011_section_3_2(setting: MapSettings) -> None:
     """ν_p ≤ 0.016 and ν_r ≤ 0.025° under its wrench, wrist at 45°; our cell has another tool, hence the factor 2."""
     load = MapLoad(np.array([0, 0, -2000.0, 200.0, 200.0, 0]), "frame")
     a2, a3 = np.meshgrid(np.radians(np.arange(-140, 1, 10.0)), np.radians(np.arange(-120, 156, 10.0)))
@@ -254,7 +252,7 @@ def test_nu_p_and_nu_r_stay_as_small_as_dumas2011_section_3_2_says(setting: MapS
 # --- choosing postures ---------------------------------------------------------------------------------------
 
 
-def test_turns_joint_by_joint_find_what_all_combinations_find(arm: ReachingArm) -> None:
+def test_turns_joint_by_joint_equal_all_combinations(arm: ReachingArm) -> None:
     rng = np.random.default_rng(5)
     q = rng.uniform(-np.pi, np.pi, (500, 6))
     every = q[:, None] + list_whole_turns(arm.lower, arm.upper)
@@ -266,7 +264,7 @@ def test_turns_joint_by_joint_find_what_all_combinations_find(arm: ReachingArm) 
     np.testing.assert_allclose(np.abs(placed - arm.home).sum(axis=1)[ok], far[ok], rtol=1e-12)
 
 
-def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: ReachingArm, setting: MapSettings) -> None:
+def test_every_pick_equals_brute_force_over_all_configurations(arm: ReachingArm, setting: MapSettings) -> None:
     place = np.stack(np.meshgrid([0.9, 1.4, 1.9], [-0.4, 0.3], [0.4, 0.9, 1.4]), axis=-1).reshape(-1, 3)
     gamma = np.radians([10.0, 100.0, 190.0, 280.0])
     good = FIELD["k_min"]
@@ -303,7 +301,7 @@ def test_every_pick_is_what_brute_force_over_all_postures_finds(arm: ReachingArm
     np.testing.assert_allclose(T[:, :3, 3], place[p.ok], atol=1e-9)
 
 
-def test_shown_postures_are_free_and_collides_means_that_none_is(cell, arm: ReachingArm, setting: MapSettings) -> None:  # type: ignore[no-untyped-def]
+def test_shown_configurations_are_free_and_collides_means_none_is(cell, arm: ReachingArm, setting: MapSettings) -> None:  # type: ignore[no-untyped-def]
     robot, shapes = load_chain(cell)
     alone = replace(cell, obstacles=(), workpiece=replace(cell.workpiece, geometry=()))
     model = CollisionModel(alone, robot, shapes, 0.002)
@@ -337,7 +335,7 @@ def test_shown_postures_are_free_and_collides_means_that_none_is(cell, arm: Reac
     assert collides(blind.q[moved]).all()
 
 
-def test_free_rotation_is_never_worse_and_the_gain_says_by_how_much(tmp_path: Path) -> None:
+def test_free_rotation_is_never_worse_and_its_gain_is_stated(tmp_path: Path) -> None:
     make_map(tmp_path / "m", force="0,0,-1000", rotation_step=40.0, **SMALL)
     given, free = (rows(tmp_path / "m" / name) for name in ("map.csv", "map_free.csv"))
     reached = [(a, b) for a, b in zip(given, free, strict=True) if a["reason"] == "ok"]
@@ -350,7 +348,7 @@ def test_free_rotation_is_never_worse_and_the_gain_says_by_how_much(tmp_path: Pa
 # --- along a line --------------------------------------------------------------------------------------------
 
 
-def test_a_line_is_driven_without_a_jump_and_the_tool_does_not_turn(arm: ReachingArm, setting: MapSettings) -> None:
+def test_line_is_driven_without_a_jump_at_constant_rotation(arm: ReachingArm, setting: MapSettings) -> None:
     samples = build_straight_line(np.array([1.0, -0.5, 0.8]), np.array([1.9, 0.5, 0.6]), 121)
     assert samples.position is not None
     gamma = np.radians([160.0, 70.0])
@@ -371,7 +369,7 @@ def test_a_line_is_driven_without_a_jump_and_the_tool_does_not_turn(arm: Reachin
     assert goodness(worst.q[worst.ok]).min() <= goodness(p.q).min()
 
 
-def test_a_line_leaves_holes_where_it_leaves_the_reach_and_marks_jumps(arm: ReachingArm, setting: MapSettings) -> None:
+def test_line_has_gaps_outside_the_reach_and_marks_jumps(arm: ReachingArm, setting: MapSettings) -> None:
     def goodness(q: np.ndarray) -> np.ndarray:
         return FIELD["k_min"].compute_goodness(setting.evaluate_states(q))
 
@@ -390,7 +388,7 @@ def test_a_line_leaves_holes_where_it_leaves_the_reach_and_marks_jumps(arm: Reac
 # --- measured stiffness --------------------------------------------------------------------------------------
 
 
-def test_idw_is_exact_at_its_data_and_never_beyond_them() -> None:
+def test_idw_is_exact_at_its_data_and_bounded_by_them() -> None:
     rng = np.random.default_rng(3)
     points, values, query = rng.random((15, 3)), rng.uniform(1, 5, (15, 2)), rng.uniform(-0.5, 1.5, (300, 3))
     for power, neighbours in ((2.0, None), (4.0, 5), (1.0, 1)):
@@ -410,7 +408,7 @@ def test_idw_is_exact_at_its_data_and_never_beyond_them() -> None:
     assert twice.value[0, 0] == 2.0
 
 
-def test_outside_the_convex_hull_is_flagged_whatever_the_points_span() -> None:
+def test_outside_the_convex_hull_is_flagged() -> None:
     cube = np.array(list(product([0.0, 1.0], repeat=3)))
     query = np.array([[0.5, 0.5, 0.5], [1.0, 0.5, 0.5], [1.01, 0.5, 0.5], [0.9, 0.9, 2.0]])
     assert is_inside_hull(cube, query).tolist() == [True, True, False, False]
@@ -456,7 +454,7 @@ def joint_from_tip_stiffness(J: np.ndarray, K_e: np.ndarray) -> np.ndarray:
     return np.asarray(np.swapaxes(rows, -1, -2) @ K_e @ rows)
 
 
-def test_joint_stiffness_from_the_tip_is_right_only_for_the_whole_matrix(setting: MapSettings) -> None:
+def test_joint_stiffness_from_the_tcp_requires_the_whole_matrix(setting: MapSettings) -> None:
     q = postures(5, 7)
     at = setting.evaluate_states(q)
     J, k = at.state.J, at.elasticity.k
@@ -470,7 +468,7 @@ def test_joint_stiffness_from_the_tip_is_right_only_for_the_whole_matrix(setting
     assert np.abs(np.diagonal(guess, axis1=1, axis2=2) / k - 1).max() > 0.5
 
 
-def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: ReachingArm, setting: MapSettings) -> None:
+def test_measured_table_is_shown_beside_the_model(tmp_path: Path, arm: ReachingArm, setting: MapSettings) -> None:
     q = postures(12, 4)
     T = arm.robot.compute_fk(q, arm.T_flange_tcp)
     v = evaluate_quantities(setting, q).value
@@ -510,7 +508,7 @@ def test_measured_table_stands_beside_the_model(tmp_path: Path, arm: ReachingArm
 # --- samples -------------------------------------------------------------------------------------------------
 
 
-def test_no_posture_gets_beyond_the_farthest_reach(arm: ReachingArm) -> None:
+def test_no_configuration_exceeds_the_maximum_reach(arm: ReachingArm) -> None:
     centre, radius = compute_farthest_reach(arm.robot, arm.T_flange_tcp)
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (5000, 6))
     away = np.linalg.norm(arm.robot.compute_fk(q, arm.T_flange_tcp)[:, :3, 3] - centre, axis=1)
@@ -528,7 +526,7 @@ def test_even_steps_and_trimmed_ranges() -> None:
 
 
 @pytest.mark.proof
-def test_default_range_holds_everything_that_can_be_reached(tmp_path: Path) -> None:
+def test_default_range_contains_everything_reachable(tmp_path: Path) -> None:
     """A much larger slice, at the same spacing, finds nothing outside."""
     common = {"steps": ("100",), "length": 600.0, "collision": "none", "rotation_step": 60.0}
     usual = make_map(tmp_path / "d", **common)
@@ -559,7 +557,7 @@ def test_same_input_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
 
 
-def test_json_states_the_extremes_that_the_table_holds(tmp_path: Path) -> None:
+def test_json_states_the_extremes_of_the_table(tmp_path: Path) -> None:
     make_map(tmp_path / "m", fixed_rotation=True, **SMALL)
     told = json.loads((tmp_path / "m" / "map.json").read_text(encoding="utf-8"))
     assert told["machopt_map"] == 1
@@ -579,7 +577,7 @@ def test_json_states_the_extremes_that_the_table_holds(tmp_path: Path) -> None:
         np.testing.assert_allclose([float(row[f"{c}_mm"]) for c in "xyz"], field["at_max"]["xyz_mm"], atol=1e-3)
 
 
-def test_nothing_reached_is_exit_code_3_with_the_reach_in_words(tmp_path: Path) -> None:
+def test_nothing_reached_is_exit_code_3_with_the_reach(tmp_path: Path) -> None:
     outcome = make_map(tmp_path / "far", at=9000.0, steps=("800",), length=600.0)
     assert outcome.exit_code == 3
     assert "none of" in outcome.message
@@ -593,7 +591,7 @@ def test_nothing_reached_is_exit_code_3_with_the_reach_in_words(tmp_path: Path) 
     assert {r["reason"] for r in rows(tmp_path / "deg" / "map.csv")} == {"limit"}
 
 
-def test_a_cell_without_stiffness_still_has_dexterity(tmp_path: Path) -> None:
+def test_cell_without_stiffness_has_dexterity(tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     shutil.copytree(KR240, bare)
     text = (bare / "cell.yaml").read_text(encoding="utf-8")
@@ -608,7 +606,7 @@ def test_a_cell_without_stiffness_still_has_dexterity(tmp_path: Path) -> None:
         make_map(tmp_path / "n", bare, by="k_min", **SMALL)
 
 
-def test_a_stiffness_grid_is_counted_and_said_where_it_ends(tmp_path: Path) -> None:
+def test_stiffness_grid_is_used_and_its_boundary_reported(tmp_path: Path) -> None:
     gridded = tmp_path / "cell"
     shutil.copytree(CELLS / "kr500_milling", gridded)
     text = (gridded / "cell.yaml").read_text(encoding="utf-8")
@@ -628,7 +626,7 @@ def test_a_stiffness_grid_is_counted_and_said_where_it_ends(tmp_path: Path) -> N
     assert any("lies outside the stiffness grid" in w for w in outcome.result.to_json_types()["warnings"])
 
 
-def test_every_field_is_offered_where_there_is_all_it_needs(setting: MapSettings) -> None:
+def test_every_field_is_offered_where_its_inputs_exist(setting: MapSettings) -> None:
     assert list_quantities(setting) == QUANTITIES
     without = {f.key for f in QUANTITIES} - {f.key for f in list_quantities(replace(setting, load=None))}
     assert without == {"deflection", "nu_p", "nu_r"}
@@ -672,7 +670,7 @@ def test_every_field_is_offered_where_there_is_all_it_needs(setting: MapSettings
         ({"measured": Path("nowhere.csv")}, r"nowhere.csv: no such file"),
     ],
 )
-def test_bad_options_name_the_option_and_what_would_work(
+def test_invalid_options_name_the_option_and_what_is_accepted(
     tmp_path: Path, asked: dict[str, object], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
@@ -691,14 +689,14 @@ def test_bad_options_name_the_option_and_what_would_work(
         ("x_mm,y_mm,z_mm,kx_N_mm\n1,2,3,900\n1,2,3,\n", r"line 3"),
     ],
 )
-def test_bad_tables_of_measured_stiffness_are_named(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_tables_of_measured_stiffness_are_named(tmp_path: Path, text: str, message: str) -> None:
     table = tmp_path / "measured.csv"
     table.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=message):
         make_map(tmp_path / "m", measured=table, **SMALL)
 
 
-def test_power_and_neighbours_are_checked(tmp_path: Path) -> None:
+def test_power_and_neighbours_are_validated(tmp_path: Path) -> None:
     table = tmp_path / "measured.csv"
     table.write_text("x_mm,y_mm,z_mm,kx_N_mm\n1500,0,800,900\n1600,0,900,800\n", encoding="utf-8")
     with pytest.raises(InputError, match="--power: found 0, expected a power above 0"):
@@ -707,7 +705,7 @@ def test_power_and_neighbours_are_checked(tmp_path: Path) -> None:
         make_map(tmp_path / "m", measured=table, neighbours=0, **SMALL)
 
 
-def test_too_many_samples_are_refused_with_a_step_that_works(tmp_path: Path) -> None:
+def test_too_many_samples_are_refused_with_a_valid_step(tmp_path: Path) -> None:
     asked = {"ranges": ("x=500:2500", "z=0:2000"), "length": 600.0, "collision": "none"}
     with pytest.raises(InputError, match=r"\d+ samples × 19 rotations are too many; --step ") as caught:
         make_map(tmp_path / "m", steps=("0.5",), **asked)
@@ -722,7 +720,7 @@ def test_too_many_samples_are_refused_with_a_step_that_works(tmp_path: Path) -> 
         make_map(tmp_path / "m", line="1000,0,800:2000,0,800", steps=("0.0001",), length=600.0)
 
 
-def test_an_output_folder_of_another_kind_is_left_alone(tmp_path: Path) -> None:
+def test_output_folder_of_another_kind_is_not_replaced(tmp_path: Path) -> None:
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "notes.txt").write_text("keep", encoding="utf-8")
@@ -731,7 +729,7 @@ def test_an_output_folder_of_another_kind_is_left_alone(tmp_path: Path) -> None:
     assert (mine / "notes.txt").read_text(encoding="utf-8") == "keep"
 
 
-def test_an_earlier_map_is_replaced_whole(tmp_path: Path) -> None:
+def test_earlier_map_is_replaced_completely(tmp_path: Path) -> None:
     make_map(tmp_path / "m", **SMALL)
     assert (tmp_path / "m" / "map_free.csv").exists()
     make_map(tmp_path / "m", fixed_rotation=True, **SMALL)
@@ -739,7 +737,7 @@ def test_an_earlier_map_is_replaced_whole(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["m"]
 
 
-def test_what_the_stiffness_file_counts_in_is_said(tmp_path: Path) -> None:
+def test_discrepancies_of_the_stiffness_file_are_reported(tmp_path: Path) -> None:
     """A misfit, and axes beside the arm that give: in map.json and on the page."""
     folder = external_folder(tmp_path, rail=True)
     file = folder / "stiffness.yaml"

@@ -70,7 +70,7 @@ def _values(one: Plan, cap: float) -> float:
     return np.inf if answer is None else answer.value
 
 
-def test_the_common_bound_is_that_of_the_best_cap(alone: list[Plan]) -> None:
+def test_common_bound_is_that_of_the_best_limit(alone: list[Plan]) -> None:
     share, w = compute_length_shares(alone), alone[0].options.weights.worst
     plans, bound = plan_worst_index_over_tools(alone, share, StageTimings())
     assert bound is not None
@@ -87,7 +87,7 @@ def test_the_common_bound_is_that_of_the_best_cap(alone: list[Plan]) -> None:
     assert 0 <= told.gap < 5e-3
 
 
-def test_the_whole_is_never_worse_than_each_for_itself(alone: list[Plan]) -> None:
+def test_combined_choice_is_never_worse_than_separate_ones(alone: list[Plan]) -> None:
     share = compute_length_shares(alone)
     plans, bound = plan_worst_index_over_tools(alone, share, StageTimings())
     before = join_plans([ToolSegmentPlan(p, 0, "") for p in alone])
@@ -110,7 +110,7 @@ def test_the_whole_is_never_worse_than_each_for_itself(alone: list[Plan]) -> Non
         np.testing.assert_array_equal(p.chosen.assignment.q, q.chosen.assignment.q)
 
 
-def test_what_has_gaps_is_left_as_it_is(alone: list[Plan]) -> None:
+def test_job_with_gaps_is_unchanged(alone: list[Plan]) -> None:
     plans, bound = plan_worst_index_over_tools(
         [alone[0], replace(alone[1], found=None)], compute_length_shares(alone), StageTimings()
     )
@@ -118,7 +118,7 @@ def test_what_has_gaps_is_left_as_it_is(alone: list[Plan]) -> None:
     assert plans[0] is alone[0]
 
 
-def test_a_break_of_a_stretch_names_where_the_stretch_begins_and_ends(alone: list[Plan]) -> None:
+def test_break_of_a_segment_names_its_ends(alone: list[Plan]) -> None:
     change = np.zeros(6)
     told = SequenceBreak(before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose")
     assert told.where == "from home to point 3"
@@ -139,7 +139,7 @@ def told(total: float, worst: float) -> Plan:
     return cast(Plan, SimpleNamespace(chosen=SimpleNamespace(objective=objective)))
 
 
-def test_the_better_ones_are_taken_all_at_once_or_one_by_one() -> None:
+def test_improvements_are_accepted_together_or_one_by_one() -> None:
     """J = Σ share (total − w worst) + w max worst; by hand."""
     share, w = np.array([0.5, 0.5]), 1.0
     best = [told(2.0, 1.0), told(2.0, 1.0)]
@@ -152,7 +152,7 @@ def test_the_better_ones_are_taken_all_at_once_or_one_by_one() -> None:
     assert module._select_better(best, worse, share, w) is best
 
 
-def test_a_stretch_under_a_cap_is_solved_once_and_never_twice() -> None:
+def test_segment_under_a_limit_is_solved_once() -> None:
     asked: list[float] = []
 
     def solve(cap: float, limit: float) -> WorstLimitedSequence | None:

@@ -28,7 +28,7 @@ def table(folder: Path, per_metre: float) -> Path:
         (1e6, "mm", "thousandths"),
     ],
 )
-def test_another_unit_is_asked_for(
+def test_other_unit_is_suggested(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], per_metre: float, unit: str, says: str
 ) -> None:
     options = ("--unit", unit, "--feed", "1000", "--max-extent", "1e6")
@@ -39,21 +39,19 @@ def test_another_unit_is_asked_for(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_path_that_lies_partly_in_reach_is_planned_with_the_question(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_path_partly_in_reach_is_planned_with_a_question(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A large part may well be meant: 5 m here, of which the arm reaches some."""
     options = ("--unit", "inch", "--feed", "1000", "--set", "rotation_step_deg=45", "--set", "collision=false")
     assert optimize(KR500, table(tmp_path, 1e3), tmp_path / "out", *options) == 3
     assert "is another --unit needed?" in capsys.readouterr().err
 
 
-def test_the_right_unit_is_planned(tmp_path: Path) -> None:
+def test_correct_unit_is_planned(tmp_path: Path) -> None:
     options = ("--unit", "mm", "--feed", "1000", "--set", "rotation_step_deg=30")
     assert optimize(KR500, table(tmp_path, 1e3), tmp_path / "out", *options) == 0
 
 
-def test_a_path_of_a_fifth_of_a_millimetre_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_path_of_a_fifth_of_a_millimetre_is_questioned(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = table(tmp_path, 1.0)
     file.write_text(file.read_text().replace("x,y,z", "x_mm,y_mm,z_mm"))
     assert optimize(KR500, file, tmp_path / "out", "--feed", "1000") == 2
@@ -62,7 +60,7 @@ def test_a_path_of_a_fifth_of_a_millimetre_is_asked_for(tmp_path: Path, capsys: 
     assert "metres" in told
 
 
-def test_a_far_part_in_a_stated_unit_is_out_of_reach_with_its_distance(
+def test_far_part_in_a_stated_unit_is_out_of_reach_with_its_distance(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In inches it would lie in reach; who says mm means a part that is far off."""

@@ -111,7 +111,7 @@ def test_macros_arguments_and_packages_make_the_same_robot(folder: Path, tmp_pat
         ),
     ],
 )
-def test_what_cannot_be_expanded_is_told(folder: Path, file: str, old: str, new: str, words: list[str]) -> None:
+def test_failed_expansion_is_reported(folder: Path, file: str, old: str, new: str, words: list[str]) -> None:
     text = (folder / file).read_text()
     assert old in text
     change = text.replace(old, new)
@@ -125,13 +125,13 @@ def test_what_cannot_be_expanded_is_told(folder: Path, file: str, old: str, new:
         assert word in str(caught.value)
 
 
-def test_without_the_package_it_says_what_to_install(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_package_names_what_to_install(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
     with pytest.raises(InputError, match=r"pip install xacro`, or the URDF it expands to"):
         load_cell(folder)
 
 
-def test_files_it_includes_from_outside_need_permission(folder: Path) -> None:
+def test_included_files_outside_need_permission(folder: Path) -> None:
     outside = folder.parent / "arm.xacro"
     outside.write_text(parts())
     main = folder / "my_robot/urdf/robot.urdf.xacro"
@@ -140,7 +140,7 @@ def test_files_it_includes_from_outside_need_permission(folder: Path) -> None:
         load_cell(folder)
 
 
-def test_comments_are_not_carried_out(folder: Path) -> None:
+def test_comments_are_not_executed(folder: Path) -> None:
     """Robots of ROS-Industrial often keep the macro they came from, as a comment."""
     plain = folder / "plain.urdf"
     plain.write_text("<robot name='r'>\n<!-- was <xacro:arm_macro a='$(env HOME)'/>\n -->\n<link name='l'/></robot>")

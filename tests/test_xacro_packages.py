@@ -261,7 +261,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", sorted(VARIANTS))
-def test_a_package_becomes_a_cell_without_editing(name: str, expected: np.ndarray, tmp_path: Path) -> None:
+def test_package_becomes_a_cell_without_editing(name: str, expected: np.ndarray, tmp_path: Path) -> None:
     file = written(tmp_path, VARIANTS[name]())
     done = run_init(
         InitRequest(

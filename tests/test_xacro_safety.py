@@ -125,7 +125,7 @@ def refused_everywhere(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("name", sorted(ESCAPES))
-def test_an_escape_is_refused(name: str) -> None:
+def test_escape_is_refused(name: str) -> None:
     with pytest.raises(XacroExpressionError):
         evaluate_expression(ESCAPES[name], symbols())
 
@@ -144,7 +144,7 @@ def test_growth_is_refused_before_it_is_computed(name: str) -> None:
 @pytest.mark.parametrize(
     "name", ["lambda", "lambda_subclasses", "generator_frame", "f_string", "walrus", "format", "function_of_table"]
 )
-def test_an_escape_is_refused_in_every_route(
+def test_escape_is_refused_in_every_route(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     refused_everywhere(robot(ESCAPES[name]), tmp_path, monkeypatch)
@@ -175,9 +175,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", sorted(PLACES))
-def test_an_escape_is_refused_wherever_xacro_evaluates(
-    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_escape_is_refused_in_every_evaluation(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     escape = "(lambda: ().__class__.__base__.__subclasses__())()"
     if place == "roslaunch":  # the package ends such a substitution at the first bracket
@@ -222,7 +220,7 @@ GROWING = {
 
 
 @pytest.mark.parametrize("name", sorted(GROWING))
-def test_what_grows_without_bound_is_refused(name: str, tmp_path: Path) -> None:
+def test_unbounded_growth_is_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text(
         "p0: &p0 [a, a]\n" + "".join(f"p{n + 1}: &p{n + 1} [*p{n}, *p{n}]\n" for n in range(40))
     )
@@ -342,13 +340,13 @@ def symbols() -> dict[str, object]:
         ("degrees(1) + tau - e + ceil(1.2) + floor(1.8) + fabs(-1)", math.degrees(1) + math.tau - math.e + 4),
     ],
 )
-def test_ordinary_expressions_have_pythons_value(text: str, value: object) -> None:
+def test_ordinary_expressions_have_the_value_of_python(text: str, value: object) -> None:
     found = evaluate_expression(text, symbols())
     assert type(found) is type(value)
     assert found == pytest.approx(value) if isinstance(value, float) else found == value
 
 
-def test_the_work_of_a_file_is_bounded() -> None:
+def test_work_of_a_file_is_bounded() -> None:
     budget = EvaluationBudget(left=1000)
     for _ in range(9):
         evaluate_expression("[1] * 100", symbols(), budget)

@@ -100,7 +100,7 @@ def read_whole(text: str, monkeypatch: pytest.MonkeyPatch) -> YamlDocument | str
 @example("a: [1,\n  2] b\nc: [3]")
 @example("a: |\n  [1,\n  2]\nb: [3]")
 @example("a: [1,\n  2]\n  c\n")
-def test_rows_are_read_as_by_the_library(text: str) -> None:
+def test_rows_equal_those_of_the_library(text: str) -> None:
     with pytest.MonkeyPatch.context() as monkeypatch:
         whole = read_whole(text, monkeypatch)
     marked = read(text)
@@ -112,13 +112,13 @@ def test_rows_are_read_as_by_the_library(text: str) -> None:
         assert marked == whole
 
 
-def test_a_matrix_is_no_work_for_the_library() -> None:
+def test_matrix_is_read_without_the_library() -> None:
     text = "a:\n" + "- [1.5, -2.5e-3, 3]\n" * 50
     assert len(compose_text(text).rows) == 50
     assert parse_yaml(text, "file").value == {"a": [[1.5, -2.5e-3, 3]] * 50}
 
 
-def test_many_values_are_refused_in_rows_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_values_are_refused_in_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(strict_yaml, "_MAX_NODES", 50)
     with pytest.raises(FileFormatError, match="too many values"):
         parse_yaml("a: [" + ", ".join("1" * 60) + "]", "file")

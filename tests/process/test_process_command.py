@@ -106,13 +106,13 @@ def test_published_coefficients_from_published_means(tmp_path: Path) -> None:
     assert found.values[0] == pytest.approx(slope[0] * 4 / (2 * 3), rel=1e-9)
 
 
-def test_all_sides_together_give_the_coefficients_back(tmp_path: Path) -> None:
+def test_three_cut_sides_recover_the_coefficients(tmp_path: Path) -> None:
     found = fit(record(tmp_path, made_up(np.random.default_rng(0), 0.0), MIXED))
     np.testing.assert_allclose(found.values, TRUTH, rtol=1e-6)
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
+def test_confidence_intervals_have_their_coverage(tmp_path: Path) -> None:
     rng, inside = np.random.default_rng(3), []
     for n in range(60):
         found = fit(record(tmp_path / str(n), made_up(rng, 4.0, 15), MIXED), keep_outliers=True)
@@ -121,7 +121,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     assert 0.84 < np.mean(inside) < 0.96
 
 
-def test_an_outlier_is_left_out_and_named(tmp_path: Path) -> None:
+def test_outliers_are_excluded_and_reported(tmp_path: Path) -> None:
     lines = made_up(np.random.default_rng(5), 2.0).splitlines()
     cells = lines[7].split(",")
     cells[6] = str(float(cells[6]) + 60.0)
@@ -133,7 +133,7 @@ def test_an_outlier_is_left_out_and_named(tmp_path: Path) -> None:
     assert found.residual[1] < 0.3 * fit(folder, keep_outliers=True).residual[1]
 
 
-def test_rows_that_cannot_be_right_are_left_out_with_the_reason(tmp_path: Path) -> None:
+def test_implausible_rows_are_excluded_with_a_reason(tmp_path: Path) -> None:
     lines = made_up(np.random.default_rng(5), 2.0).splitlines()
     lines[1] = lines[1].replace(lines[1].split(",")[2], "14", 1)  # wider than the cutter
     lines[4] = ",".join([*lines[4].split(",")[:3], "40", *lines[4].split(",")[4:]])  # deeper than its edges
@@ -144,7 +144,7 @@ def test_rows_that_cannot_be_right_are_left_out_with_the_reason(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("frame", ["base", "tool"])
-def test_forces_in_other_axes_are_turned_into_the_cut(tmp_path: Path, frame: str) -> None:
+def test_forces_in_other_axes_are_rotated_into_the_cutting_frame(tmp_path: Path, frame: str) -> None:
     cell = load_cell(CELL, bodies=False)
     q = np.degrees([[0.1, -1.4, 1.6, 0.2, 0.7, -0.3], [-0.2, -1.2, 1.5, 0.1, 0.5, 0.4]])
     R = load_robot(cell).compute_fk(np.radians(q), cell.tool.T_flange_tcp)[:, :3, :3]
@@ -201,18 +201,18 @@ def test_forces_in_other_axes_are_turned_into_the_cut(tmp_path: Path, frame: str
         (HEAD + "speed: 3\n", SLOTS, "speed"),
     ],
 )
-def test_a_wrong_recording_is_refused(tmp_path: Path, head: str, data: str, words: str) -> None:
+def test_invalid_recording_is_refused(tmp_path: Path, head: str, data: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         fit(record(tmp_path, data, head))
 
 
-def test_a_wrong_side_is_named_by_line(tmp_path: Path) -> None:
+def test_invalid_cut_side_is_reported_with_its_line(tmp_path: Path) -> None:
     data = made_up(np.random.default_rng(1), 0.0).replace(",down,", ",climb,", 1)
     with pytest.raises(InputError, match=r"line 3, column cut.*climb"):
         load_cutting_recording(record(tmp_path, data, MIXED))
 
 
-def test_a_coefficient_that_noise_makes_negative_is_set_to_zero(tmp_path: Path) -> None:
+def test_negative_coefficient_from_noise_becomes_zero(tmp_path: Path) -> None:
     for seed in range(40):
         found = fit(record(tmp_path / str(seed), made_up(np.random.default_rng(seed), 8.0, 9), MIXED))
         assert (found.values >= 0).all()
@@ -223,7 +223,7 @@ def test_a_coefficient_that_noise_makes_negative_is_set_to_zero(tmp_path: Path) 
     pytest.fail("no seed gives a negative Kae")
 
 
-def test_the_command_writes_what_optimize_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_writes_a_file_that_optimize_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, out = record(tmp_path / "slots"), tmp_path / "out"
     assert main(["process", str(CELL), str(folder), "-o", str(out), "--material", "al_measured"]) == 0
     said = capsys.readouterr().out
@@ -249,7 +249,7 @@ def test_the_command_writes_what_optimize_reads(tmp_path: Path, capsys: pytest.C
     assert json.loads(capsys.readouterr().out)["material"] == "slots"
 
 
-def test_the_function_gives_the_files_of_the_command(tmp_path: Path) -> None:
+def test_api_function_writes_the_same_files_as_the_command(tmp_path: Path) -> None:
     folder = record(tmp_path / "slots")
     assert main(["process", str(CELL), str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 0
     found = machopt.fit_cutting_coefficients(CELL, folder, level_percent=90.0)
@@ -261,15 +261,13 @@ def test_the_function_gives_the_files_of_the_command(tmp_path: Path) -> None:
         machopt.fit_cutting_coefficients(CELL, folder, level_percent=3.0)
 
 
-def test_the_cutter_of_the_cell_is_taken_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_cutter_of_the_cell_is_used_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     head = "\n".join(line for line in HEAD.splitlines() if not line.startswith("cutter")) + "\n"
     assert main(["process", str(CELL), str(record(tmp_path / "a", head=head)), "-o", str(tmp_path / "out")]) == 0
     assert "that of the cell is taken: diameter 17 mm, 2 teeth, helix 30°" in capsys.readouterr().out
 
 
-def test_each_command_names_the_one_that_reads_the_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_refer_to_the_one_that_reads_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = record(tmp_path / "a")
     assert main(["identify", str(CELL), str(folder), "-o", str(tmp_path / "out")]) == 2
     assert "machopt process reads them" in capsys.readouterr().err
@@ -278,7 +276,7 @@ def test_each_command_names_the_one_that_reads_the_recording(
     assert "is motion; expected cutting" in capsys.readouterr().err
 
 
-def test_the_command_refuses_with_exit_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_refuses_with_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = record(tmp_path / "slots", head=HEAD.replace("on: tool", "on: workpiece"))
     assert main(["process", str(CELL), str(folder), "-o", str(tmp_path / "out")]) == 2
     assert "another sign or frame" in capsys.readouterr().err

@@ -64,7 +64,7 @@ def test_published_numbers_of_the_vendor(factor: float, torque: float, thrust: f
     assert load.thrust[0] == pytest.approx(thrust, rel=1e-3)
 
 
-def test_pilot_and_chisel_and_rake() -> None:
+def test_pilot_hole_chisel_edge_and_rake_angle() -> None:
     full, feed = compute_full_load(SOFT, WEB, 2e-4), 2e-4
     lips = compute_full_load(coefficients(800, 0.25), TEN, 2e-4)
     assert full.thrust[0] - lips.thrust[0] == pytest.approx(100e6 * 0.0012 * feed)
@@ -89,7 +89,7 @@ def test_countersink_and_reamer_are_rings() -> None:
 
 
 @pytest.mark.parametrize("tool", [WEB, replace(WEB, inner_diameter=0.004)])
-def test_the_load_along_the_depth_is_the_sum_over_the_lips(tool: DrillingTool) -> None:
+def test_thrust_along_the_depth_equals_the_sum_over_the_lips(tool: DrillingTool) -> None:
     """Brute force: rings of the lips, each in the layer where it is."""
     layers = (MaterialLayer(SOFT, 0.0012), MaterialLayer(HARD, 0.003), MaterialLayer(SOFT, 0.002))
     stroke, feed = build_drilling_stroke(tool, layers), 3e-4
@@ -109,7 +109,7 @@ def test_the_load_along_the_depth_is_the_sum_over_the_lips(tool: DrillingTool) -
         assert load.torque[0] == pytest.approx(torque, rel=2e-3, abs=2e-3)
 
 
-def test_phases_of_a_stack() -> None:
+def test_drilling_phases_of_a_material_stack() -> None:
     stroke = build_drilling_stroke(WEB, (MaterialLayer(SOFT, 0.004), MaterialLayer(HARD, 0.003)))
     depths = (-0.001, 0.001, 0.003, 0.0045, 0.0065, 0.008, 0.02)
     phases = ["outside", "entry", "full", "layer change", "full", "exit", "outside"]
@@ -117,7 +117,7 @@ def test_phases_of_a_stack() -> None:
 
 
 @pytest.mark.parametrize("thick", [0.0005, 0.003])
-def test_the_largest_load_of_a_stroke_is_found(thick: float) -> None:
+def test_largest_thrust_of_a_stroke_is_found(thick: float) -> None:
     layers = (MaterialLayer(SOFT, 0.002), MaterialLayer(HARD, thick), MaterialLayer(SOFT, 0.002))
     stroke = build_drilling_stroke(replace(WEB, half_point_angle=math.radians(59)), layers)
     found = compute_stroke_maximum(stroke, [1e-4, 3e-4])
@@ -128,12 +128,12 @@ def test_the_largest_load_of_a_stroke_is_found(thick: float) -> None:
     assert short.thrust[0] == pytest.approx(compute_load_at_depth(stroke, 0.001, 3e-4).thrust[0])
 
 
-def test_the_blind_hole_in_a_thick_layer() -> None:
+def test_blind_hole_in_a_thick_layer() -> None:
     stroke = build_drilling_stroke(WEB, (MaterialLayer(HARD, math.inf),))
     np.testing.assert_allclose(compute_stroke_maximum(stroke, 2e-4).thrust, compute_full_load(HARD, WEB, 2e-4).thrust)
 
 
-def test_the_largest_feed_inverts_the_thrust() -> None:
+def test_largest_feed_inverts_the_thrust_equation() -> None:
     stroke = build_drilling_stroke(WEB, (MaterialLayer(SOFT, 0.004), MaterialLayer(HARD, 0.003)))
     limit = np.array([-1.0, 0.0, 50.0, 700.0, 3000.0, 1e12])
     feed = find_largest_feed(stroke, limit, factor=1.25)
@@ -146,7 +146,7 @@ def test_the_largest_feed_inverts_the_thrust() -> None:
     np.testing.assert_allclose(find_largest_feed(blind, 700.0), closed, rtol=1e-9)
 
 
-def test_both_regimes_of_the_clamp() -> None:
+def test_clamping_force_has_two_regimes() -> None:
     foot = compute_foot_load(np.array([200.0, 900.0, 1200.0]), 900.0)
     np.testing.assert_array_equal(foot.arm, [900, 900, 1200])
     np.testing.assert_array_equal(foot.lifted, [False, False, True])
@@ -206,7 +206,7 @@ def test_impossible_coefficients_are_refused(change: dict[str, float], key: str)
     assert raised.value.key == key
 
 
-def test_other_refusals() -> None:
+def test_further_invalid_input_is_refused() -> None:
     with pytest.raises(CuttingInputError, match="feed"):
         compute_full_load(SOFT, WEB, [1e-4, 0.0])
     with pytest.raises(CuttingInputError, match="one layer"):

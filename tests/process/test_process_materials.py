@@ -31,7 +31,7 @@ def test_published_holes_from_the_table(group: str, torque: float, thrust: float
     assert load.thrust[0] == pytest.approx(thrust, rel=1e-3)
 
 
-def test_every_name_gives_coefficients_with_source_and_spread() -> None:
+def test_every_material_has_coefficients_source_and_spread() -> None:
     for name in list_drilling_materials():
         if name in WITHOUT_EXPONENT:
             with pytest.raises(CuttingInputError, match="no exponent mc"):
@@ -47,7 +47,7 @@ def test_every_name_gives_coefficients_with_source_and_spread() -> None:
     assert "2022" in find_drilling_coefficients("ti6al4v").source  # two editions differ by a factor of 1.6
 
 
-def test_an_alloy_is_the_mean_of_its_sets_and_says_so() -> None:
+def test_alloy_without_own_set_uses_the_mean_of_its_sets() -> None:
     names = list_milling_materials()
     assert {"al7075", "al7075-t6-a", "al6082-t6"} <= set(names)
     sets = [find_milling_coefficients(n) for n in ("al7075-t6-a", "al7075-c", "al7075-d")]
@@ -61,7 +61,7 @@ def test_an_alloy_is_the_mean_of_its_sets_and_says_so() -> None:
     assert (sets[0].Ktc_Pa, sets[0].Kte_N_m) == (pytest.approx(767.01e6), pytest.approx(27.7e3))
 
 
-def test_the_range_of_chip_thickness_is_given_or_said_to_be_assumed() -> None:
+def test_chip_thickness_range_is_stated_or_marked_as_assumed() -> None:
     assumed = find_milling_coefficients("al6082")
     assert assumed.h_range_m == pytest.approx((2e-5, 1.2e-4))
     assert "assumed" in assumed.source
@@ -70,7 +70,7 @@ def test_the_range_of_chip_thickness_is_given_or_said_to_be_assumed() -> None:
     assert "assumed" not in given.source
 
 
-def test_what_the_table_does_not_have_is_an_error() -> None:
+def test_unknown_material_is_an_error() -> None:
     for find in (find_drilling_coefficients, find_milling_coefficients):
         with pytest.raises(CuttingInputError, match=r"valid: .*al7075"):
             find("al7057")

@@ -58,7 +58,7 @@ def test_published_means_of_the_helical_example(
         assert load[2] == pytest.approx(-15.685, abs=5e-4)  # right-hand helix, M3: pulls the tool to the work
 
 
-def test_slot_has_its_short_form() -> None:
+def test_slot_equals_the_closed_form() -> None:
     load = compute_mean_load(EDGES, FOUR, MillingCut("slot"), FOUR.diameter, AP).compute_load(FZ)[0]
     n = FOUR.teeth * AP
     x = -n / 4 * EDGES.Krc_Pa * FZ - n / np.pi * EDGES.Kre_N_m
@@ -67,7 +67,7 @@ def test_slot_has_its_short_form() -> None:
     np.testing.assert_allclose(load[:3], [x, y, z], rtol=1e-12)
 
 
-def test_mirror_of_the_spindle_and_hand_of_the_helix() -> None:
+def test_mirrored_spindle_direction_and_helix_hand_mirror_the_forces() -> None:
     """M4 with a left-hand helix is the mirror image of M3 with a right-hand one."""
     left = replace(FOUR, helix=-FOUR.helix)
     ae = 0.3 * FOUR.diameter
@@ -81,7 +81,7 @@ def test_mirror_of_the_spindle_and_hand_of_the_helix() -> None:
 @pytest.mark.parametrize("cutter", [FOUR, BULL, BALL])
 @pytest.mark.parametrize("side", ["up", "down"])
 @pytest.mark.parametrize("boundary", ["previous_pass", "plane"])
-def test_means_are_the_sum_of_thin_slices(cutter: MillingCutter, side: str, boundary: str) -> None:
+def test_means_equal_the_sum_of_thin_slices(cutter: MillingCutter, side: str, boundary: str) -> None:
     """Brute force: slices in z, rotation angles, the force of each element by its definition."""
     cut, ae, ap = MillingCut(side, "cw", boundary), 0.006, 0.0075
     load = compute_mean_load(EDGES, cutter, cut, ae, ap).compute_load(FZ)[0]
@@ -113,7 +113,7 @@ def test_means_are_the_sum_of_thin_slices(cutter: MillingCutter, side: str, boun
 @pytest.mark.parametrize(
     "cut", [MillingCut(s, d, b) for s, d in (("up", "cw"), ("down", "ccw")) for b in ("previous_pass", "plane")]
 )
-def test_derivatives_are_those_of_finite_differences(cutter: MillingCutter, cut: MillingCut) -> None:
+def test_derivatives_agree_with_finite_differences(cutter: MillingCutter, cut: MillingCut) -> None:
     ae = np.array([0.0021, 0.0043, 0.0093, 0.0131])
     step = 2e-7
     mean = compute_mean_load(EDGES, cutter, cut, ae, 0.0075)
@@ -125,7 +125,7 @@ def test_derivatives_are_those_of_finite_differences(cutter: MillingCutter, cut:
     np.testing.assert_allclose(mean.slope, feed, rtol=1e-6, atol=1e-6 * np.abs(feed).max())
 
 
-def test_a_known_arc_gives_the_same_as_the_depth() -> None:
+def test_given_arc_and_equivalent_depth_give_equal_forces() -> None:
     cut, ae = MillingCut("down"), np.array([0.001, 0.008])
     arc = compute_contact_arc(FOUR, cut, ae, FOUR.radius)
     a = compute_mean_load(EDGES, FOUR, cut, ae, AP).compute_load(FZ)
@@ -133,7 +133,7 @@ def test_a_known_arc_gives_the_same_as_the_depth() -> None:
     np.testing.assert_allclose(a, b, rtol=1e-12)
 
 
-def test_nothing_is_cut_without_depth() -> None:
+def test_zero_depth_gives_zero_force() -> None:
     ae, ap = np.array([0.0, 0.002, 0.0]), np.array([0.001, 0.0, 0.0])
     for cutter in (FOUR, BALL):
         mean = compute_mean_load(EDGES, cutter, MillingCut("up"), ae, ap)
@@ -148,7 +148,7 @@ def test_chip_thickness_of_an_arc() -> None:
     np.testing.assert_allclose(peak, [1e-4, 1e-4 * np.sin(2), 0])
 
 
-def test_feed_per_tooth_needs_the_teeth() -> None:
+def test_feed_per_tooth_requires_the_number_of_teeth() -> None:
     assert compute_feed_per_tooth(np.array([1.5 / 60]), 6000, 2)[0] == pytest.approx(0.125e-3)
     with pytest.raises(CuttingInputError, match="0 rpm"):
         compute_feed_per_tooth(np.array([0.1]), 0.0, 2)
@@ -211,13 +211,13 @@ def test_impossible_cuts_are_refused(
     assert raised.value.key == key
 
 
-def test_the_point_of_a_wrong_depth_is_named() -> None:
+def test_point_with_an_invalid_depth_is_named() -> None:
     with pytest.raises(CuttingInputError, match="at point 2;"):
         compute_mean_load(EDGES, FOUR, MillingCut("up"), np.array([0.001, 0.002, 0.02]), 0.001)
 
 
 @pytest.mark.parametrize("fz", [0.0, -1e-5, math.nan, math.inf])
-def test_a_feed_that_is_not_positive_is_refused(fz: float) -> None:
+def test_nonpositive_feed_is_refused(fz: float) -> None:
     mean = compute_mean_load(EDGES, FOUR, MillingCut("up"), 0.001, 0.001)
     for compute in (mean.compute_load, mean.compute_load_by_ae):
         with pytest.raises(CuttingInputError, match="feed per tooth"):

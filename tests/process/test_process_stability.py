@@ -298,7 +298,7 @@ def scan_depth(modes: StructuralModes, H: Array, T: float, exact: bool) -> float
 
 @pytest.mark.proof
 @pytest.mark.parametrize("exact", [False, True])
-def test_no_crossing_is_missed(exact: bool) -> None:
+def test_every_zero_crossing_is_found(exact: bool) -> None:
     """One to six modes, some nearly equal, any matrix, ωT up to 30."""
     rng, law = np.random.default_rng(11), DelayLaw.ZEROTH_ORDER if exact else DelayLaw.SECOND_ORDER
     found = 0
@@ -318,7 +318,7 @@ def test_no_crossing_is_missed(exact: bool) -> None:
     assert found > 20
 
 
-def test_lobes_are_found_where_the_delay_turns_many_times() -> None:
+def test_lobes_are_found_at_many_turns_of_the_delay() -> None:
     """A mode of 1.5 kHz at 300 rpm: ωT is 940; the limit is near the absolute minimum."""
     modes = one_mode(2 * np.pi * 1500, 0.02, 2e7, (0.0, 1.0, 0.0))
     H = directional((767e6, 168.8e6, 222e6), TWO, "up", 0.01)
@@ -326,7 +326,7 @@ def test_lobes_are_found_where_the_delay_turns_many_times() -> None:
     assert least <= limit < 1.02 * least
 
 
-def test_the_mirrored_spindle_has_the_mirrored_matrix() -> None:
+def test_mirrored_spindle_mirrors_the_directional_matrix() -> None:
     left = replace(TWO, helix=-TWO.helix)
     arc = compute_contact_arc(TWO, MillingCut("up"), np.array([0.004, 0.01]), TWO.radius)
     K = coefficients(767e6, 168.8e6, 222e6)
@@ -335,7 +335,7 @@ def test_the_mirrored_spindle_has_the_mirrored_matrix() -> None:
     np.testing.assert_allclose(m4, np.array([1, -1, 1])[:, None] * m3 * np.array([1, -1]))
 
 
-def test_the_directional_matrix_is_the_mean_over_the_rotation() -> None:
+def test_directional_matrix_equals_the_mean_over_one_rotation() -> None:
     for side in ("up", "down"):
         H = directional((767e6, 168.8e6, 222e6), TWO, side, 0.006)
         system = reference(robot_modes((0,)), 0, (767e6, 168.8e6, 222e6), side, 0.006, 1.0)
@@ -383,7 +383,7 @@ def test_published_semi_discretization_of_the_two_directions() -> None:
         assert 0.955 * depth < exact < depth
 
 
-def test_lobes_are_nowhere_below_their_minimum_and_touch_it() -> None:
+def test_lobes_touch_but_never_fall_below_their_minimum() -> None:
     H = directional(ALUMINIUM, TWO, "down", 0.01)
     least = find_lobe_minimum(LEEKUN, H)
     lobes = compute_stability_lobes(LEEKUN, H, np.linspace(3000, 25000, 800), 2)
@@ -392,7 +392,7 @@ def test_lobes_are_nowhere_below_their_minimum_and_touch_it() -> None:
     assert set(lobes.mode) <= {0, 1, 2, 3}
 
 
-def test_turning_border() -> None:
+def test_turning_limit_equals_the_closed_form() -> None:
     """One direction, constant H: b = −1 / (2 K Re G), at least 2 k ζ (1 + ζ) / K."""
     k, zeta, K = 5e6, 0.03, 2e9
     modes = one_mode(2 * np.pi * 100, zeta, k, (1.0, 0, 0))
@@ -407,7 +407,7 @@ def test_turning_border() -> None:
         assert abs(1 + limit.depth[0] * K * (1 - np.exp(-1j * w * 60 / rpm)) * G) < 1e-6
 
 
-def test_hayes_border_of_the_collocation() -> None:
+def test_hayes_stability_border_of_the_collocation() -> None:
     """ẋ = a x + b x(t − 1) has its border at a + b = 0 and at (ω / tan ω, −ω / sin ω)."""
 
     def radius(a: float, b: float, nodes: int = 20) -> float:
@@ -446,7 +446,7 @@ def test_modes_of_an_arm_solve_the_eigenvalue_problem() -> None:
     assert static == pytest.approx((J[0] @ np.diag(C) @ J[0].T)[0, 0])
 
 
-def test_damping_beyond_the_list_is_unknown_and_so_is_the_limit() -> None:
+def test_damping_outside_the_list_makes_the_limit_unknown() -> None:
     M, J = np.eye(3)[None] * [[[4.0]]], np.eye(3)[None]
     C = np.array([1e-6, 2e-6, 3e-6])
     modes = compute_arm_modes(M, C, J, (0.03, 0.02))
@@ -494,14 +494,14 @@ def test_impossible_modes_and_speeds_are_refused() -> None:
         compute_depth_limit(modes, np.zeros((3, 2)), 0.1, largest=math.inf)
 
 
-def test_no_force_feedback_means_no_limit() -> None:
+def test_zero_force_feedback_has_no_limit() -> None:
     modes = one_mode(100.0, 0.02, 1e6, (0, 0, 1))  # an axial displacement does not change the chip
     limit = compute_depth_limit(modes, directional((767e6, 168.8e6, 222e6), TWO, "down", 0.005), 0.01)
     assert limit.depth[0] == math.inf
     assert np.isnan(limit.omega[0])
 
 
-def test_a_frequency_that_meets_a_mode_is_found() -> None:
+def test_excitation_frequency_near_a_mode_is_found() -> None:
     """A published case: 500 rpm with two teeth, 8.3 and 16.7 Hz, amid modes of 8.7, 11.4 and 14.2 Hz."""
     modes = build_tool_modes([8.7, 11.4, 14.2, 60.0], [0.02, 0.02, 0.02, 0.02], [1e6] * 4, np.eye(3)[[0, 1, 2, 0]])
     found = find_resonances(modes, 500.0, 2)

@@ -76,7 +76,7 @@ def test_published_peaks_and_harmonics_of_the_helical_example() -> None:
 @pytest.mark.parametrize("helix", [30.0, -30.0, 55.0, 1e-3])
 @pytest.mark.parametrize(("side", "share"), [("up", 0.4), ("down", 0.07), ("slot", 1.0), ("down", 0.8)])
 @pytest.mark.parametrize("spindle", ["cw", "ccw"])
-def test_mean_over_a_turn_is_the_closed_mean_and_energy_is_conserved(
+def test_mean_over_one_turn_equals_the_closed_form_and_energy_is_conserved(
     helix: float, side: str, share: float, spindle: str
 ) -> None:
     cutter, cut = replace(FOUR, helix=math.radians(helix)), MillingCut(side, spindle)
@@ -91,7 +91,7 @@ def test_mean_over_a_turn_is_the_closed_mean_and_energy_is_conserved(
     assert work == pytest.approx(EDGES.Ktc_Pa * volume + edge, rel=1e-9)
 
 
-def test_the_waveform_is_the_sum_of_its_elements() -> None:
+def test_waveform_equals_the_sum_of_its_elements() -> None:
     """Brute force over the axial elements, run-out and helix included."""
     cutter = replace(FOUR, teeth=3, runout=4e-5, runout_angle=0.8)
     cut, ae = MillingCut("up"), 0.5 * FOUR.diameter
@@ -124,7 +124,7 @@ def test_the_waveform_is_the_sum_of_its_elements() -> None:
 
 
 @pytest.mark.parametrize("runout", [5e-6, 2e-5, 1e-4])
-def test_runout_keeps_the_volume_and_takes_teeth_out_of_the_cut(runout: float) -> None:
+def test_runout_keeps_the_volume_and_lifts_teeth_out_of_the_cut(runout: float) -> None:
     cutter, cut, ae = replace(FOUR, runout=runout, runout_angle=0.7), MillingCut("down"), 0.4 * FOUR.diameter
     free = replace(EDGES, Kte_N_m=0.0, Kre_N_m=0.0, Kae_N_m=0.0)
     angles = np.arange(7200) * (2 * np.pi / 7200)
@@ -140,7 +140,7 @@ def test_runout_keeps_the_volume_and_takes_teeth_out_of_the_cut(runout: float) -
 
 
 @pytest.mark.parametrize("corner", [0.003, 0.00905])
-def test_slices_of_a_corner_give_the_mean_of_the_closed_form(corner: float) -> None:
+def test_corner_slices_have_the_mean_of_the_closed_form(corner: float) -> None:
     cutter, ae, ap = replace(FOUR, corner_radius=corner), 0.4 * FOUR.diameter, 0.006
     for side in ("up", "down"):
         mean = compute_waveform(EDGES, cutter, MillingCut(side), (ae, ap), FZ).load.mean(axis=0)
@@ -148,7 +148,7 @@ def test_slices_of_a_corner_give_the_mean_of_the_closed_form(corner: float) -> N
         np.testing.assert_allclose(mean, closed, rtol=2e-3, atol=2e-3 * np.abs(closed).max())
 
 
-def test_straight_teeth_cut_over_the_whole_depth_at_once() -> None:
+def test_straight_teeth_enter_over_the_whole_depth_at_once() -> None:
     cutter = replace(FOUR, helix=0.0)
     free = replace(EDGES, Kac_Pa=0.0, Kae_N_m=0.0)
     load = compute_waveform(free, cutter, MillingCut("up"), (FOUR.radius, AP), FZ, np.array([0.4])).load[0]
@@ -157,13 +157,13 @@ def test_straight_teeth_cut_over_the_whole_depth_at_once() -> None:
     np.testing.assert_allclose(load, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_nothing_is_cut_without_depth() -> None:
+def test_zero_depth_gives_zero_force() -> None:
     assert not compute_waveform(EDGES, FOUR, MillingCut("up"), (0.0, AP), FZ).load.any()
     assert not compute_waveform(EDGES, FOUR, MillingCut("up"), (0.001, 0.0), FZ).load.any()
 
 
 @pytest.mark.parametrize(("side", "wall"), [("up", 0.0), ("down", math.pi)])
-def test_the_surface_is_made_later_where_the_helix_lags(side: str, wall: float) -> None:
+def test_helix_lag_delays_the_generated_surface(side: str, wall: float) -> None:
     heights, cut, ae = np.array([0.0, 0.002, 0.005]), MillingCut(side), 0.002
     k = math.tan(FOUR.helix) / FOUR.radius
     found = compute_surface_generation_load(EDGES, FOUR, cut, (ae, AP), FZ, heights)
@@ -177,7 +177,7 @@ def test_the_surface_is_made_later_where_the_helix_lags(side: str, wall: float) 
         np.testing.assert_allclose(load, compute_waveform(EDGES, shifted, cut, (ae, AP), FZ, at).load[0], atol=1e-9)
 
 
-def test_a_wrong_cut_is_refused() -> None:
+def test_invalid_cut_is_refused() -> None:
     for ae, ap, fz, key in ((0.02, AP, FZ, "ae_mm"), (0.002, 0.06, FZ, "ap_mm"), (0.002, AP, 0.0, "feed per tooth")):
         with pytest.raises(CuttingInputError) as raised:
             compute_waveform(EDGES, FOUR, MillingCut("up"), (ae, ap), fz)
@@ -202,7 +202,7 @@ def test_published_linear_form_of_kienzle(span: tuple[float, float], cutting: fl
     )
 
 
-def test_kienzle_without_exponent_is_linear() -> None:
+def test_kienzle_with_exponent_zero_is_linear() -> None:
     line = linearize_kienzle(800e6, 0.0, (1e-5, 1e-4))
     assert line.cutting_Pa == pytest.approx(800e6)
     assert line.worst_deviation < 1e-9
@@ -221,7 +221,7 @@ def test_published_oblique_coefficients_of_titanium(rake: float, expected: tuple
     assert left.Kac_Pa == found.Kac_Pa  # the hand is the cutter's
 
 
-def test_angles_outside_of_the_data_are_refused() -> None:
+def test_angles_outside_the_data_are_refused() -> None:
     for rake, helix, h in ((70.0, 30.0, 5e-5), (12.0, 95.0, 5e-5), (12.0, 30.0, 0.0)):
         with pytest.raises(CuttingInputError):
             compute_oblique_coefficients(TI6AL4V, math.radians(rake), math.radians(helix), h, 0.1)

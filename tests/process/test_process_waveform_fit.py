@@ -126,7 +126,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory, rows: list[str]) -> Path:
         (4, -30.0, "up", 7e-3, 40e-6),
     ],
 )
-def test_derivatives_are_those_of_finite_differences(
+def test_derivatives_agree_with_finite_differences(
     teeth: int, helix: float, side: CutSide, ae: float, runout: float
 ) -> None:
     cutter = MillingCutter(diameter=DIAMETER, teeth=teeth, helix=math.radians(helix), length=0.03)
@@ -144,7 +144,7 @@ def test_derivatives_are_those_of_finite_differences(
 @pytest.mark.parametrize(
     ("teeth", "side", "ae", "runout"), [(1, "slot", 12e-3, 0.0), (2, "down", 4e-3, 10e-6), (4, "up", 5e-3, 15e-6)]
 )
-def test_forces_are_those_of_true_trochoids(
+def test_forces_agree_with_trochoidal_tooth_paths(
     teeth: int, side: CutSide, ae: float, runout: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Within 0.4 % of the largest force: slices of the simulator, third order in the feed."""
@@ -160,7 +160,7 @@ def test_forces_are_those_of_true_trochoids(
     np.testing.assert_array_less(np.abs(found - expected).max(axis=0), 4e-3 * np.abs(expected).max(axis=0))
 
 
-def test_truths_lie_in_the_intervals_and_the_file_is_read_back(plain: Path) -> None:
+def test_true_values_lie_in_the_intervals_and_the_file_reads_back(plain: Path) -> None:
     found = json.loads((plain / "coefficients.json").read_text(encoding="utf-8"))
     for entry, truth in zip(found["coefficients"], TRUTH, strict=True):
         low, high = entry["interval"]
@@ -190,7 +190,7 @@ def test_truths_lie_in_the_intervals_and_the_file_is_read_back(plain: Path) -> N
     ]
 
 
-def test_an_encoder_gives_one_offset_for_all_cuts(tmp_path: Path) -> None:
+def test_encoder_gives_one_common_offset_for_all_cuts(tmp_path: Path) -> None:
     found = run(record(tmp_path / "r", build_rows(2.0, "angle_deg")), tmp_path / "out")
     offsets = [cut["offset_deg"] for cut in found["waveform"]["cuts"]]  # type: ignore[index]
     assert offsets[0] == offsets[1]
@@ -198,7 +198,7 @@ def test_an_encoder_gives_one_offset_for_all_cuts(tmp_path: Path) -> None:
     assert found["coefficients"][0]["value"] == pytest.approx(TRUTH[0], rel=0.03)  # type: ignore[index]
 
 
-def test_what_the_model_lacks_widens_the_intervals(tmp_path: Path, plain: Path) -> None:
+def test_model_discrepancy_widens_the_intervals(tmp_path: Path, plain: Path) -> None:
     undisturbed = json.loads((plain / "coefficients.json").read_text(encoding="utf-8"))
     disturbed = run(record(tmp_path / "b", build_rows(2.0, disturbance=15.0)), tmp_path / "out_b")
     assert not undisturbed["waveform"]["misfit_significant"]
@@ -211,7 +211,7 @@ def test_what_the_model_lacks_widens_the_intervals(tmp_path: Path, plain: Path) 
     assert widths[1][0] > 1.5 * widths[0][0]
 
 
-def test_an_autoregression_is_found_and_whitens() -> None:
+def test_autoregressive_noise_is_found_and_whitened() -> None:
     rng = np.random.default_rng(0)
     e = rng.normal(size=(4000, 3))
     for n in range(2, len(e)):
@@ -228,7 +228,7 @@ def test_an_autoregression_is_found_and_whitens() -> None:
     assert compute_repeatable_ratio([phases], [white + 0.5 * np.sin(phases)[:, None]], 8)[0] > limit
 
 
-def test_long_recordings_are_cut_to_the_first_samples_of_each_cut(tmp_path: Path) -> None:
+def test_long_recordings_are_truncated_per_cut(tmp_path: Path) -> None:
     lines = ["cut_number,time_s,spindle_rpm,feed_mm_min,ae_mm,ap_mm,fx_N,fy_N,fz_N"]
     lines += [
         f"{cut},{n * 1e-4:.4f},6000,720,5,4,{n},0,0" for cut, count in ((1, 20000), (2, 10000)) for n in range(count)
@@ -278,7 +278,7 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("case", REFUSALS)
-def test_bad_waveforms_are_refused_in_one_message(
+def test_invalid_waveforms_are_refused_in_one_message(
     case: str, tmp_path: Path, rows: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     change, expected = REFUSALS[case]
@@ -290,7 +290,7 @@ def test_bad_waveforms_are_refused_in_one_message(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_wrong_sign_of_the_forces_is_named(
+def test_wrong_sign_of_the_forces_is_reported(
     tmp_path: Path, rows: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = record(tmp_path / "r", rows, HEAD.replace("force_on: tool", "force_on: workpiece"))
@@ -330,7 +330,7 @@ def test_mean_forces_do_not_import_casadi(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("teeth", "side", "ae"), [(3, "down", 4e-3), (4, "up", 5e-3), (5, "slot", 12e-3)])
-def test_planned_forces_with_runout_are_those_of_true_trochoids(
+def test_planned_forces_with_runout_agree_with_trochoidal_tooth_paths(
     teeth: int, side: CutSide, ae: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The order in which the teeth pass decides the chips of three teeth and more: the wrong one is off by 40 %.

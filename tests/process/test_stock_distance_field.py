@@ -46,7 +46,7 @@ def remove(
 
 @pytest.mark.parametrize("turn", TURNS)
 @pytest.mark.parametrize("corner", [0.0, 2e-3, 6e-3])
-def test_the_volume_of_a_slot_is_exact_in_any_direction(turn: tuple[float, ...], corner: float) -> None:
+def test_volume_of_a_slot_is_exact_in_any_direction(turn: tuple[float, ...], corner: float) -> None:
     Q = Rotation.from_rotvec(turn).as_matrix()
     R, depth, length = 6e-3, 8e-3, 0.03
     stock = build_distance_field(build_body(build_block((-0.04, -0.015, -0.015), (0.04, 0.015, 0.0), Q)))
@@ -70,7 +70,7 @@ def test_the_volume_of_a_slot_is_exact_in_any_direction(turn: tuple[float, ...],
 @pytest.mark.parametrize("turn", TURNS[1:])
 @pytest.mark.parametrize("side", ["up", "down"])
 @pytest.mark.parametrize(("ae", "step"), [(1e-3, 0.5e-3), (1e-3, 0.06e-3), (4e-3, 0.5e-3)])
-def test_the_arc_of_a_straight_pass_is_that_of_its_radial_depth(
+def test_arc_of_a_straight_pass_follows_from_its_radial_depth(
     turn: tuple[float, ...], side: str, ae: float, step: float
 ) -> None:
     Q, R = Rotation.from_rotvec(turn).as_matrix(), 10e-3
@@ -87,7 +87,7 @@ def test_the_arc_of_a_straight_pass_is_that_of_its_radial_depth(
     assert np.abs(rows[inside, :2] - (0.0, 4e-3)).max() < 0.1 * CELL
 
 
-def test_volumes_of_bodies() -> None:
+def test_volumes_of_bodies_are_exact() -> None:
     cylinder = trimesh.creation.cylinder(radius=0.015, height=0.02, sections=360)
     assert build_distance_field(build_body(cylinder)).volume == pytest.approx(cylinder.volume, rel=VOLUME)
     for turn in TURNS:
@@ -112,7 +112,7 @@ def build_ring(shift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_a_cutter_that_turns_with_a_conical_wall_removes_the_allowance() -> None:
+def test_cutter_turning_along_a_conical_wall_removes_the_allowance() -> None:
     stock, part = build_cone(0.8e-3), build_cone(0.0)
     field = build_distance_field(build_body(stock))
     tips, axes = build_ring()
@@ -133,7 +133,7 @@ def test_a_cutter_that_turns_with_a_conical_wall_removes_the_allowance() -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.3e-3, -0.3e-3])
-def test_material_left_and_gouges_have_their_depth(shift: float) -> None:
+def test_remaining_material_and_gouges_have_the_correct_depth(shift: float) -> None:
     part = build_body(build_cone(0.0))
     field = build_distance_field(build_body(build_cone(0.8e-3)))
     volume = remove(field, *build_ring(shift), 5e-3)[0].sum()
@@ -146,7 +146,7 @@ def test_material_left_and_gouges_have_their_depth(shift: float) -> None:
     assert size == pytest.approx(abs(volume - exact), rel=0.02)
 
 
-def test_a_gap_of_the_stock_stays_empty() -> None:
+def test_gap_in_the_stock_remains_empty() -> None:
     """Heights along the axis fill a gap; signed distances do not."""
     lower, upper = build_block((0, 0, 0), (0.02, 0.02, 0.004)), build_block((0, 0, 0.008), (0.02, 0.02, 0.012))
     field = build_distance_field(build_body(trimesh.util.concatenate([lower, upper])))
@@ -156,7 +156,7 @@ def test_a_gap_of_the_stock_stays_empty() -> None:
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 1.0], [0, 0, -1.0], [1.0, 0, 0], [0, -1.0, 0]])
-def test_a_start_in_the_material_and_any_turn_are_accepted(axis: list[float]) -> None:
+def test_start_inside_material_and_any_rotation_are_accepted(axis: list[float]) -> None:
     field = build_distance_field(build_body(build_block((0, 0, 0), (0.02, 0.02, 0.02))))
     tips = np.tile([0.01, 0.01, 0.01], (2, 1))
     axes = np.array([[0, 0, 1.0], axis])
@@ -167,7 +167,7 @@ def test_a_start_in_the_material_and_any_turn_are_accepted(axis: list[float]) ->
     assert not len(point)  # no travel, no angle of contact
 
 
-def test_the_second_pass_over_a_surface_cuts_air() -> None:
+def test_second_pass_over_a_surface_cuts_air() -> None:
     field = build_distance_field(build_body(build_block((0, 0, 0), (0.03, 0.02, 0.01))))
     x = np.arange(-0.01, 0.04, 0.5e-3)
     tips = np.column_stack([x, np.full_like(x, 0.01), np.full_like(x, 0.006)])
@@ -179,7 +179,7 @@ def test_the_second_pass_over_a_surface_cuts_air() -> None:
 
 
 @pytest.mark.parametrize(("cell", "words"), [(1e-7, "or more"), (5e-3, "or less"), (2e-5, "or more")])
-def test_a_cell_size_that_cannot_work_is_refused_with_one_that_does(cell: float, words: str) -> None:
+def test_unsuitable_cell_size_is_refused_with_a_suitable_one(cell: float, words: str) -> None:
     mesh = build_block((0, 0, 0), (0.2, 0.2, 0.02))
     with pytest.raises(CuttingInputError, match=words) as caught:
         build_distance_field(build_body(mesh, cell))
@@ -188,9 +188,7 @@ def test_a_cell_size_that_cannot_work_is_refused_with_one_that_does(cell: float,
 
 @pytest.mark.parametrize("turn", [TURNS[0], TURNS[4], (0.0, 0.0, 0.615)])
 @pytest.mark.parametrize("ae", [1e-3, 1.1e-3, 2.3e-3])
-def test_the_volume_of_a_narrow_pass_does_not_depend_on_its_place_in_the_cells(
-    turn: tuple[float, ...], ae: float
-) -> None:
+def test_volume_of_a_narrow_pass_does_not_depend_on_the_grid_offset(turn: tuple[float, ...], ae: float) -> None:
     Q, R = Rotation.from_rotvec(turn).as_matrix(), 6e-3
     mesh = build_block((0, 0, 0), (0.06, 0.015, 0.009), Q)
     stock = build_distance_field(build_body(mesh))
@@ -210,7 +208,7 @@ LAYERS = (  # turn rad, cell, radius, depths of both layers, step m
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("turn", "cell", "radius", "depths", "step"), LAYERS)
-def test_a_wall_of_the_layer_above_is_not_in_contact(
+def test_wall_of_the_upper_layer_is_not_in_contact(
     turn: tuple[float, ...], cell: float, radius: float, depths: tuple[float, float], step: float
 ) -> None:
     """The second layer has the outline of the first one, at its end as well."""
@@ -226,7 +224,7 @@ def test_a_wall_of_the_layer_above_is_not_in_contact(
 
 
 @pytest.mark.parametrize("turn", [TURNS[0], TURNS[3]])
-def test_a_wall_below_the_cut_is_not_in_contact(turn: tuple[float, ...]) -> None:
+def test_wall_below_the_cut_is_not_in_contact(turn: tuple[float, ...]) -> None:
     """A short cutter leaves material above; the next pass of the same outline lies higher."""
     Q, cell, height = Rotation.from_rotvec(turn).as_matrix(), 0.4e-3, 8e-3
     stock = build_distance_field(build_body(build_block((-0.02, -0.01, -0.03), (0.02, 0.01, 0.0), Q), cell))
@@ -240,7 +238,7 @@ def test_a_wall_below_the_cut_is_not_in_contact(turn: tuple[float, ...]) -> None
 
 
 @pytest.mark.parametrize("turn", TURNS[:4])
-def test_a_slice_ends_where_the_width_of_the_cut_changes(turn: tuple[float, ...]) -> None:
+def test_slice_ends_where_the_cutting_width_changes(turn: tuple[float, ...]) -> None:
     """Half of the stock above a slot was cut before."""
     Q, R, cell = Rotation.from_rotvec(turn).as_matrix(), 5e-3, 0.4e-3
     stock = build_distance_field(build_body(build_block((-0.02, -0.015, -0.015), (0.02, 0.015, 0.0), Q), cell))
@@ -256,7 +254,7 @@ def test_a_slice_ends_where_the_width_of_the_cut_changes(turn: tuple[float, ...]
 
 
 @pytest.mark.parametrize("turn", TURNS[:4])
-def test_the_contact_at_the_end_of_a_block_ends_at_its_face(turn: tuple[float, ...]) -> None:
+def test_contact_ends_at_the_face_of_the_block(turn: tuple[float, ...]) -> None:
     """The edge of the block passes through the outline of the cutter: the contact is within 1.75 cells of it."""
     Q, R, ae, cell = Rotation.from_rotvec(turn).as_matrix(), 8.5e-3, 4.5e-3, 0.4e-3
     stock = build_distance_field(build_body(build_block((0, 0, -0.012), (0.03, 0.02, 0), Q), cell))

@@ -48,9 +48,7 @@ def build_line(start: tuple[float, float, float], end: tuple[float, float, float
 @pytest.mark.parametrize("ae", [1e-3, 3e-3, 10e-3])
 @pytest.mark.parametrize(("radius", "step"), [(10e-3, 0.5e-3), (10e-3, 0.06e-3), (6e-3, 0.5e-3)])
 @pytest.mark.parametrize("side", ["up", "down"])
-def test_the_arc_of_a_straight_pass_is_that_of_its_radial_depth(
-    ae: float, radius: float, step: float, side: str
-) -> None:
+def test_arc_of_a_straight_pass_follows_from_its_radial_depth(ae: float, radius: float, step: float, side: str) -> None:
     stock = build_height_map(build_block((0, 0, 0), (0.06, 0.04, 0.02)), UP)
     y = ae - radius
     path = build_line((-0.02, y, 0.014), (0.08, y, 0.014), step)
@@ -68,7 +66,7 @@ def test_the_arc_of_a_straight_pass_is_that_of_its_radial_depth(
 
 @pytest.mark.parametrize("angle", [0.0, 17.0, 45.0, 71.0])
 @pytest.mark.parametrize("corner", [0.0, 2e-3, 6e-3])
-def test_the_volume_of_a_slot_is_exact(angle: float, corner: float) -> None:
+def test_volume_of_a_slot_is_exact(angle: float, corner: float) -> None:
     stock = build_height_map(build_block((-0.06, -0.06, 0), (0.06, 0.06, 0.02)), UP)
     before, R, depth, length = stock.volume, 6e-3, 8e-3, 0.06
     t = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
@@ -83,7 +81,7 @@ def test_the_volume_of_a_slot_is_exact(angle: float, corner: float) -> None:
     assert before - stock.volume == pytest.approx(volume.sum(), rel=1e-5)
 
 
-def test_the_volume_of_a_turned_cylinder_and_a_ring_is_exact() -> None:
+def test_volume_of_a_turned_cylinder_and_a_ring_is_exact() -> None:
     mesh = trimesh.creation.cylinder(radius=0.025, height=0.03, sections=720)
     stock = build_height_map(build_body(mesh), UP)
     assert stock.volume == pytest.approx(mesh.volume, rel=VOLUME)
@@ -96,7 +94,7 @@ def test_the_volume_of_a_turned_cylinder_and_a_ring_is_exact() -> None:
     assert volume.sum() == pytest.approx(pi * (0.014**2 - 0.006**2) * 0.01, rel=VOLUME)
 
 
-def test_entering_a_flat_face_opens_the_arc_around_travel() -> None:
+def test_entering_a_flat_face_opens_the_arc_around_the_feed_direction() -> None:
     stock = build_height_map(build_block((0, -0.03, 0), (0.06, 0.03, 0.02)), UP)
     path, R = build_line((-0.02, 0, 0.01), (0.02, 0, 0.01)), 8e-3
     _, point, rows = remove(stock, path, R)
@@ -109,7 +107,7 @@ def test_entering_a_flat_face_opens_the_arc_around_travel() -> None:
     assert not (path[point, 0] < -R - CELL).any()
 
 
-def test_a_corner_of_a_pocket_raises_the_arc_as_its_geometry_says() -> None:
+def test_pocket_corner_increases_the_arc_as_its_geometry_requires() -> None:
     """A cutter runs along a wall towards a wall across it: both are in contact from a radius before the corner on."""
     stock = build_height_map(build_block((-0.05, -0.05, 0), (0.05, 0.05, 0.02)), UP)
     R, ae, z = 6e-3, 2e-3, 0.01
@@ -128,7 +126,7 @@ def test_a_corner_of_a_pocket_raises_the_arc_as_its_geometry_says() -> None:
     assert along[:, 3] == pytest.approx(degrees(acos(1 - ae / R)), abs=ANGLE)
 
 
-def test_the_arc_on_a_circle_inside_a_round_pocket_is_that_of_two_circles() -> None:
+def test_arc_on_a_circle_inside_a_round_pocket_follows_from_two_circles() -> None:
     mesh = trimesh.creation.annulus(r_min=0.020, r_max=0.045, height=0.02, sections=1440)
     stock = build_height_map(build_body(mesh), UP)
     R, ae = 8e-3, 1.5e-3
@@ -145,7 +143,7 @@ def test_the_arc_on_a_circle_inside_a_round_pocket_is_that_of_two_circles() -> N
     assert volume.sum() == pytest.approx(pi * ((0.020 + ae) ** 2 - 0.020**2) * 0.015, rel=2 * VOLUME)
 
 
-def test_a_pass_that_was_cut_before_is_air() -> None:
+def test_repeated_pass_cuts_air() -> None:
     stock = build_height_map(build_block((0, 0, 0), (0.06, 0.04, 0.02)), UP)
     path = build_line((-0.02, -0.004, 0.014), (0.08, -0.004, 0.014))
     remove(stock, path, 6e-3)
@@ -155,7 +153,7 @@ def test_a_pass_that_was_cut_before_is_air() -> None:
 
 
 @pytest.mark.parametrize("corner", [0.0, 1.5e-3, 4e-3])
-def test_a_wild_path_leaves_what_sampled_columns_say(corner: float) -> None:
+def test_random_path_leaves_the_stock_of_sampled_columns(corner: float) -> None:
     """Columns of the block against every pose, a hundredth of a millimetre apart."""
     R = 4e-3
     rng = np.random.default_rng(5)
@@ -180,7 +178,7 @@ def test_a_wild_path_leaves_what_sampled_columns_say(corner: float) -> None:
     assert np.median(np.abs(mean[j, i] - height)) < 2e-5
 
 
-def test_a_tilted_constant_axis_gives_the_same_as_an_upright_one() -> None:
+def test_tilted_constant_axis_equals_an_upright_axis() -> None:
     R = trimesh.transformations.rotation_matrix(0.6, [1, 2, 0.5])[:3, :3]
     mesh = trimesh.creation.box((0.06, 0.04, 0.02))
     path = build_line((-0.05, -0.021, 0.002), (0.05, -0.021, 0.002))
@@ -193,7 +191,7 @@ def test_a_tilted_constant_axis_gives_the_same_as_an_upright_one() -> None:
     assert rows[inside, 3] == pytest.approx(degrees(acos(1 - 5 / 6)), abs=ANGLE)
 
 
-def test_a_cutter_through_a_plate_is_in_contact_with_the_plate_alone() -> None:
+def test_cutter_through_a_plate_contacts_only_the_plate() -> None:
     stock = build_height_map(build_block((0, 0, 0.01), (0.06, 0.04, 0.014)), UP)
     path = build_line((-0.02, 0.02, 0.0), (0.05, 0.02, 0.0))
     volume, point, rows = remove(stock, path, 5e-3)
@@ -202,7 +200,7 @@ def test_a_cutter_through_a_plate_is_in_contact_with_the_plate_alone() -> None:
     assert volume.sum() == pytest.approx((0.05 * 0.01 + pi * 5e-3**2 / 2) * 0.004, rel=VOLUME)
 
 
-def test_steps_of_the_stock_give_slices_of_their_own() -> None:
+def test_steps_of_the_stock_give_separate_slices() -> None:
     stock = build_height_map(build_block((0, -0.02, 0), (0.06, 0.02, 0.02)), UP)
     remove(stock, build_line((-0.02, -0.010, 0.016), (0.08, -0.010, 0.016)), 10e-3)  # lower for y < 0
     path = build_line((-0.02, 0.0, 0.012), (0.05, 0.0, 0.012))
@@ -214,7 +212,7 @@ def test_steps_of_the_stock_give_slices_of_their_own() -> None:
 
 
 @pytest.mark.parametrize(("cell", "word"), [(1e-7, "at most"), (6e-3, "at least")])
-def test_a_number_of_cells_out_of_range_is_refused_with_one_that_works(cell: float, word: str) -> None:
+def test_number_of_cells_out_of_range_is_refused_with_a_suitable_one(cell: float, word: str) -> None:
     mesh = trimesh.creation.box((0.06, 0.04, 0.02))
     with pytest.raises(CuttingInputError, match=word):
         build_height_map(build_body(mesh, cell), UP)
@@ -230,7 +228,7 @@ def compare(depth: float, wanted: float) -> StockComparison:
     return compare_with_finished_part(stock, part)
 
 
-def test_gouges_and_material_left_have_their_depth_and_volume() -> None:
+def test_gouges_and_remaining_material_have_correct_depth_and_volume() -> None:
     gouged, left = compare(0.005, 0.0047), compare(0.0046, 0.005)
     assert gouged.gouge_depth == pytest.approx(0.0003, abs=1e-6)
     assert gouged.gouge_volume == pytest.approx(0.06 * 0.04 * 0.0003, rel=1e-3)
@@ -242,9 +240,7 @@ def test_gouges_and_material_left_have_their_depth_and_volume() -> None:
 
 @pytest.mark.parametrize(("radius", "offset"), [(8.5e-3, 1e-3), (6e-3, 1e-3), (8e-3, 2.3e-3)])
 @pytest.mark.parametrize("step", [0.5e-3, 3.7e-3])
-def test_an_end_of_a_slot_that_crosses_the_outline_at_a_small_angle_ends_the_arc(
-    radius: float, offset: float, step: float
-) -> None:
+def test_slot_end_crossing_the_outline_at_a_small_angle_ends_the_arc(radius: float, offset: float, step: float) -> None:
     """The round end of the slot before and the cutter are two circles of one radius, ``offset`` apart."""
     stock = build_height_map(build_block((-0.03, -0.02, 0), (0.03, 0.02, 0.02)), UP)
     remove(stock, build_line((-0.012, 0.0, 0.01), (0.02, 0.0, 0.01)), radius)
@@ -258,7 +254,7 @@ def test_an_end_of_a_slot_that_crosses_the_outline_at_a_small_angle_ends_the_arc
 
 
 @pytest.mark.parametrize("ahead", [2.5e-3, 3.8e-3, 5e-3])
-def test_a_cusp_against_a_wall_that_is_tangent_to_the_cutter_is_in_contact(ahead: float) -> None:
+def test_cusp_against_a_wall_tangent_to_the_cutter_is_in_contact(ahead: float) -> None:
     """The cutter runs along its own wall towards a place that it cut before: a cusp is left beside the wall."""
     stock = build_height_map(build_block((-0.03, -0.03, 0), (0.03, 0.03, 0.02)), UP)
     radius = 8.5e-3
@@ -271,7 +267,7 @@ def test_a_cusp_against_a_wall_that_is_tangent_to_the_cutter_is_in_contact(ahead
     assert mine[-1, 3] == pytest.approx(180.0, abs=ANGLE)
 
 
-def test_the_volume_beneath_the_end_is_that_of_a_part_of_a_disc() -> None:
+def test_volume_below_the_end_face_equals_a_disc_segment() -> None:
     """The end of a cutter descends over the side of a block, at random distances."""
     stock, radius, depth = build_height_map(build_block((0, 0, 0), (0.06, 0.04, 0.02)), UP), 5e-3, 1e-3
     rng, off = np.random.default_rng(3), []
