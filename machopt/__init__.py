@@ -98,7 +98,7 @@ __all__ = [
 
 
 def _define_lazy_name(name: str) -> property:
-    """A public name, imported when it is first asked for, so that ``import machopt`` loads nothing heavy."""
+    """A public name, imported on first use, so that ``import machopt`` loads nothing heavy."""
 
     def get(_: ModuleType) -> object:
         return getattr(import_module("machopt.api"), name)

@@ -11,7 +11,7 @@
     │   ├── ConfigurationKeyError           key of a YAML file
     │   ├── RobotModelError                 URDF, xacro or SRDF
     │   ├── MeshError                       mesh of a body
-    │   ├── CellError                       a cell that is read, and cannot do what is asked
+    │   ├── CellError                       a cell that is read, and cannot do what is requested
     │   ├── RecordingError                  recording of measurements
     │   ├── PostError                       post or template of a robot program
     │   ├── CuttingInputError               cutting coefficients, cutter or cut outside of what a force model accepts

@@ -149,7 +149,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
 
 
 def link() -> Finding:
-    """A soft link that cannot be told from two others; its law goes into the planner."""
+    """A soft link that cannot be distinguished from two others; its law goes into the planner."""
     rng = np.random.default_rng(8)
     x = rng.uniform(-900, 900, N)
     return Finding(

@@ -496,7 +496,7 @@ def test_data_notes_use_display_units() -> None:
 
 def test_limits_name_sets_and_reasons() -> None:
     html = build_limits_html(made_up.explained())
-    assert 'title="cannot be told from compliance of the base">(11)</span>' in html
+    assert 'title="cannot be distinguished from compliance of the base">(11)</span>' in html
     text = Balanced(html).text
     assert "Creep (joints 1, 2, 3, 4, 5 and 6)the recording has no time" in text.replace("; ", "; ")
     assert build_limits_html(replace(made_up.explained(), limits=(), untestable=())) == ""

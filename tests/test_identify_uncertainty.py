@@ -142,7 +142,7 @@ def test_inseparable_joints_are_named_with_their_sum() -> None:
     names = [u.name for u in found.unknowns]
     turn = names.index("base_compliance at base rz")
     assert not settled.status[0].identified
-    assert settled.status[0].reason.startswith("cannot be told from base_compliance at base rz")
+    assert settled.status[0].reason.startswith("cannot be distinguished from base_compliance at base rz")
     assert not settled.status[turn].identified
     # the sum is what a fit without the base gives; the base's other five coefficients change it by less than that
     assert settled.x[0] + settled.x[turn] == pytest.approx(fit_stiffness(e).x[0], rel=0.02)

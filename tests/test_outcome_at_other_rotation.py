@@ -227,7 +227,7 @@ def test_dragged_hole_shows_its_outcome_and_the_plan_is_restored(tmp_path: Path)
         mouse.up()
         assert browser.script("document.querySelectorAll('.pin[data-outcome]').length") == 0
         browser.page.click(".wish + button")
-        assert browser.script("document.getElementById('told').textContent").startswith("Planned in")
+        assert browser.script("document.getElementById('status-message').textContent").startswith("Planned in")
         assert browser.complaints == []
 
     driven(server, user)

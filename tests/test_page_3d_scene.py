@@ -174,9 +174,9 @@ def test_map_is_navigated_by_keys_and_enter_moves_the_robot(tmp_path: Path) -> N
             browser.page.keyboard.press(key)
             said.append(browser.script("document.querySelector('[role=status].aloud').textContent"))
         assert len(set(said)) == 3
-        before = browser.script("document.querySelector('.view .told').textContent")
+        before = browser.script("document.querySelector('.view .pose-details').textContent")
         browser.page.keyboard.press("Enter")
-        told = browser.script("document.querySelector('.view .told').textContent")
+        told = browser.script("document.querySelector('.view .pose-details').textContent")
         assert told != before
         assert said[-1].split(", ")[2].removeprefix("φ ") in told
         assert browser.complaints == []

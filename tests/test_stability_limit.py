@@ -52,7 +52,7 @@ def test_limit_is_respected_and_verified(tmp_path: Path) -> None:
     assert stated["unstable"] == stated["unknown"] == 0
     assert stated["unknown_points"] == []
     checks = {c["name"]: c["passed"] for c in read_result(tmp_path / "kept")["verification"]["checks"]}
-    assert checks["as asked: min_stability_ratio"] is True
+    assert checks["requested: min_stability_ratio"] is True
     assert checks["points.csv stability at min_stability_ratio"] is True
 
 

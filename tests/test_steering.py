@@ -223,7 +223,7 @@ def test_rules_beside_an_undrivable_place_are_reported(tmp_path: Path) -> None:
     stop = SequenceBreak(before=4.25, after=4.25, code="no_pose", text="the pose cannot be reached", help="")
     told = add_undrivable_conflict(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
     assert "cannot be driven at point 4.25: the pose cannot be reached." in told
-    near = "Asked nearest to there: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
+    near = "Nearest requests: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
     assert near in told
     assert "point 0" not in told
     assert add_undrivable_conflict(p, (stop,), path, FREE) is p  # nothing was asked
@@ -336,14 +336,14 @@ def test_verifier_detects_a_violated_zone_and_branch(tmp_path: Path) -> None:
         }
 
     by_name = checks()
-    assert not by_name["as asked: forbidden rotations"].passed
-    assert by_name["as asked: forbidden rotations"].value == pytest.approx(3.0)
-    assert by_name["as asked: branch"].passed
-    assert by_name["as asked: fixed rotations"].passed
+    assert not by_name["requested: forbidden rotations"].passed
+    assert by_name["requested: forbidden rotations"].value == pytest.approx(3.0)
+    assert by_name["requested: branch"].passed
+    assert by_name["requested: fixed rotations"].passed
     numbers["branch"][7] = 5.0
     wrong = checks()
-    assert not wrong["as asked: branch"].passed
-    assert wrong["as asked: branch"].where == "point 7"
+    assert not wrong["requested: branch"].passed
+    assert wrong["requested: branch"].where == "point 7"
 
 
 def test_external_joint_has_the_value_of_its_operation(tmp_path: Path) -> None:

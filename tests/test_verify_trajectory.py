@@ -316,7 +316,7 @@ def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_p
 
     def hits(changed: Cell, damage: Damage | None = None) -> str:
         result = verified(changed, table, tmp_path, damage)
-        assert names(result) in ({"contacts"}, {"contacts", "as asked: clearance_mm"}), result.failed
+        assert names(result) in ({"contacts"}, {"contacts", "requested: clearance_mm"}), result.failed
         return next(check.where for check in result.failed if check.name == "contacts")
 
     clamp = CollisionShape(

@@ -138,7 +138,7 @@ def test_dragging_a_handle_shows_angle_deflection_and_state(tmp_path: Path) -> N
         assert browser.script("document.getElementById('save').disabled")
         browser.page.click(".wish + button")  # taken away again: the plan shown is the one wished for
         assert not browser.script("document.getElementById('save').disabled")
-        assert browser.script("document.getElementById('told').textContent").startswith("Planned in")
+        assert browser.script("document.getElementById('status-message').textContent").startswith("Planned in")
         assert browser.complaints == []
 
     driven(server, user)
@@ -245,7 +245,9 @@ def test_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) ->
         while not (tmp_path / "plan.yaml").is_file():
             assert time.monotonic() < end
             time.sleep(0.1)
-        while "Verification passed" not in (message := browser.script("document.getElementById('told').textContent")):
+        while "Verification passed" not in (
+            message := browser.script("document.getElementById('status-message').textContent")
+        ):
             assert time.monotonic() < end + 60, message
             time.sleep(0.2)
         assert "machopt optimize" in message
@@ -264,7 +266,7 @@ def test_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) ->
     result = json.loads((out / "result.json").read_text())
     assert result["options"]["fixed"] == [pinned]
     checks = {c["name"]: c["passed"] for c in result["verification"]["checks"]}
-    assert checks["as asked: fixed rotations"]
+    assert checks["requested: fixed rotations"]
 
 
 def test_cells_and_reports_are_served_separately(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ command's options under the names that ``manifest.json`` has for them. Numbers h
 N, N·m, mm/min. Arrays are read-only. Nothing is printed; what is wrong with an input is an
 :class:`~machopt.errors.InputError`.
 
-The names stand in ``machopt/__init__.py``; this package is not imported before one of them is asked for.
+The names stand in ``machopt/__init__.py``; this package is not imported before one of them is used.
 """
 
 from machopt.api.batch_run import batch

@@ -35,7 +35,7 @@ def batch(
         process: a process.yaml in place of that of every cell (``--process``).
         effects: Python files with effects of your own that stiffness files hold; **runs the code in them**.
         allow_external: let cells use files outside their folders.
-        progress: told how far it is, after every job.
+        progress: called after every job with the state of the batch.
         options: as :class:`machopt.batch.request.BatchRequest` has them, e.g. ``workers=2``,
             ``scheduler="tcp://10.0.0.5:8786"``, ``overrides=["rotation_step_deg=10"]``.
 

@@ -95,7 +95,7 @@ def diagnose(
     Args:
         cell: a cell, or the path of its folder; by path, a recorded motion may be of any chain of joints.
         recordings: a recording folder, or several of the same robot.
-        progress: told what is being done.
+        progress: called with each stage, in words.
         options: as :class:`machopt.measurement.diagnosis.request.DiagnoseRequest` has them, e.g.
             ``toolpath="part.nc"``,
             ``max_findings=2``; ``terms`` names Python files with laws of your own, whose code is **run**.

@@ -75,7 +75,7 @@ def identify(
     Args:
         cell: a cell, or the path of its folder.
         recordings: a recording folder, or several of the same robot.
-        progress: told what is being done.
+        progress: called with each stage, in words.
         options: as :class:`machopt.measurement.identification.request.IdentifyRequest` has them, e.g.
             ``model="constant"``, ``seed=1``.
 

@@ -75,7 +75,7 @@ def plan_poses(
 
     Args:
         cell: a cell, or the path of its folder.
-        progress: told what is being done.
+        progress: called with each stage, in words.
         options: as :class:`machopt.measurement.design.request.PosesRequest` has them, e.g. ``poses=12``,
             ``weights_kg=[50]``.
 

@@ -38,7 +38,7 @@ class Toolpath:
         """Read a CAM export, a robot program or a point table.
 
         Args:
-            path: the file; what it is is told by its content.
+            path: the file; its content decides its format.
             cell: whose robot a program with joint positions was written for.
             reading: what the file does not say itself, by the names of ``manifest.json``: ``unit`` ("mm", "inch"),
                 ``machine``, ``feed_mm_min``, ``tool_axis``, ``offsets``, ``decimals``, ``cycle_order``, ``kind``,

@@ -103,7 +103,7 @@ def map(cell: Cell | Named, *, progress: Progress = ignore_progress, **options: 
 
     Args:
         cell: a cell, or the path of its folder.
-        progress: told what is being done.
+        progress: called with each stage, in words.
         options: as :class:`machopt.workspace_map.request.MapRequest` has them, e.g. ``slice="xy"``, ``at=800``,
             ``steps=["100"]``, ``force="0,0,500"``; numbers in mm, degrees, N.
 

@@ -50,7 +50,7 @@ class BatchComparison:
 def compare_batches(jobs: Path, lines: Sequence[JobStatus], other: Path, result: BatchDocument) -> BatchComparison:
     """Pair the jobs of two batches by toolpath and variant, and take the differences.
 
-    Jobs are paired by their folder's label where both have it; the others, whose cell stands in another place, by
+    Jobs are paired by their folder's label where both have it; the others, whose cell is in another place, by
     toolpath and variant where these name one job on both sides.
 
     Args:

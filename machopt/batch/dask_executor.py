@@ -276,7 +276,7 @@ def get_machine_memory() -> int:
 def _import_distributed() -> Any:
     try:
         import distributed
-        import psutil  # noqa: F401  the jobs' processes need it; here it can be said before any is started
+        import psutil  # noqa: F401  the jobs' processes need it; checked here before any is started
     except ImportError:
         raise InputError(
             "machopt batch runs on Dask distributed and psutil, of which one is not installed; "

@@ -42,6 +42,6 @@ class JobStartedMessage(DocumentModel):
 class JobEndedMessage(DocumentModel):
     """A job's process has ended."""
 
-    status: Count  # as the system tells it
+    status: Count  # as the system reports it
     peak_KiB: Count = 0  # the unit's own letters
     cpu_s: Number = 0.0

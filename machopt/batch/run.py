@@ -135,7 +135,7 @@ def _check_request(request: BatchRequest) -> None:
             raise OptionError("no such file", file=file, where=name)
     with activate_user_effects(
         load_effect_files(request.effects)
-    ):  # what no job could use is said once, before the first
+    ):  # reported once, before the first job: what no job could use
         pass
 
 

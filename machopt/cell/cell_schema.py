@@ -333,7 +333,7 @@ class CellKeys(StrictSchema):
     @field_validator("ignore_pairs", mode="before")
     @classmethod
     def _split_pairs_and_files(cls, value: object) -> object:
-        """One file for a list of one; what else it may be is told in words that fit all of its forms."""
+        """One file for a list of one; errors name all forms that are accepted."""
         entries = [value] if isinstance(value, str) else value
         if not isinstance(entries, list):
             raise ValueError(f"found {value!r}; {_PAIRS}")

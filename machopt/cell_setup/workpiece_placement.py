@@ -160,7 +160,7 @@ def find_place(
         position: (N, 3) m, of the tool tip in the workpiece frame.
         axis: (N, 3) unit, tip to shank.
         reach: m, of the arm.
-        free: whether postures (K, 6) rad touch nothing; asked of the path and of home.
+        free: whether postures (K, 6) rad touch nothing; called for the path and for home.
 
     Returns:
         Of the places before the arm, the one with the most room of those where the branch reaches every point; where

@@ -32,14 +32,14 @@ def announce_compilation(display: ProgressDisplay) -> Iterator[None]:
 
     processes: list[subprocess.Popen[bytes]] = []
 
-    def told(stored: bool) -> None:
+    def notify(stored: bool) -> None:
         display.print_line(STORED if stored else NOT_STORED)
         second = start_compile_process() if stored else None
         if second is not None:
             processes.append(second)
 
     try:
-        with call_on_compilation(told):
+        with call_on_compilation(notify):
             yield
     finally:
         for process in processes:

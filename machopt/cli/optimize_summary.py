@@ -88,7 +88,7 @@ def format_optimize_summary(result: OptimizeDocument, report: Path) -> list[str]
     if result.front:
         free = [p.plan for p in result.front if not p.dominated]
         lines.append(f"  front of {len(free)} plan{'s' * (len(free) > 1)} in front.csv: {', '.join(free)}")
-        if any(p.dominated and p.plan == "as asked" for p in result.front):
+        if any(p.dominated and p.plan == "requested" for p in result.front):
             lines.append("  another of these plans is at least as good in every criterion as the requested plan")
         lines += _format_front_table([p for p in result.front if not p.dominated])
     lines += _format_worst_point(result)

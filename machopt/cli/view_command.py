@@ -98,7 +98,7 @@ def _run_view(args: argparse.Namespace) -> int:
                 webbrowser.open(server.url)
             server.serve_actions()
         except KeyboardInterrupt:
-            pass  # asked for
+            pass  # requested
         finally:
             server.close()
     return 0

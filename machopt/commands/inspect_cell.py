@@ -79,7 +79,7 @@ def _load_any_arm(path: Path, allow_external: bool) -> Cell:
 
 
 def _describe_model(cell: Cell) -> dict[str, Any]:
-    """The keys of CellInspected that follow from a model; a cell that the planner refuses is told why."""
+    """The keys of CellInspected that follow from a model; with the reason where the planner refuses the cell."""
     out: dict[str, Any] = {}
     try:
         robot, shapes = load_chain(cell)

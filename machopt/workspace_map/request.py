@@ -29,7 +29,7 @@ class MapRequest:
 
     cell: Path
     out: Path
-    slice: str | None = None  # xy | xz | yz; the default where nothing else is asked for, xz
+    slice: str | None = None  # xy | xz | yz; default xz
     at: float | None = None  # mm, position of the slice on its normal; 0
     volume: bool = False
     joints: str | None = None  # "a2,a3" or one joint

@@ -255,7 +255,7 @@ GIVEN_ROLES = [
 ]
 
 FRONT_PLAN = {
-    "plan": "as asked",
+    "plan": "requested",
     "changed": "",
     "mean_index": 1.0,
     "worst_index": 1.0,
@@ -519,10 +519,10 @@ def other_options(**options: object) -> Callable[[Job], None]:
 FORGED_OPTIONS = [
     Damage(f"options, in both: {name}", how_much, other_options(**options), caught_by, as_is=MANIFEST)
     for name, how_much, options, caught_by in (
-        ("rotation range", "the other half", {"rotation_range_deg": [-60.0, -20.0]}, "as asked: rotation_range_deg"),
-        ("clearance", "2 → 300 mm", {"clearance_mm": 300.0}, "as asked: clearance_mm"),
-        ("joint margin", "0.5 → 40 deg", {"limit_margin_deg": 40.0}, "as asked: limit_margin_deg"),
-        ("a fixed rotation", "made up", {"fixed": [{"point": 4, "gamma_deg": -100.0}]}, "as asked: fixed rotations"),
+        ("rotation range", "the other half", {"rotation_range_deg": [-60.0, -20.0]}, "requested: rotation_range_deg"),
+        ("clearance", "2 → 300 mm", {"clearance_mm": 300.0}, "requested: clearance_mm"),
+        ("joint margin", "0.5 → 40 deg", {"limit_margin_deg": 40.0}, "requested: limit_margin_deg"),
+        ("a fixed rotation", "made up", {"fixed": [{"point": 4, "gamma_deg": -100.0}]}, "requested: fixed rotations"),
         ("collisions", "switched off", {"collision": False}, "result.json verdict"),
     )
 ]

@@ -397,7 +397,7 @@ DAMAGES = [
         )
         for factor, name in ((1.05, "points.csv a_lim_mm"), (0.6, "points.csv a_lim_mm is reached"))
     ),
-    Damage("least ratio stated", "0.5 → 3.9", demand_stability, "as asked: min_stability_ratio", "process"),
+    Damage("least ratio stated", "0.5 → 3.9", demand_stability, "requested: min_stability_ratio", "process"),
     *(
         Damage(
             f"depths of a cut scaled: {name}",

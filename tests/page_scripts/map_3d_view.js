@@ -1,7 +1,7 @@
 const host = document.getElementById("field"), api = VIEW, canvas = document.querySelector("#view canvas"), gl = canvas.getContext("webgl2");
 const shot = () => { api.stage.paintNow(); const px = new Uint8Array(4 * canvas.width * canvas.height); gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, px); return px; };
 const differ = (a, b) => { let n = 0; for (let i = 0; i < a.length; i += 4) n += Math.abs(a[i] - b[i]) + Math.abs(a[i + 1] - b[i + 1]) + Math.abs(a[i + 2] - b[i + 2]) > 30; return n; };
-const told = () => document.querySelector("#view .told").textContent, name = () => document.querySelector("#view .told .where").textContent;
+const told = () => document.querySelector("#view .pose-details").textContent, name = () => document.querySelector("#view .pose-details .where").textContent;
 const armThere = () => api.stage.root.children.some(g => g.isGroup && g.visible && g.children.some(m => m.isMesh && m.material.opacity === 1 && g.children.length > 3));
 const first = shot(), seen = new Set();
 for (let i = 0; i < first.length; i += 16) seen.add(first[i] << 16 | first[i + 1] << 8 | first[i + 2]);

@@ -14,5 +14,5 @@ slider.value = 2; slider.dispatchEvent(new Event("input"));
 const other = pixels();
 found.moved = 0;
 for (let i = 0; i < one.length; i += 4) if (one[i] !== other[i] || one[i + 1] !== other[i + 1]) found.moved++;
-found.told = document.querySelector("#view .told").textContent;
+found.told = document.querySelector("#view .pose-details").textContent;
 found.shown = VIEW.shown;

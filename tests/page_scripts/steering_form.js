@@ -1,6 +1,6 @@
 // The form of `machopt view`: what it adds is what is sent to the planner, in the keys of a plan file.
 const by = id => document.getElementById(id), sent = [];
-window.fetch = async (what, asked) => { if (asked) sent.push([what, JSON.parse(asked.body)]); return { json: async () => ({ told: "heard", good: true, stage: "" }) }; };
+window.fetch = async (what, asked) => { if (asked) sent.push([what, JSON.parse(asked.body)]); return { json: async () => ({ message: "heard", good: true, stage: "" }) }; };
 const choose = (id, text) => { const select = by(id); select.value = [...select.options].find(o => o.textContent === text).value; select.onchange(); };
 found.refused = [];
 for (const [where, what, values] of GIVEN.wishes) {
@@ -11,7 +11,7 @@ for (const [where, what, values] of GIVEN.wishes) {
   found.refused.push(...wrong);
   by("wish").requestSubmit();
 }
-found.told = by("told").textContent;
+found.told = by("status-message").textContent;
 found.listed = [...document.querySelectorAll("#wishes .wish")].map(e => e.textContent.trim());
 by("replan").click();
 await wait(50);

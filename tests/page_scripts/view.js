@@ -10,7 +10,7 @@ const pixels = async () => {
 };
 const changed = (a, b) => { let n = 0; for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) n++; return n; };
 const click = (u, x, y) => { for (const kind of ["mousemove", "mousedown", "mouseup", "click"]) send(u, kind, x, y); };
-const told = () => document.querySelector("#view .told").textContent;
+const told = () => document.querySelector("#view .pose-details").textContent;
 const start = await pixels(), seen = new Set();
 for (let i = 0; i < start.length; i += 4) seen.add(start[i] << 16 | start[i + 1] << 8 | start[i + 2]);
 found.colours = seen.size;

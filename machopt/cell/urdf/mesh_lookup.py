@@ -63,13 +63,13 @@ def find_mesh(
 
 def find_package_around(name: str, rests: Iterable[str], file: Path, up: int) -> Path | None:
     """Folder of a package that has another name than its folder, by what lies in it: the nearest one above the robot's
-    file that its ``package.xml`` calls so, or that holds the file asked for.
+    file that its ``package.xml`` calls so, or that holds the requested file.
 
     ROS names a package in package.xml, not by its folder, and robots are often passed on without either.
 
     Args:
         name: of the package.
-        rests: files asked for in it, relative to it; one that is there will do.
+        rests: requested files in it, relative to it; one that is there will do.
         file: the robot's.
         up: folders above it that are searched.
     """

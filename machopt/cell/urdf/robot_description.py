@@ -145,7 +145,7 @@ def find_standalone_package(name: str, path: Path, packages: Mapping[str, Path],
         name: of the package.
         path: the robot's file.
         packages: folders that are known, by name.
-        rests: files that are asked for in the package, relative to it (:func:`find_package_around`).
+        rests: requested files of the package, relative to it (:func:`find_package_around`).
 
     Raises:
         InputError: there is none.

@@ -29,7 +29,7 @@ def estimate_tool_length(request: InitRequest, span: float) -> float:
     """mm from flange to TCP, as given or as an arm of that size would carry.
 
     Args:
-        request: what was asked for.
+        request: the validated input.
         span: m, of the arm's links end to end.
     """
     if request.tool_length_mm is not None:
@@ -141,7 +141,7 @@ def aim_tool(
 
     Args:
         new: the cell so far.
-        request: what was asked for.
+        request: the validated input.
         out: the direction.
         span: m, of the arm's links end to end.
 

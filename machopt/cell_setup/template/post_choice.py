@@ -12,14 +12,14 @@ from machopt.programs.writing.post_file import list_post_names
 
 
 def add_post(new: NewCellContent, cell: Cell) -> tuple[NewCellContent, tuple[str, ...]]:
-    """The cell with the post asked for, or with its axis-by-axis kin where the controller says too little for it.
+    """The cell with the requested post, or with its axis-by-axis kin where the controller says too little for it.
 
     Args:
         new: the cell; its post as the user gave it.
         cell: the same, read back.
 
     Returns:
-        The cell, and what is missing for the post asked for.
+        The cell, and what is missing for the requested post.
 
     Raises:
         InputError: no such post, or neither it nor a kin of it can be written.

@@ -112,7 +112,7 @@ def remove_key(document: YamlDocument, loc: KeyPath) -> YamlDocument:
         at = at[part]
     del at[loc[-1]]
     lines = document.lines
-    if isinstance(loc[-1], int):  # what stood behind it moves up
+    if isinstance(loc[-1], int):  # later entries move up
         lines = {_shift_key_after_removal(k, loc): line for k, line in lines.items() if k[: len(loc)] != loc}
     return replace(document, value=value, lines=lines)
 

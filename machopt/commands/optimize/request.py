@@ -96,7 +96,7 @@ def prepare_optimize_inputs(cell: Cell, read: Callable[[], Toolpath], request: O
 
     Args:
         cell: as it was read, or changed since.
-        read: gives the toolpath; asked for when the options are known to be good.
+        read: reads the toolpath; called once the options are valid.
         request: files it names beside these two are read.
 
     Raises:

@@ -60,7 +60,7 @@ def _write_and_verify(the_plan: OptimizeComputation, folder: Path) -> VerifiedFi
             made = made.with_verification(found)
     if given.front and timeline is not None and made.exit_code == 0:
         with timings.stage("front"):
-            own = measure_front_plan("as asked", "", made.plan, timeline, made.points, made.plan)
+            own = measure_front_plan("requested", "", made.plan, timeline, made.points, made.plan)
             made = replace(made, front=tuple(compute_trade_off_front(given, made.plan, own)))
             write_trade_off_front(folder / FRONT, list(made.front))
     if given.tables == "parquet":

@@ -85,11 +85,11 @@ def compute_pose_plan(
     job = read_job_loads(request, cell)
     m = plan_next_measurement(request, cell, found, progress, job)
     plan_warnings = build_plan_warnings(request, m.pool, m.cases, m.plan, m.noise, m.load_methods)
-    stands = describe_external_axis_positions(cell)
+    fixed_positions = describe_external_axis_positions(cell)
     rigid = () if cell.stiffness is None else describe_ignored_springs(cell.stiffness.external)
     warnings = (
         *list_unchecked_conditions(request),
-        *([stands] if stands else []),
+        *([fixed_positions] if fixed_positions else []),
         *rigid,
         *cell.warnings,
         *m.warnings,
@@ -109,7 +109,9 @@ def compute_pose_plan(
         table = expand_load_steps(table, steps)
         if found is None or found.channel == "deflection":
             template = build_recording_template(table, m.plan, m.noise, request, steps)
-            template = replace(template, notes=f"{template.notes} Note: {stands}." if stands else template.notes)
+            template = replace(
+                template, notes=f"{template.notes} Note: {fixed_positions}." if fixed_positions else template.notes
+            )
     scene = None if m.collision is None else build_machine_scene(cell, m.robot, m.collision.bodies)
     page = build_pose_plan_page_data(request, cell, m, table, hashes, warnings, scene, job)
     verdict = page.reason or format_verdict_sentence(page)

@@ -35,7 +35,7 @@ def run_plan_poses(request: PosesRequest, progress: Callable[[str], None] = lamb
 
     Args:
         request: cell, output folder and options.
-        progress: told what is being done, in words.
+        progress: called with each stage, in words.
 
     Returns:
         The result; ``poses.csv``, ``recording_template/``, ``plan.json`` and ``report.html`` are in the folder. Without

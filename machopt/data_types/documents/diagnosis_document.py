@@ -237,7 +237,7 @@ class FindingAtJobEntry(DocumentModel):
 
 
 class JobEffectSection(DocumentModel):
-    """What the findings change for one toolpath; where nothing can be said ``reason`` says why, without the rest."""
+    """What the findings change for one toolpath; ``reason`` alone where it cannot be computed."""
 
     toolpath: Text
     sentence: Text

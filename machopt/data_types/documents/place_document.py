@@ -22,7 +22,7 @@ from machopt.data_types.documents.document_base import (
 
 
 class PlaceSearchSection(DocumentModel):
-    """What was searched, as asked for."""
+    """Places, objective and limits of the search."""
 
     x_mm: Numbers
     y_mm: Numbers

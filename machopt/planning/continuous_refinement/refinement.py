@@ -136,7 +136,7 @@ class PlanRefinement:
     def _apply_wishes(self, group: OperationGroup, own: Bools, is_fixed: Bools) -> None:
         """Apply the user's requests about moving joints of a group: pins fix a value, a zone keeps them on one side."""
         at = np.arange(len(own))
-        for wish in group.stands:
+        for wish in group.position_wishes:
             k = wish.joint
             rows = own & (at >= wish.rows[0]) & (at <= wish.rows[1])
             if not group.moving[k] or not rows.any():

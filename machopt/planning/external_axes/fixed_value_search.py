@@ -100,7 +100,7 @@ class FixedValueSearch:
 
     # --- which values are assessed ------------------------------------------------------------------------------------
 
-    def judge(self) -> None:
+    def assess(self) -> None:
         """Assess the coarse grid of every group, then finer ones around its best value."""
         for n, group in enumerate(self.groups):
             free = np.flatnonzero(group.high > group.low)
@@ -146,11 +146,11 @@ class FixedValueSearch:
         new = {v.tobytes(): v for v in allowed if v.tobytes() not in self.assessed[n]}
         every = list(new.values())
 
-        def judge() -> tuple[tuple[ValueAssessment, float | None], ...]:
+        def assess_values() -> tuple[tuple[ValueAssessment, float | None], ...]:
             return tuple(map_in_threads(lambda v: self._assess_least_index(n, v), every))
 
         for key, (assessed, median) in zip(
-            new, compute_cached("places", lambda: self._list_dependencies(n, every), judge), strict=True
+            new, compute_cached("places", lambda: self._list_dependencies(n, every), assess_values), strict=True
         ):
             self.assessed[n][key] = assessed
             self.short[n] = min(self.short[n], assessed.lost)

@@ -108,11 +108,13 @@ def compute_moving_axis_path(
     for g, value in zip(groups, fixed_values, strict=True):
         if g.moves.any():
             rows = list_run_points(path, g.runs)
-            sides = [_narrow_to_wish(g, wish, float(value[wish.joint])) for wish in g.stands]
+            sides = [_narrow_to_wish(g, wish, float(value[wish.joint])) for wish in g.position_wishes]
             low, high = _narrow_ranges(g, sides)
             home = g.snapped(search.setup.cell.external_home)
             bounds = tuple(
-                _bound(rows, wish, side) for wish, side in zip(g.stands, sides, strict=True) if g.moving[wish.joint]
+                _bound(rows, wish, side)
+                for wish, side in zip(g.position_wishes, sides, strict=True)
+                if g.moving[wish.joint]
             )
             group = GroupAxisRange(
                 runs=g.runs,
@@ -142,7 +144,7 @@ def _narrow_ranges(group: OperationGroup, sides: Sequence[Interval]) -> tuple[Ar
     low, high = group.low.copy(), group.high.copy()
     room = ROOM * (group.most - group.least)
     for k in np.flatnonzero(group.moving):
-        own = [side for wish, side in zip(group.stands, sides, strict=True) if wish.joint == k]
+        own = [side for wish, side in zip(group.position_wishes, sides, strict=True) if wish.joint == k]
         low[k] = min([group.least[k] + room[k], *(b for _, b in own)])
         high[k] = max([group.most[k] - room[k], *(a for a, _ in own)])
     return low, high

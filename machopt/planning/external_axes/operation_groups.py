@@ -42,7 +42,7 @@ class OperationGroup:
     most: Array  # (E,)
     allowed: tuple[tuple[Interval, ...], ...]  # (E,) parts of ``low`` … ``high`` outside the zones
     must: Bools  # (E,) no single position satisfies the requests: the joint has to move
-    stands: tuple[AxisPositionWish, ...] = ()  # position requests of the user
+    position_wishes: tuple[AxisPositionWish, ...] = ()  # position requests of the user
 
     @property
     def moves(self) -> Bools:
@@ -114,7 +114,7 @@ def build_operation_groups(
             most=np.array([r.most for r in ranges], float),
             allowed=tuple(r.allowed for r in ranges),
             must=np.array([r.must for r in ranges], bool),
-            stands=mine,
+            position_wishes=mine,
         )
         _refuse_too_many_choices(group, axes)
         out.append(group)
@@ -218,7 +218,7 @@ def _find_room(
         return False, left, base
     if moves:
         return True, (whole,), base
-    origin = " and ".join(s.said for s in wishes) or f"{axis.joint!r} locked"
+    origin = " and ".join(s.description for s in wishes) or f"{axis.joint!r} locked"
     raise CellError(
         f"{origin}: they are in operations that share a run without a rapid move, where {cell.external_joints[k]!r} "
         "has one position, and none satisfies all of that; one of them, or mode: moving, would work",

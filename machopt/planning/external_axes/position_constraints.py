@@ -37,7 +37,7 @@ class AxisPositionWish:
     rows: tuple[int, int]  # first and last planning point concerned
     at: float | None  # m or rad
     away: Interval | None
-    said: str
+    description: str
 
     def allowed(self, within: Sequence[Interval]) -> tuple[Interval, ...]:
         """Return the parts of some intervals that the request allows.
@@ -157,7 +157,7 @@ def check_compatible_wishes(wishes: Sequence[AxisPositionWish], within: Interval
         overlapping = [s for s in wishes if s.rows[0] <= start <= s.rows[1]]
         if not intersect_wishes(overlapping, (within,)):
             raise CellError(
-                f"{' and '.join(s.said for s in overlapping)} leave the joint no place; one of them would work",
+                f"{' and '.join(s.description for s in overlapping)} leave the joint no place; one of them would work",
                 file="options",
                 where="steer",
             )

@@ -117,7 +117,7 @@ def find_refinement_starts(request: SearchRequest) -> RefinementStarts:
         return RefinementStarts(request.planned(request.scale, setup, at))
     with request.clock.stage("external"):
         search = FixedValueSearch(setup, options, path, groups, request.axes, request.scale)
-        search.judge()
+        search.assess()
     tries = _Tries(request=request, setup=setup, path=path, groups=groups, search=search)
     moves = any(g.moves.any() for g in groups)
     return tries.moving() if moves else RefinementStarts(tries.fixed(TRIED)[1])

@@ -94,8 +94,9 @@ def add_undrivable_conflict(
         return plan
     return replace(
         plan,
-        conflict=f"The points can be cut as asked, the motion between them cannot be driven {stop.where}: {stop.text}. "
-        f"Asked nearest to there: {', '.join(describe_constraint(w) for w in wishes)}; without one of them, or "
+        conflict=f"The points can be cut as requested, but the motion between them cannot be driven {stop.where}: "
+        f"{stop.text}. "
+        f"Nearest requests: {', '.join(describe_constraint(w) for w in wishes)}; without one of them, or "
         f"with more points "
         "between them, it may be driven.",
     )
@@ -146,7 +147,7 @@ def restrict_to_constraints(options: PlanOptions, wishes: Sequence[Wish]) -> Pla
     """
     allowed = set(wishes)
 
-    def stands(axis: ExternalJointOptions) -> ExternalJointOptions:
+    def keep_allowed_positions(axis: ExternalJointOptions) -> ExternalJointOptions:
         at = tuple((k, v) for k, v in axis.at_operations if AxisPositionPin(axis.joint, k, v, axis.unit) in allowed)
         return replace(axis, at_operations=at)
 
@@ -154,7 +155,7 @@ def restrict_to_constraints(options: PlanOptions, wishes: Sequence[Wish]) -> Pla
         options,
         fixed=tuple(f for f in options.fixed if f in allowed),
         steer=tuple(w for w in options.steer if w in allowed or w not in list_constraints(options)),
-        external=tuple(stands(axis) for axis in options.external),
+        external=tuple(keep_allowed_positions(axis) for axis in options.external),
     )
 
 

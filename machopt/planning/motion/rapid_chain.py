@@ -144,21 +144,21 @@ def find_chains(legs: Sequence[MotionSegment], toolpath: Toolpath, space: Corner
             continue
         if not of:
             nodes.append(x[0])
-        stands = count_standing_rows(leg)
+        standing_rows = count_standing_rows(leg)
         place = legs[k - 1].index[-1] if k else np.nan
-        joined = bool(of) and not stands[0] and np.isfinite(place) and round(float(place)) not in acting
+        joined = bool(of) and not standing_rows[0] and np.isfinite(place) and round(float(place)) not in acting
         for n, target in enumerate(targets):
             most.append(HALF if n or joined else 0.0)
             nodes.append(target)
             of.append((k, n))
-        if stands[1]:
+        if standing_rows[1]:
             close()
     close()
     return chains
 
 
 def count_standing_rows(leg: MotionSegment) -> tuple[int, int]:
-    """Return how many additional rows a leg stands at its begin and at its end.
+    """Return the numbers of additional rows at rest at the begin and at the end of a leg.
 
     Args:
         leg: leg that moves.

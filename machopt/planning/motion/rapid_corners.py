@@ -243,7 +243,7 @@ def _split_at_passed(x: Array, ends: Array, share: Array) -> list[Array]:
 def _replace_samples(leg: MotionSegment, pieces: list[Array], targets: Array, shares: Array) -> MotionSegment:
     x = np.vstack([pieces[0], *(piece[1:] for piece in pieces[1:])])
     ends = np.cumsum([len(piece) - 1 for piece in pieces])
-    stands, n = count_standing_rows(leg), len(x)
+    standing_rows, n = count_standing_rows(leg), len(x)
     moved = replace(
         leg,
         q=x[:, :6],
@@ -257,7 +257,7 @@ def _replace_samples(leg: MotionSegment, pieces: list[Array], targets: Array, sh
         waypoint_row=ends,
         rounded=shares,
     )
-    return moved.standing(0, stands[0]).standing(-1, stands[1])
+    return moved.standing(0, standing_rows[0]).standing(-1, standing_rows[1])
 
 
 def list_rounded_corners(legs: Sequence[MotionSegment]) -> RapidCorners | None:

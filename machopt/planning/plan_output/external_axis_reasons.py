@@ -27,7 +27,7 @@ AT_END = 0.02  # of a range: a joint that moves along the path keeps half of it 
 class ExternalAxisReason:
     """Messages for one point."""
 
-    stands: str  # position of the external joints, and the range end or lock that limits them; "" without any
+    position_text: str  # position of the external joints, and the range end or lock that limits them; "" without any
     elsewhere: str  # position at which the wrist would be in reach; "" if unknown
     help: str  # limiting option; "" where there is none
 

@@ -105,7 +105,7 @@ def _describe_reason(plan: Plan, s: int, reason: InfeasibilityReason, point: int
         )
     is_out_of_reach = bool((plan.candidates.reasons_at(s) == InfeasibilityReason.UNREACHABLE).all())
     external = explain_external_axes(plan, point, out_of_reach=is_out_of_reach)
-    positions = f" {external.stands}" if external.stands else ""
+    positions = f" {external.position_text}" if external.position_text else ""
     if is_out_of_reach:
         short = 1e3 * plan.candidates.shortfall[s]
         missing = f"{short:.0f}" if short >= 0.5 else "less than 1"

@@ -125,7 +125,7 @@ class RunInput:
             return out
         return np.stack([self._external_curve(u, order) for order in range(4)], axis=1)
 
-    def stands(self, u: Array) -> Array:
+    def compute_workpiece_poses(self, u: Array) -> Array:
         """Return T_base_workpiece (4, 4), or its jets (M, 4, 4, 4) where external joints move.
 
         Args:
@@ -306,7 +306,7 @@ def _follow_curve(run: RunInput, curve: PathCurve) -> _DrivenCurve | RunFailure:
     """Return the joints along a curve; a failure where the arm cannot follow it."""
     u = curve.nodes()
     index = curve.index(u)
-    pose, twist, _, p1 = compute_poses_along_curve(curve, u, run.stands(u))
+    pose, twist, _, p1 = compute_poses_along_curve(curve, u, run.compute_workpiece_poses(u))
     k = np.clip(index.astype(int), 0, len(run.q) - 2)
     rough = run.q[k] + (index - k)[:, None] * (run.q[k + 1] - run.q[k])
     share = np.clip(index - k, 0.0, 1.0)
@@ -363,7 +363,7 @@ def _sample_law(run: RunInput, driven: _DrivenCurve, law: TimeLaw, steps: int) -
     t = np.minimum(np.arange(steps + 1) * run.sample, law.duration)
     at = np.maximum.accumulate(np.clip(law.at(t)[0], u[0], u[-1]))
     at[0], at[-1] = u[0], u[-1]
-    workpiece_jets = run.stands(at)
+    workpiece_jets = run.compute_workpiece_poses(at)
     pose, _, phi, _ = compute_poses_along_curve(curve, at, workpiece_jets)
     k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
     h = (at - u[k])[:, None]

@@ -11,7 +11,7 @@ from machopt.numerics.array_types import Array
 from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.stiffness.external_joint_compliance import ExternalJointCompliance
 
-TOLD = 1e-6  # m: smaller displacements are not reported
+MIN_REPORTED_M = 1e-6  # m: smaller displacements are not reported
 BLOCK = 4096  # points at a time
 
 
@@ -73,7 +73,7 @@ def describe_settlement(plan: Plan) -> list[str]:
     if moved is None:
         return []
     size = np.where(plan.path.counted, np.linalg.norm(moved, axis=1), np.nan)
-    if not np.nanmax(size, initial=0.0) > TOLD:
+    if not np.nanmax(size, initial=0.0) > MIN_REPORTED_M:
         return []
     worst = int(np.nanargmax(size))
     return [

@@ -219,7 +219,7 @@ def _find_crossing(
 
 @jit_compile
 def _find_end(grid: Grid, view: View, reach: float, radius: float, w: float, inside: float, outside: float) -> float:
-    """Angle at which the cutter leaves the material, between two samples that the nearest cell tells apart.
+    """Angle at which the cutter leaves the material, between two samples that the nearest cell distinguishes.
 
     The four cells around a sample may say else where the boundary lies within a cell of it; then the next sample holds.
     """

@@ -49,7 +49,7 @@ class MakerRules:
     passing: Callable[[PostJob, frozenset[str]], CornerPassing] = compute_zone_passing
     """How it passes corners; see :mod:`machopt.programs.writing.feed_model`."""
     absent: Mapping[str, str] = field(default_factory=dict)
-    """Why a field may have no value, and what would work; said where a template cannot do without it."""
+    """Why a field may have no value, and what is accepted; used in the error where a template requires it."""
     coupled: bool = False  # the controller itself computes the tool's place with rail and positioner
     rapid_stops: Callable[[PostJob], str] = lambda _: ""
     """Why rapid moves stop at each point, where no bound is known of the maker's rounding; empty where they run on."""

@@ -143,8 +143,8 @@ function fieldMap(host, spec, onPlace) {
     if (place) w = Math.min(w, h * (u1 - u0) / (v1 - v0));
     let levels = [], words = [];
     const name = S.f.unit ? `${S.f.name} (${S.f.unit})` : S.f.name, scale = axis(1, name, { grid: false, log: S.log, size: right - 18, gap: bar0 + thick + 8, ticks: { show: false, size: 0 }, space: 55 });
-    const said = scale.values;
-    scale.values = (p, at, ...more) => { levels = at; words = said(p, at, ...more); return words; };
+    const formatValues = scale.values;
+    scale.values = (p, at, ...more) => { levels = at; words = formatValues(p, at, ...more); return words; };
     const colours = p => paint(p, (ctx, b) => {
       const [canvas, near] = image(2 * Math.round(b.w), 2 * Math.round(b.h), nu, nv, S, st.lines ? levels : []);
       ctx.drawImage(canvas, b.x, b.y, b.w, b.h);

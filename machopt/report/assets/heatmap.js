@@ -153,12 +153,12 @@ function heatMap(host, spec) {
     if (onMapDrawn) onMapDrawn(u, xs);
   }
 
-  // The keyboard's pointer: arrows go from place to place, Enter sets the robot there. What it is on is said aloud, too.
+  // The keyboard's pointer: arrows go from place to place, Enter sets the robot there. The place is announced, too.
   function byKeys(u, xs, tell) {
-    const said = document.createElement("span"), over = u.over;
+    const liveText = document.createElement("span"), over = u.over;
     let k = -1, r = 0;
-    said.className = "aloud"; said.setAttribute("role", "status");
-    host.appendChild(said);
+    liveText.className = "aloud"; liveText.setAttribute("role", "status");
+    host.appendChild(liveText);
     over.tabIndex = 0;
     over.setAttribute("role", "application");
     over.setAttribute("aria-label", "Map of path and rotation: arrow keys move a pointer, with Shift ten places, Home and End to the ends of the path, Enter sets the robot there");
@@ -171,7 +171,7 @@ function heatMap(host, spec) {
     const shown = () => {
       const left = u.valToPos(xs[k], "x"), top = u.valToPos(spec.rotation[r], "y"), box = over.getBoundingClientRect();
       u.setCursor({ left, top });
-      said.textContent = tell(k, r, { clientX: box.left + left, clientY: box.top + top }).map(row => row.slice(0, 2).join(" ")).join(", ");
+      liveText.textContent = tell(k, r, { clientX: box.left + left, clientY: box.top + top }).map(row => row.slice(0, 2).join(" ")).join(", ");
     };
     over.addEventListener("keydown", evt => {
       if (evt.target !== over || evt.ctrlKey || evt.altKey || evt.metaKey) return;
@@ -187,7 +187,7 @@ function heatMap(host, spec) {
       r = (r + step[1] + R) % R;
       shown();
     });
-    over.addEventListener("blur", () => { k = -1; said.textContent = ""; hideTip(); });
+    over.addEventListener("blur", () => { k = -1; liveText.textContent = ""; hideTip(); });
   }
 
   function key() {

@@ -3,11 +3,11 @@
 function postureView(host, view) {
   const make = (tag, name, parent, text) => { const e = document.createElement(tag); if (name) e.className = name; if (text) e.textContent = text; if (parent) parent.appendChild(e); return e; };
   const { scene, path, postures } = view, q = postures && levelled(postures.q), count = q ? q.rows : 0, around = view.around && levelled(view.around);
-  const dock = make("div", "dock", host), frame = make("div", "stage", dock), canvas = make("canvas", "", frame), told = make("div", "told", dock);
+  const dock = make("div", "dock", host), frame = make("div", "stage", dock), canvas = make("canvas", "", frame), details = make("div", "pose-details", dock);
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${view.title} in three dimensions`);
-  told.setAttribute("aria-live", "polite");
+  details.setAttribute("aria-live", "polite");
   if (!count && !around) dock.classList.add("alone");
   const stage = stage3d(canvas, scene);
   if (!stage) {
@@ -48,7 +48,7 @@ function postureView(host, view) {
     input.setAttribute("aria-valuetext", postures.names[k]);
     stand(row, postures.names[k], postures.words[k]);
   }
-  // The arm at a posture (null: there is none), another as its shadow, a rectangle of the map, and what is said of it.
+  // The arm at a posture (null: there is none), another as its shadow, a rectangle of the map, and its description.
   function stand(row, name, words, other = null, outline = null) {
     if (stage) {
       arm.stand(row);
@@ -58,12 +58,12 @@ function postureView(host, view) {
       frame3d = outline && stage.lines(outline.flatMap((p, i) => [...p, ...outline[(i + 1) % outline.length]]), null, 2, stage.root);
       stage.draw();
     }
-    told.replaceChildren();
-    make("p", "where", told, name);
-    const list = make("dl", "", told);
+    details.replaceChildren();
+    make("p", "where", details, name);
+    const list = make("dl", "", details);
     for (const [what, value] of words) { make("dt", "", list, what); make("dd", "", list, value); }
     if (!row) return;
-    const axes = make("table", "joints", told), head = make("tr", "", make("thead", "", axes)), body = make("tr", "", make("tbody", "", axes));
+    const axes = make("table", "joints", details), head = make("tr", "", make("thead", "", axes)), body = make("tr", "", make("tbody", "", axes));
     scene.joints.forEach((j, i) => { make("th", "n", head, j.name).scope = "col"; make("td", "n", body, `${(Math.round(row[i] * j.factor * 10) / 10 + 0).toFixed(1)}${j.unit}`.replace("-", "−")); });
   }
   if (count) {

@@ -41,12 +41,12 @@ function steerPlan(data) {
     changed = !same();
     show();
     if (plot) plot.redraw(false, true);
-    if (changed) say("Changed, and not planned yet.", null); else say(spec.told, spec.good);
+    if (changed) say("Changed, and not planned yet.", null); else say(spec.message, spec.good);
   }
 
   function say(text, good) {
-    by("told").textContent = text.replace(/(^|\s)-(?=\d)/g, "$1−");
-    by("told").className = good === null ? "" : good ? "pass" : "fail";
+    by("status-message").textContent = text.replace(/(^|\s)-(?=\d)/g, "$1−");
+    by("status-message").className = good === null ? "" : good ? "pass" : "fail";
   }
 
   function show() {
@@ -283,7 +283,7 @@ function steerPlan(data) {
       if (answer.checks) checked(answer);
       if (answer.saved) { changed = false; saved = answer.message; }
     } catch { say("The planner does not answer; machopt view may have been ended.", false); } finally { clearInterval(clock); busy = false; show(); }
-    if (saved) { await sent("verify", {}, "Verifying:"); say(`${by("told").textContent} ${saved}`, by("told").className === "pass"); }
+    if (saved) { await sent("verify", {}, "Verifying:"); say(`${by("status-message").textContent} ${saved}`, by("status-message").className === "pass"); }
   }
 
   by("replan").onclick = () => sent("plan", state, "Planning:");

@@ -1,4 +1,4 @@
-// The robot on its path: one place at a time, set by slider, map, curves, tables or the picture itself, and told in words.
+// The robot on its path: one place at a time, set by slider, map, curves, tables or the picture itself, and described in words.
 function robotView(host, data) {
   const { scene, path, stations, motion, corrected } = data.view, map = data.map;
   const at3 = unpack(path.at, Float32Array), pathPoint = unpack(path.point, Float32Array);
@@ -18,7 +18,7 @@ function robotView(host, data) {
 
   // The page's part: canvas, controls, words.
   const make = (tag, name, parent, text) => { const e = document.createElement(tag); if (name) e.className = name; if (text) e.textContent = text; if (parent) parent.appendChild(e); return e; };
-  const dock = make("div", "dock", host), frame = make("div", "stage", dock), canvas = make("canvas", "", frame), told = make("div", "told", dock);
+  const dock = make("div", "dock", host), frame = make("div", "stage", dock), canvas = make("canvas", "", frame), details = make("div", "pose-details", dock);
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", "Robot, cell and toolpath in three dimensions; the text beside it says what it shows");
@@ -126,7 +126,7 @@ function robotView(host, data) {
     const a = move.q.row(k), b = move.q.row(next), near = f < 0.5 ? k : next;
     const mix = values => Number.isFinite(values[k]) && Number.isFinite(values[next]) ? values[k] + f * (values[next] - values[k]) : values[near];
     const point = mix(move.point), station = nearestStation(point);
-    // between two samples an angle may pass ±180°: then the nearer one is told
+    // between two samples an angle may pass ±180°: then the nearer one is shown
     const angle = values => Math.abs(values[next] - values[k]) < 180 ? mix(values) : values[near];
     return { q: a.map((v, j) => v + f * (b[j] - v)), t, k: station, r: -1, point, s: mix(move.s), phi: angle(move.phi), gamma: wrap(angle(move.gamma)), chosen: true, tool: move.tool ? move.tool[near] : 0 };
   }
@@ -212,7 +212,7 @@ function robotView(host, data) {
     return true;
   };
   // The deflection that points.csv has at a toolpath point of the chosen plan, mm; where a path is coloured otherwise, more is better.
-  const toldBend = place => {
+  const statedDeflection = place => {
     if (!place.chosen || path.large_is_good || !cuttingNow(place)) return NaN;
     const k = pathRow(place.point);
     return Math.abs(pathPoint[k] - place.point) < 1e-3 ? pathValue[k] : NaN;
@@ -257,8 +257,8 @@ function robotView(host, data) {
   const angleText = v => Number.isFinite(v) ? minus(`${(Math.abs(v) < 0.05 ? 0 : v).toFixed(1)}°`) : "–";
 
   function tell(place, C, d, exact) {
-    told.replaceChildren();
-    const title = make("p", "where", told), list = make("dl", "", told);
+    details.replaceChildren();
+    const title = make("p", "where", details), list = make("dl", "", details);
     const row = (name, value, kind) => { make("dt", "", list, name); make("dd", kind || "", list, value); };
     title.textContent = `Point ${whole(place.point)}` + (Number.isFinite(place.s) ? `, path length ${place.s.toFixed(1)} mm` : "") + (Number.isFinite(place.t) && place.t !== null ? `, ${place.t.toFixed(2)} s` : "");
     if (scene.tools.length) row("Tool", scene.tools[toolOf(place)].name);
@@ -276,8 +276,8 @@ function robotView(host, data) {
       row("Place", minus(`x ${why.at[0].toFixed(1)}, y ${why.at[1].toFixed(1)}, z ${why.at[2].toFixed(1)} mm`));
     }
     if (!place.q) { row("Axes", "no posture of the arm reaches this place with this rotation", "fail"); }
-    const same = cell >= 0 && indexAt(cell) !== null && map.label === "deflection"; // told above, with all terms
-    if (Number.isFinite(toldBend(place))) row("Deflection", `${toldBend(place).toFixed(3)} mm`);
+    const same = cell >= 0 && indexAt(cell) !== null && map.label === "deflection"; // shown above, with all terms
+    if (Number.isFinite(statedDeflection(place))) row("Deflection", `${statedDeflection(place).toFixed(3)} mm`);
     else if (d && !same) row("Deflection", `${(1e3 * Math.hypot(...d)).toFixed(3)} mm${exact || !stations.terms.length ? "" : " by the joints' springs alone"}`);
     const tolerance = outcomeAt(place);
     if (tolerance) row("Tolerance", tolerance.text, tolerance.word === "pass" ? "pass" : tolerance.word === "fail" ? "fail" : "");
@@ -296,13 +296,13 @@ function robotView(host, data) {
       } else if (place.r >= 0) row("Clearance", "measured at the chosen rotation only");
       let head, body;
       scene.joints.forEach((j, i) => {
-        if (i % 6 === 0) { const axes = make("table", "joints", told); head = make("tr", "", make("thead", "", axes)); body = make("tr", "", make("tbody", "", axes)); }
+        if (i % 6 === 0) { const axes = make("table", "joints", details); head = make("tr", "", make("thead", "", axes)); body = make("tr", "", make("tbody", "", axes)); }
         make("th", "n", head, j.name).scope = "col"; make("td", margins[i][0] < 0 ? "n fail" : "n", body, minus(`${(Math.round(place.q[i] * j.factor * 10) / 10 + 0).toFixed(1)}${j.unit}`));
       });
-      if (corrected) make("p", "lead", told, "Where the axes truly stand; the robot is told corrected values.");
+      if (corrected) make("p", "lead", details, "True joint angles; the robot receives corrected values.");
     }
     if (place.r >= 0 && chosen.row(place.k)) {
-      const back = make("button", "", told, "back to the chosen rotation");
+      const back = make("button", "", details, "back to the chosen rotation");
       back.type = "button";
       back.onclick = () => go(atPoint(place.point));
     }

@@ -31,7 +31,7 @@ def list_feed_dips(plan: Plan, timeline: MotionTimeline | None, s: Array) -> tup
     index = t.point[cut]  # once: a job of many holes has a dip and more in each
     out = []
     for dip in (d for d in timeline.dips if d.lost):
-        known = len(cut) > 0 and dip.first <= index[-1]  # where the machine stood before: the last row of that
+        known = len(cut) > 0 and dip.first <= index[-1]  # where the machine was at rest before: the last row of that
         at = cut[max(int(np.searchsorted(index, dip.first + 1e-9, side="right")) - 1, 0)] if known else None
         end = cut[min(int(np.searchsorted(index, dip.last)), len(cut) - 1)] if len(cut) else 0
         programmed = float(

@@ -184,8 +184,8 @@ def _build_stations(plan: Plan, points: PointResults, collision_map: CollisionMa
 
 def _append_external_joints(q: Array | NDArray[np.float32], external: Array) -> Array:
     """Joints of the arm (…, 6) and where the external ones stand there (…, E), as the picture has them: (…, 6 + E)."""
-    stands = np.broadcast_to(external, (*q.shape[:-1], external.shape[-1])).astype(q.dtype)
-    return np.concatenate([q, stands], axis=-1)
+    external_values = np.broadcast_to(external, (*q.shape[:-1], external.shape[-1])).astype(q.dtype)
+    return np.concatenate([q, external_values], axis=-1)
 
 
 def _build_motion_scene(

@@ -43,7 +43,7 @@ class SteeringData:
     has_motion: bool
     file: str  # where the plan file will be saved
     command: str  # that plans the same anew
-    has_tolerances: bool = False  # the server tells the outcome of a point while its rotation is dragged
+    has_tolerances: bool = False  # the server sends the outcome of a point while its rotation is dragged
     verified: dict[str, Any] | None = None  # the answer of verify on the very plan shown; None: it is not verified
 
 
@@ -63,7 +63,7 @@ def build_steering_spec(s: SteeringData) -> dict[str, Any]:
         "file": s.file,
         "command": s.command,
         "live": s.has_tolerances,
-        "told": s.message,
+        "message": s.message,
         "good": s.has_motion,
         "verified": s.verified,
     }

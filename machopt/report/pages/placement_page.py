@@ -77,7 +77,7 @@ def _build_verdict(data: PlacementPageData) -> Body:
         if r.as_it_stands is not None and r.as_it_stands.worst is not None:
             cards.append(
                 (
-                    "As it stands",
+                    "Current place",
                     f"{format_number(r.as_it_stands.worst)}",
                     r.unit,
                     "the same planner, the cell unmoved",
@@ -108,7 +108,7 @@ def _build_map(data: PlacementPageData) -> Body:
     lead = (
         "Each square is a place; where height or turn vary too, the best of them. A ring marks places that were "
         "planned wholly, with collisions and motion; the others show the best the grid of rotations comes to without "
-        "collisions. Crosses cannot be reached or stood on. The diamond is where the cell has it, the star the best."
+        "collisions. Crosses are out of reach or without support. The diamond is that of the cell, the star the best."
     )
     if any(m.outcomes for m in marks):
         lead += (

@@ -83,7 +83,7 @@ def _build_verdict(data: PosePlanPageData) -> Body:
     tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
     if data.explanation_pairs:
         split = all(a.is_distinguished for a in data.explanation_pairs)
-        tone, badge = ("", "READY") if split else ("warn", "NOT EVERYTHING IS TOLD APART")
+        tone, badge = ("", "READY") if split else ("warn", "NOT EVERYTHING IS SEPARATED")
     return render_part(
         "verdict", "verdict", tone, badge, format_verdict_sentence(data), data.warnings, _list_key_figures(data)
     )

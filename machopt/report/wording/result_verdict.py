@@ -253,7 +253,7 @@ def _count_decimals(gain: GainOverBaseline) -> int:
 
 
 def _format_small_length(length: float) -> str:
-    """A length in mm; what three decimals cannot show is said to be less than the last of them."""
+    """A length in mm; a length below the last of three decimals is shown as less than it."""
     return "less than 0.001 mm" if length < 5e-7 else FINE_LENGTH.format_value(length, unit=True)
 
 

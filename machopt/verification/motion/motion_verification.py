@@ -150,7 +150,7 @@ def verify_motion(
         toolpath: what was to be followed.
         out: the output folder.
         options: those of the run; with ``allow_gaps`` points that points.csv gives up need not be visited; without
-            ``collision`` contacts are not looked for, and that is told.
+            ``collision`` contacts are not checked, and the verdict states it.
         motion: trajectory.csv where it has been read already.
         touching: names of the bodies that the folder's manifest says touch by construction; None: it lists none.
     """
@@ -356,7 +356,7 @@ def _check_clearance_is_stated(
 
 def _check_clearance(
     table: PointsTableCheck,
-    stood: ExportedPoints,
+    exported: ExportedPoints,
     cell_bodies: CellBodies,
     wanted: list[tuple[CoalBody, CoalBody]],
     options: PlanOptions,
@@ -385,7 +385,7 @@ def _check_clearance(
     short, beyond, pair = np.zeros(len(rows)), np.zeros(len(rows)), [""] * len(rows)
     for first in range(0, len(rows), BLOCK_ROWS):
         some = slice(first, first + BLOCK_ROWS)
-        scene = PlacedBodies(table.arm, cell_bodies.bodies, np.hstack([stood.q, stood.external])[rows[some]])
+        scene = PlacedBodies(table.arm, cell_bodies.bodies, np.hstack([exported.q, exported.external])[rows[some]])
         found = check_clearances(scene, wanted, stated[some] / 1e3, tuple(named[n] for n in rows[some]), graze[some])
         short[some], beyond[some], pair[some] = found.too_small, found.too_large, found.pair
     return [

@@ -165,15 +165,17 @@ def _check_move_kinds(
     tip = program.T_workpiece_tcp[:, :3, 3]
     apart = np.minimum(*(np.linalg.norm(p[rows] - tip[n], axis=1) for n in (k - 1, k)))
     printed = program.print_resolution + PLACE_TOLERANCE_M
-    tells = apart > np.where(linear[k] & linear[k - 1], place, printed)
-    stands = np.append(False, np.ones(max(len(motion.time) - 1, 0), bool))
+    is_informative = apart > np.where(linear[k] & linear[k - 1], place, printed)
+    is_standing = np.append(False, np.ones(max(len(motion.time) - 1, 0), bool))
     for column in motion.joints.T:
-        stands[1:] &= np.diff(column) == 0.0
-    stands[:-1] |= stands[1:]
-    tells &= linear[k] | ~stands[rows]  # joint targets are printed coarser than the place where the tool stands
-    n, moves = len(at), motion.move[rows[tells]]
+        is_standing[1:] &= np.diff(column) == 0.0
+    is_standing[:-1] |= is_standing[1:]
+    is_informative &= (
+        linear[k] | ~is_standing[rows]
+    )  # joint targets are printed coarser than the place where the tool stands
+    n, moves = len(at), motion.move[rows[is_informative]]
     seen, cuts, led = (
-        np.bincount(k[tells][which], minlength=n) > 0
+        np.bincount(k[is_informative][which], minlength=n) > 0
         for which in (slice(None), moves == MoveKind.CUT, moves != MoveKind.RAPID)
     )
     astray = seen & ~linear & led & (not program.is_streamed)

@@ -240,7 +240,7 @@ def match_lines_in_order(
 
     Returns:
         (N,) the end of its line, −1 for none; (N,) share of the line that lies behind it; (N,) m to the line; where
-        there is none to the nearest ahead, infinite after the search had ended; NaN where not asked.
+        there is none to the nearest ahead, infinite after the search had ended; NaN where not requested.
     """
     count = len(wanted)
     reached = np.full(count, -1)

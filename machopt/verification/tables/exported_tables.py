@@ -173,9 +173,9 @@ def read_motion(file: Path, cell: Cell) -> ExportedMotion:
     time = table.read_numbers("time_s")
     if len(time) < 2:
         raise OutputFolderError(f"{len(time)} samples; a motion has two or more", file=file)
-    stands = np.flatnonzero(np.diff(time) < MIN_STEP_S)
-    if len(stands):
-        row = int(stands[0]) + 2
+    repeated = np.flatnonzero(np.diff(time) < MIN_STEP_S)
+    if len(repeated):
+        row = int(repeated[0]) + 2
         raise OutputFolderError("the time does not rise", file=file, where=f"data row {row}, time_s")
     point, move = table.read_numbers("point", empty=True), parse_moves(table)
     lifted = find_lifted_samples(point, move)

@@ -248,10 +248,10 @@ def _find_correlated_coefficient(
             for i in np.flatnonzero(np.abs(row) > thresholds.SHARES.small * np.abs(row).max())
             if i != j
         ]
-        return f"cannot be told from {' and '.join(names)}: the readings move together" if names else ""
+        return f"cannot be distinguished from {' and '.join(names)}: the readings move together" if names else ""
     if others[k] < thresholds.SHARES.inseparable_correlation:
         return ""
-    return f"cannot be told from {unknowns[k].name}: correlation {correlation[j, k]:.3f}"
+    return f"cannot be distinguished from {unknowns[k].name}: correlation {correlation[j, k]:.3f}"
 
 
 def _find_identifiable_combinations(

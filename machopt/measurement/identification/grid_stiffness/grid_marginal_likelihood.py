@@ -115,7 +115,7 @@ class GridLikelihood:
         out = ([(-20.0, 20.0)] + [(np.log(LEAST), np.log(MOST))] * shifts) * len(self.unit)
         out += [(np.log(SPREADS[0]), np.log(SPREADS[1]))] * self.joints
         out.append((np.log(WITHIN[0]), np.log(WITHIN[1])))
-        if self.smooth:  # a correlation longer than the grid cannot be told from a larger mean
+        if self.smooth:  # a correlation longer than the grid cannot be distinguished from a larger mean
             out.append((np.log(RANGE_LEAST), np.log(max(float(self.distance.max()), 1.0))))
         return out
 

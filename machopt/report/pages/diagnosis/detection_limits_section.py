@@ -63,7 +63,7 @@ def build_limits_html(d: DiagnosisResult) -> Body:
         if x.standing == "only as a set"
     ]
     if sets:
-        columns = [TableColumn("Effect"), TableColumn("Least size", "n"), TableColumn("Cannot be told from")]
+        columns = [TableColumn("Effect"), TableColumn("Least size", "n"), TableColumn("Indistinguishable from")]
         body += build_folded_block("Only as one of a set", len(sets), build_table(columns, sets))
     body += _build_untestable(least, reasons)
     return body
@@ -133,7 +133,7 @@ def _build_cell(
     text = value + (f" {unit}" if common and unit != common else "")
     if x.standing == "only as a set":
         others = join_with_commas([format_effect_at_place(*n) for n in x.one_of if n != name], "and")
-        return render_part("toned", "none", f"({text})", f"cannot be told from {others}")
+        return render_part("toned", "none", f"({text})", f"cannot be distinguished from {others}")
     return text
 
 

@@ -58,7 +58,7 @@ def build_finding_html(n: int, f: Finding, unit: str, charts: set[str]) -> Marku
         "finding",
         number=n,
         heading=format_finding_heading(f),
-        said=format_effect_sentence(f.effect),
+        sentence=format_effect_sentence(f.effect),
         several=len(f.one_of) > 1,
         alternatives=describe_alternatives(one_of),
         cards=render_part("boxes", _list_key_figures(f, unit), True),

@@ -92,7 +92,7 @@ def _build_statements(rows: Sequence[ProgramRow], what: str, title: str) -> Mark
         for text in getattr(p, what):
             of.setdefault(text, []).append(p.post)
     listed = [(text, ", ".join(posts)) for text, posts in of.items()]
-    return render_macro("report.html", "said", title, listed) if of else ""
+    return render_macro("report.html", "messages", title, listed) if of else ""
 
 
 def _build_feed_note(p: ProgramRow) -> Markup | str:

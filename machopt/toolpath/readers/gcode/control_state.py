@@ -192,7 +192,7 @@ class ControlState(FeedState):
                             )
                         self.out.warn_once("the first incremental moves start from 0", b.line)
                         to[k] = self.p[k] = 0.0
-                        if len(self.out) and not self.setup.is_rotated:  # it has stood there since the program began
+                        if len(self.out) and not self.setup.is_rotated:  # unchanged since the program began
                             self.out.fill_coordinate(k, float(self.setup.points(np.zeros((1, 3)))[0, k]))
                     value += to[k]
                 to[k] = value

@@ -316,7 +316,7 @@ class WorkOffsetReader(BlockMotionReader):
                 )
             else:
                 place[k], self.preset_unknown[k] = v, True
-                if len(self.out) and not self.setup.is_rotated:  # it has stood there since the program began
+                if len(self.out) and not self.setup.is_rotated:  # unchanged since the program began
                     self.out.fill_coordinate(k, v + self.setup.points(np.zeros((1, 3)))[0, k])
         if any(abs(v) > _PRESENT for v in now):
             self.out.warn_once("G92 shifts the origin: points from here on are brought into the first system", line)

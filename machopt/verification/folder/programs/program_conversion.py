@@ -95,8 +95,8 @@ def _place_targets(
         T[same, :3], T[same, 3], joint = tcp[same, :3], np.array([0.0, 0.0, 0.0, 1.0]), joint & ~same
     if joint.any():
         # missing external axes are reported elsewhere; home allows the other checks
-        stood = np.where(np.isfinite(external), external, cell.external_home)
-        T[joint] = arm.compute_tcp_in_workpiece(q[joint], stood[joint])
+        external_values = np.where(np.isfinite(external), external, cell.external_home)
+        T[joint] = arm.compute_tcp_in_workpiece(q[joint], external_values[joint])
     return T
 
 

@@ -166,10 +166,12 @@ def _find_cutting_joints(
 ) -> dict[int, Array]:
     """Joints (6 + E,), arm joints first, with which each of these corners is cut: between two samples of the motion,
     else of points.csv."""
-    driven, stood = (np.hstack([of.q, of.external]) for of in (motion, points))
+    driven, planned = (np.hstack([of.q, of.external]) for of in (motion, points))
     cuts = np.flatnonzero((motion.move != MoveKind.RAPID) & np.isfinite(motion.point))
     s = np.maximum.accumulate(motion.point[cuts]) if len(cuts) else np.empty(0)
-    stated = {k: q for k, q, status in zip(points.point.tolist(), stood, points.status, strict=True) if status == "ok"}
+    stated = {
+        k: q for k, q, status in zip(points.point.tolist(), planned, points.status, strict=True) if status == "ok"
+    }
     out: dict[int, Array] = {}
     for row in rows.tolist():
         x = float(shift.index[row])

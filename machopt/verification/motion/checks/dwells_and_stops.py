@@ -57,7 +57,7 @@ def check_dwells_and_stops(
         if k in given_up:
             continue
         if k < 0:
-            stood, there = _count_still_steps(still) * motion.sample_time, True
+            rest_time, there = _count_still_steps(still) * motion.sample_time, True
             name = "before the first point"
         else:
             at = np.array([np.interp(k, place[0], place[1][:, c]) for c in range(3)])
@@ -67,15 +67,15 @@ def check_dwells_and_stops(
                 )
             ]
             near = near[np.linalg.norm(locations.tcp[near, :3, 3] - at, axis=1) <= locations.path_limit]
-            there, stood, name = (
+            there, rest_time, name = (
                 bool(len(near)),
                 _find_longest_rest(np.sort(near), still) * motion.sample_time,
                 f"at point {k}",
             )
         if not there:
             wrong.append(f"{name} the file dwells or stops, and the motion is not at rest there")
-        elif stood < seconds - TIME_TOLERANCE_S:
-            wrong.append(f"{name} the file dwells {seconds:g} s, and the motion rests there {stood:.3f} s")
+        elif rest_time < seconds - TIME_TOLERANCE_S:
+            wrong.append(f"{name} the file dwells {seconds:g} s, and the motion rests there {rest_time:.3f} s")
     return [build_count_check("dwells and stops", wrong, "places")]
 
 

@@ -68,7 +68,7 @@ def check_external_joint_positions(
             _collect_errors(wish, k, points, rows, motion, seen["mm" if cell.external_prismatic[k] else "deg"])
     return [
         build_worst_value_check(
-            f"as asked: external joints, {unit}", f"{unit} off", np.array(s.off), POSITION_TOLERANCE[unit], s.where
+            f"requested: external joints, {unit}", f"{unit} off", np.array(s.off), POSITION_TOLERANCE[unit], s.where
         )
         for unit, s in seen.items()
         if s.off

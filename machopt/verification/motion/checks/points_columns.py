@@ -371,10 +371,10 @@ class PointsTableCheck:
         singularity, branch, ambiguity = (np.empty(len(rows)) for _ in range(3))
         numbered = True
         for some, stance in self.compute_configurations(rows):
-            stands = posture.compute_posture(self.arm.build_nominal(stance))
-            singularity[some], ambiguity[some] = stands.singularity, stands.ambiguity
-            numbered = numbered and stands.branch is not None
-            branch[some] = np.nan if stands.branch is None else stands.branch
+            classified = posture.compute_posture(self.arm.build_nominal(stance))
+            singularity[some], ambiguity[some] = classified.singularity, classified.ambiguity
+            numbered = numbered and classified.branch is not None
+            branch[some] = np.nan if classified.branch is None else classified.branch
         out = [
             self.check_column("limit_margin_deg", np.degrees(margin), rows, "deg", ANGLE_TOLERANCE_DEG),
             self.check_column(

@@ -51,14 +51,14 @@ def check_requested_choices(
     margin = np.degrees(options.limit_margin) - points.numbers["limit_margin_deg"][rows]
     out = [
         build_worst_value_check(
-            "as asked: limit_margin_deg", "deg too near", np.maximum(margin, 0.0), MARGIN_TOLERANCE_DEG, where
+            "requested: limit_margin_deg", "deg too near", np.maximum(margin, 0.0), MARGIN_TOLERANCE_DEG, where
         )
     ]
     if options.collision:
         short = 1e3 * options.clearance - points.numbers["clearance_mm"][rows]
         out.append(
             build_worst_value_check(
-                "as asked: clearance_mm", "mm too near", np.maximum(short, 0.0), CLEARANCE_TOLERANCE_MM, where
+                "requested: clearance_mm", "mm too near", np.maximum(short, 0.0), CLEARANCE_TOLERANCE_MM, where
             )
         )
     out += check_external_joint_positions(cell, toolpath, points, rows, options, motion)
@@ -81,13 +81,13 @@ def _check_rotations(
         off = np.maximum(_wrap_degrees(gamma[cut] - 0.5 * (low + high)) - 0.5 * (high - low), 0.0)
         where = [f"point {n}" for n in at[cut]]
         out.append(
-            build_worst_value_check("as asked: rotation_range_deg", "deg outside", off, ROTATION_TOLERANCE_DEG, where)
+            build_worst_value_check("requested: rotation_range_deg", "deg outside", off, ROTATION_TOLERANCE_DEG, where)
         )
     wished = [(f, n) for f in options.fixed for n in np.flatnonzero(at == f.point)]
     if wished:
         off = _wrap_degrees(np.array([gamma[n] - np.degrees(f.gamma) for f, n in wished]))
         where = [f"point {f.point}" for f, _ in wished]
-        out.append(build_worst_value_check("as asked: fixed rotations", "deg off", off, ROTATION_TOLERANCE_DEG, where))
+        out.append(build_worst_value_check("requested: fixed rotations", "deg off", off, ROTATION_TOLERANCE_DEG, where))
     return out
 
 
@@ -100,14 +100,14 @@ def _check_steering(points: ExportedPoints, rows: NDArray[np.intp], options: Pla
         deep = np.array([_compute_zone_depth(gamma[n], np.degrees(w.forbid)) for w, n in zones if w.forbid is not None])
         where = [f"point {at[n]}" for _, n in zones]
         out.append(
-            build_worst_value_check("as asked: forbidden rotations", "deg inside", deep, ROTATION_TOLERANCE_DEG, where)
+            build_worst_value_check("requested: forbidden rotations", "deg inside", deep, ROTATION_TOLERANCE_DEG, where)
         )
     steered = [(w, n) for w in options.steer if w.branch is not None for n in select_steered_rows(w, at)]
     if steered:
         branch = points.numbers["branch"][rows]
         off = np.array([float(branch[n] != w.branch) for w, n in steered])
         out.append(
-            build_worst_value_check("as asked: branch", "of another", off, 0.5, [f"point {at[n]}" for _, n in steered])
+            build_worst_value_check("requested: branch", "of another", off, 0.5, [f"point {at[n]}" for _, n in steered])
         )
     return out
 

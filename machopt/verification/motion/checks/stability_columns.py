@@ -198,7 +198,7 @@ def _check_stated_ratios(tables: StabilityTables, least: float) -> list[Verifica
         return []
     ratio, at = tables.compute_ratios(rows), tables.points.point[rows]
     short, limit = np.maximum(least - ratio, 0.0), RATIO_SHARE * least
-    name = "as asked: min_stability_ratio"
+    name = "requested: min_stability_ratio"
     return [build_worst_value_check(name, "1 below", short, limit, lambda n: f"point {at[n]}")]
 
 

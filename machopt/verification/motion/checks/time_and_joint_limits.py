@@ -43,7 +43,7 @@ def _check_time(motion: ExportedMotion, options: PlanOptions) -> list[Verificati
         where=motion.describe_row(n + 1),
     )
     wrong = np.array([abs(motion.sample_time - options.sample), abs(motion.time[0])])
-    stated = (f"{1e3 * motion.sample_time:g} ms from row to row, {1e3 * options.sample:g} asked for", "the first row")
+    stated = (f"{1e3 * motion.sample_time:g} ms from row to row, {1e3 * options.sample:g} requested", "the first row")
     return [even, build_worst_value_check("control cycle and start", "s", wrong, TIME_TOLERANCE_S, stated)]
 
 

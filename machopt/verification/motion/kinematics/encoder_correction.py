@@ -35,16 +35,16 @@ def compute_true_angles(kinematics: KinematicCorrections | None, q: Array) -> Ar
     """
     if kinematics is None:
         return q
-    stands = q.copy()
+    true_angles = q.copy()
     for entry in kinematics.corrections:
         if entry.effect == GEOMETRY_EFFECT:  # no angle: :mod:`machopt.verification.motion.kinematics.as_built_frames`
             continue
         joints = parse_joint_location(entry.location)
         p = entry.parameters
         if entry.effect == "joint_zero_offset":
-            stands[:, joints[0]] += math.pi * p["offset_deg"] / 180.0
+            true_angles[:, joints[0]] += math.pi * p["offset_deg"] / 180.0
         elif entry.effect == "joint_coupling":
-            stands[:, joints[1]] += p["ratio"] * q[:, joints[0]]
+            true_angles[:, joints[1]] += p["ratio"] * q[:, joints[0]]
         elif entry.effect in ORDER_KEYS:
             counts = _compute_applied_share(p.get(RANGE_KEY), q[:, joints[0]])
             rows = zip(
@@ -53,12 +53,12 @@ def compute_true_angles(kinematics: KinematicCorrections | None, q: Array) -> Ar
             for order, cos, sin in rows:  # as one sine: amplitude and phase
                 phase, size = math.atan2(cos, sin), math.hypot(cos, sin)
                 wave = np.sin(order * q[:, joints[0]] + phase)
-                stands[:, joints[0]] += math.radians(size / 3600.0) * wave * counts
+                true_angles[:, joints[0]] += math.radians(size / 3600.0) * wave * counts
         elif entry.own is not None:
-            stands[:, joints[1 if len(joints) > 1 else 0]] += entry.own(q[:, joints[0]])
+            true_angles[:, joints[1 if len(joints) > 1 else 0]] += entry.own(q[:, joints[0]])
         else:
             raise ValueError(f"{entry.effect!r} is no kinematic correction")
-    return stands
+    return true_angles
 
 
 def list_unchecked_corrections(kinematics: KinematicCorrections | None) -> list[VerificationCheck]:

@@ -14,8 +14,8 @@ Each of ``parts`` is one compliant part with a coefficient x (SI), τ = Jᵀw of
   ``geometric_stiffness``, less J (1/k + 1/k K_C 1/k) Jᵀw in place of J (1/k) Jᵀw: the load's own part is in the model.
 
 ``shift`` is their mean, and part of what is predicted where ``counted``; the rows of ``modes`` are 1 σ each, and
-``local_m_per_N`` is another on every coordinate. Where the mean is not counted, ± 1.645 of the told σ holds 90 % about
-a number that is off by it: (1.645 σ)² is the 90 % quantile of s² χ'²(1, b²/s²).
+``local_m_per_N`` is another on every coordinate. Where the mean is not counted, ± 1.645 of the stated σ holds 90 %
+about a number that is off by it: (1.645 σ)² is the 90 % quantile of s² χ'²(1, b²/s²).
 """
 
 from __future__ import annotations
