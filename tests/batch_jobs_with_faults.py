@@ -1,4 +1,4 @@
-"""Real jobs for the tests of a batch, some of which crash or hang, and some of which wait for a gate to be opened."""
+"""Real jobs for batch tests: some crash or hang, others wait until a file appears."""
 
 from __future__ import annotations
 

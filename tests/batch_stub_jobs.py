@@ -1,4 +1,4 @@
-"""Jobs for the tests of a batch: what a job does stands in its toolpath file."""
+"""Stub jobs for batch tests: the toolpath file states what the job does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The share of branches that tests take, by package, out of ``.coverage``: ``make coverage`` fails below FLOOR.
+"""Branch coverage by package from ``.coverage``; ``make coverage`` fails below FLOOR.
 
 Counted is what the tracer sees: not functions that numba compiles (they run as machine code; each is held against plain
 NumPy or brute force by a test of its own), and not what runs in processes that a test starts.

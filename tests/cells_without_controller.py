@@ -1,4 +1,4 @@
-"""Shipped cells without their controller, so that a test may give them another one."""
+"""Shipped cells without their controller, so that a test can set another one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What several test modules share, and how the whole suite is run: order, seeds of the properties, skips.
+"""Shared fixtures of the test suite, and its order, property seeds and expected skips.
 
 ``--strict-skips`` (``make test``) fails the run where a test was skipped for a reason that is not in
 :data:`EXPECTED_SKIPS`: a package or a tool that went missing must not turn a proof into silence.

@@ -1,4 +1,4 @@
-"""A diagnosis without its files, for tests that look at what is named only.
+"""Diagnosis in memory, without output files, for tests of findings only.
 
 The command writes tables and pages too, and recomputes its errors from the written files: a quarter of the time.
 """

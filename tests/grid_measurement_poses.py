@@ -1,4 +1,5 @@
-"""Where to measure for a grid: eight corners and the centre of every cell, in three postures each (jiao2022 section 2).
+"""Measurement poses for a stiffness grid: corners and centre of every cell in three configurations (jiao2022 section
+2).
 
 Neighbouring cells share corners, so a grid of cubes needs far fewer positions than nine a cell; each shared one informs
 all its cells. What the arm cannot reach is kept, with its reason.

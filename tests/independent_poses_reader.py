@@ -1,4 +1,4 @@
-"""A reader of our own ``poses.csv``, as strict as its format: what the round trips are held with."""
+"""Independent strict reader of ``poses.csv`` for round-trip tests."""
 
 from __future__ import annotations
 

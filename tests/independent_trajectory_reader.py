@@ -1,4 +1,4 @@
-"""A reader of our own ``trajectory.csv``, as strict as its format: what the round trips are held with."""
+"""Independent strict reader of ``trajectory.csv`` for round-trip tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far the mean cost of a plan, and the cost of each point, can be trusted: what only tests need."""
+"""Standard uncertainty of the mean cost of a plan and of the cost of each point, for tests."""
 
 from __future__ import annotations
 

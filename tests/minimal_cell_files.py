@@ -1,4 +1,4 @@
-"""A cell small enough to be read in milliseconds, for tests of what is refused."""
+"""Minimal cell files that are read in milliseconds, for tests of refusals."""
 
 from __future__ import annotations
 

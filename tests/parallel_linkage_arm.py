@@ -1,4 +1,4 @@
-"""An arm with a parallel linkage: the elbow keeps its attitude while axis 2 turns, written with a ``<mimic>`` joint."""
+"""Arm with a parallel linkage by a ``<mimic>`` joint: the forearm keeps its attitude while axis 2 rotates."""
 
 from __future__ import annotations
 

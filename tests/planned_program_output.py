@@ -1,4 +1,4 @@
-"""A planned motion written as an output folder with one program, and what the comparison says of it."""
+"""Output folder of a planned motion with one program, and the result of its comparison."""
 
 from __future__ import annotations
 

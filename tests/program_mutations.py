@@ -1,4 +1,5 @@
-"""Damaged robot programs: what editors, transfers and cut-off downloads make of them; and what must hold then."""
+"""Damaged robot programs as editors, transfers and truncated downloads produce them, and conditions that must hold
+then."""
 
 from __future__ import annotations
 

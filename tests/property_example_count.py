@@ -1,4 +1,4 @@
-"""How many examples a property draws: its own number, twenty times as many and other ones in ``make nightly``."""
+"""Number of examples of a property: its own number, or twenty times as many in ``make nightly``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Diagnoses with made-up numbers, for the page, the JSON and the tables: nothing here comes from an engine."""
+"""Made-up diagnoses for tests of page, JSON and tables."""
 
 from __future__ import annotations
 

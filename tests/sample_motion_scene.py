@@ -1,4 +1,4 @@
-"""The 3-D picture of a made-up result: the small cell's arm on a path over its block."""
+"""3-D scene of a made-up result: the arm of the small cell on a path over its block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One page of each kind, made up, as the tests of looks and of accessibility open them."""
+"""One made-up page of each kind, for tests of appearance and accessibility."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A placement, made up: places planned, looked at only, and refused."""
+"""Made-up placement result: planned, estimated and refused places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result as machopt optimize would deliver it, made up but shaped like the real thing."""
+"""Made-up data of an optimize report."""
 
 from __future__ import annotations
 

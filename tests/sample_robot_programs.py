@@ -1,4 +1,4 @@
-"""An arm, random paths it can drive, and the programs they make: for the tests of posts and readers."""
+"""Arm, random drivable paths and their programs, for tests of posts and readers."""
 
 from __future__ import annotations
 

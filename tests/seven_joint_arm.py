@@ -1,4 +1,4 @@
-"""An arm of seven joints and readings of it, made with pinocchio alone: no law and no kernel of machopt."""
+"""Arm of seven joints and its readings, simulated with pinocchio alone."""
 
 from __future__ import annotations
 

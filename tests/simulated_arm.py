@@ -1,4 +1,4 @@
-"""Load tests on a simulated arm whose truth is known: for tests, and benchmarks of identify and diagnose.
+"""Load tests on a simulated arm with known truth, for tests and for benchmarks of identify and diagnose.
 
 Nothing here is linear in the compliances and nothing is shared with the fit. The arm is a chain of rigid bodies whose
 joints turn by c_i τ_i, and whose bodies may break at springs by a finite rigid motion; torques are those of the chain

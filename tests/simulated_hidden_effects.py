@@ -1,4 +1,4 @@
-"""Load tests and measured poses of an arm whose left-out physics is known, by code and laws that the catalogue lacks.
+"""Load tests and measured poses of a simulated arm with effects that the catalogue implements differently or lacks.
 
 The arm is read from its URDF here, stands where load and weight really put it (fixed point of twists and torques), and
 its links bend at hinges. Gears slip element by element (Iwan), creep with the logarithm of time, stiffen along a sine.

@@ -1,4 +1,4 @@
-"""Load tests on a simulated KR240 with known truth, by code that shares nothing with the fit.
+"""Load tests on a simulated KR240 with known truth, independent of the fit.
 
 Displacements are differences of pinocchio's forward kinematics after finite turns of the joints by c τ, τ from
 pinocchio's Jacobian; errors are drawn reading by reading.

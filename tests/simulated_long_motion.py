@@ -1,4 +1,4 @@
-"""A long motion of a six-axis arm, simulated with a Newton–Euler of its own: cell folder and recording folder."""
+"""Long motion of a six-axis arm by an independent Newton–Euler recursion, as cell and recording folders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The closed form of the spherical wrist in NumPy, as the planner had it before: what its kernel must equal."""
+"""Closed form of the spherical wrist in NumPy: reference of the compiled kernel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points of a milled plan as delay equations, with the modes of the verification instead of the planner's."""
+"""Points of a milled plan as delay equations, with the modes of the verification."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A milling cell with a block of stock and its finished part, and a toolpath that cuts one from the other."""
+"""Milling cell with a block of stock and its finished part, and a toolpath between them."""
 
 from __future__ import annotations
 

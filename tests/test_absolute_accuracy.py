@@ -1,4 +1,4 @@
-"""``controller.absolute_accuracy``: what the controller corrects is not corrected again, and verify follows."""
+"""``controller.absolute_accuracy``: corrections of the controller are not applied twice; verify agrees."""
 
 from __future__ import annotations
 

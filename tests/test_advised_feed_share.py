@@ -1,4 +1,4 @@
-"""``advised_feed_share``: what is slowed passes, a share slows the cheapest first, and refusals."""
+"""``advised_feed_share``: slowed points are in tolerance, the least slowed come first; refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The library: its names, its options, and that it writes what the commands write."""
+"""Python API: public names, options, and files equal to those of the commands."""
 
 from __future__ import annotations
 

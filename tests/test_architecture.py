@@ -1,4 +1,4 @@
-"""The house rules that a program can check: direction of imports, layout, size of files, start-up time."""
+"""Architecture rules: import layers, layout, file length, start-up time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the command line says to words it does not know, what every command takes, and what a shell completes."""
+"""Command line parser: unknown words, common options, shell completion."""
 
 from __future__ import annotations
 

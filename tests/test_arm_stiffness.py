@@ -1,4 +1,4 @@
-"""Stiffness at the tool tip: against springs really loaded, the paper's equations written out, and its Table 2."""
+"""Stiffness at the TCP against loaded springs, the equations of the papers and their Table 2."""
 
 from __future__ import annotations
 

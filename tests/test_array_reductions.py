@@ -1,4 +1,4 @@
-"""Reductions that NumPy takes long for."""
+"""Fast array reductions against NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Loops of gears: seen in rising and falling loads, counted for both sides of arrival, and not invented."""
+"""Gear hysteresis: located from rising and falling loads, included for both arrival directions, absent without a
+cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Geometry in kinematics.yaml: the arm as it is built, by the planner's lines and by the verifier's tree."""
+"""As-built geometry in kinematics.yaml: planner and verifier build the same arm."""
 
 from __future__ import annotations
 

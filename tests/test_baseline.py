@@ -1,4 +1,4 @@
-"""The yardsticks: the CAM default rotation, and jiao2022 sections 3.2 and 4 against the paper's equations."""
+"""Baselines: CAM default rotation, and jiao2022 sections 3.2 and 4 against the equations of the paper."""
 
 from __future__ import annotations
 

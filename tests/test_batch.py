@@ -1,4 +1,4 @@
-"""``machopt batch``: what runs, what is refused, what a crash or a hang leaves, and what is done again."""
+"""``machopt batch``: executed, refused, crashed and resumed jobs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A batch against what happens to machines: servers killed and stopped, workers gone, disks full, files edited."""
+"""Batch under machine faults: killed servers and workers, full disks, edited files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A batch that is killed or stopped half-way and goes on later: nothing lost, nothing done twice, the same bytes."""
+"""Killed or stopped batches that are resumed: no loss, no repetition, identical bytes."""
 
 from __future__ import annotations
 

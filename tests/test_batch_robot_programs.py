@@ -1,4 +1,4 @@
-"""Robot programs of a batch: ``--post``, ``post`` and ``posts`` in lists, and template files as part of a job's key."""
+"""Robot programs of a batch: ``--post``, ``post`` and ``posts`` in lists, and template files in the key of a job."""
 
 from __future__ import annotations
 

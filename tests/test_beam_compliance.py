@@ -1,4 +1,4 @@
-"""Beams and stepped cylinders cut into slices, and what two of the papers print in their place."""
+"""Beams and stepped cylinders divided into slices, against the equations of two papers."""
 
 from __future__ import annotations
 

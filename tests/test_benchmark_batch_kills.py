@@ -1,4 +1,4 @@
-"""The benchmark of killed batches, short: what is finished stays, whenever the batch is killed."""
+"""Short run of the benchmark of killed batches: finished jobs remain."""
 
 from __future__ import annotations
 

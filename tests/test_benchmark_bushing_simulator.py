@@ -1,4 +1,4 @@
-"""The bushing simulator against facts that do not come from its code."""
+"""Bushing simulator against independent facts."""
 
 import sys
 from pathlib import Path

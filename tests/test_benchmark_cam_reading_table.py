@@ -1,4 +1,4 @@
-"""benchmarks/cam_reading_table.py: one row a file, what had to be given, and reasons that are counted."""
+"""benchmarks/cam_reading_table.py: one row per file, required options, counted reasons."""
 
 from __future__ import annotations
 

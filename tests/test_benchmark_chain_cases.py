@@ -1,4 +1,4 @@
-"""Concealed effects, a few of benchmarks/diagnosis_chain_benchmark, from the recording through the command to the name.
+"""Concealed effects: some cases of benchmarks/diagnosis_chain_benchmark, from the recording to the name.
 
 The whole benchmark (246 cases a set) is run by hand, its figures in docs/evidence.md. Here: one case of each kind of
 answer, generated anew, diagnosed as a user would, with nothing but the cell and the recording at hand.

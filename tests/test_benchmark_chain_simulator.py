@@ -1,5 +1,4 @@
-"""The simulator behind benchmarks/diagnosis_chain_benchmark: its physics against closed forms, its files against the
-reader, its score.
+"""Simulator of benchmarks/diagnosis_chain_benchmark: physics against closed forms, files against the reader, score.
 
 Nothing here compares it with machopt's own models: it is there to test them.
 """

@@ -1,4 +1,4 @@
-"""The foreign simulator is what it says: rigid motions, beams, gears against textbook results, and honest nulls."""
+"""Energy simulator: rigid motions, beams and gears against textbook results; null cases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of what was found and misnamed, effect by effect: counted as the judges count."""
+"""Table of detection rates by effect: found, missed and misnamed."""
 
 from __future__ import annotations
 

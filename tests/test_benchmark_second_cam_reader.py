@@ -1,5 +1,4 @@
-"""benchmarks/second_cam_reader and cam_reader_comparison.py: two readers that share no code say the same of hand-made
-programs."""
+"""benchmarks/second_cam_reader and cam_reader_comparison.py: two independent readers agree on handwritten programs."""
 
 from __future__ import annotations
 

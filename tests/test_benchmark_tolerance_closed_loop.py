@@ -1,4 +1,4 @@
-"""Predicted tolerances hold for arms that were drawn anew, simulated with code of their own."""
+"""Predicted tolerances hold for newly drawn arms of an independent simulation."""
 
 from __future__ import annotations
 

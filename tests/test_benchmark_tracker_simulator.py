@@ -1,4 +1,4 @@
-"""The third judge of measured poses shares nothing with machopt; its cases are made, diagnosed, judged."""
+"""Tracker simulator of measured poses: independent of machopt; cases are made, diagnosed and scored."""
 
 from __future__ import annotations
 

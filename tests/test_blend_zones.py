@@ -1,4 +1,4 @@
-"""Zones of a written program, held against the law that its post follows."""
+"""Blend zones of a written program against the rule of its post."""
 
 from __future__ import annotations
 

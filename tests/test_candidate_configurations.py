@@ -1,4 +1,4 @@
-"""All branches over stations × rotations: what the blocks hold does not depend on who fills them."""
+"""Candidate configurations over branches, stations and rotations: independent of the number of threads."""
 
 from __future__ import annotations
 

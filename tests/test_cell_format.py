@@ -1,4 +1,4 @@
-"""cell.yaml, the URDF chain behind it and stiffness.yaml: what loads, and what each bad input is told."""
+"""cell.yaml, its URDF and stiffness.yaml: accepted input and the errors of invalid input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers that no cell has, and units that were meant otherwise."""
+"""Implausible values of a cell, and values in wrong units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damages of mesh files: cut, empty, flat, of another unit, huge, of a type that is not loaded everywhere."""
+"""Damaged mesh files: truncated, empty, flat, wrong unit, huge, unsupported type."""
 
 from __future__ import annotations
 

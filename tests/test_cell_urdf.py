@@ -1,4 +1,4 @@
-"""Damages of a URDF: nothing of a robot vanishes because a parser could not read it."""
+"""Damaged URDF files: no part of a robot is silently lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where no geometry says where the part is, rapid moves stay over what is cut."""
+"""Rapid moves remain above the cuts where no part geometry is given."""
 
 from __future__ import annotations
 

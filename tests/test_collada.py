@@ -1,4 +1,4 @@
-"""COLLADA meshes of a robot: read as RViz reads them, written as STL beside the new cell's URDF."""
+"""COLLADA meshes of a robot: read as RViz reads them, written as STL next to the URDF of the new cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""COLLADA files that cell.yaml names: unit and upward axis of the file hold, for the planner and the verifier alike."""
+"""COLLADA files in cell.yaml: unit and up axis of the file apply in planner and verifier."""
 
 from __future__ import annotations
 

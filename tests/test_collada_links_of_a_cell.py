@@ -1,4 +1,4 @@
-"""COLLADA files that the URDF of a hand-written cell names: planner and verifier read the file itself.
+"""COLLADA files in the URDF of a handwritten cell, read by planner and verifier.
 
 The unit of the file holds. Its upward axis does not: as in RViz and MoveIt the coordinates are those of the link.
 """

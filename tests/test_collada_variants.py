@@ -1,4 +1,4 @@
-"""COLLADA as exporters write it: every variant has the triangles, the area and the box that were counted by hand.
+"""COLLADA variants of exporters: triangles, area and box equal those counted by hand.
 
 What a file holds is a unit cube, a plane L of six corners, or a strip; each is written in many ways. The verifier's own
 library reads each file too and must see the same body.

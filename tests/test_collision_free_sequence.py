@@ -1,4 +1,4 @@
-"""The search for a free sequence against trying everything, among obstacles that leave little room."""
+"""Search for a collision-free sequence against exhaustive search."""
 
 from __future__ import annotations
 

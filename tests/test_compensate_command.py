@@ -1,4 +1,4 @@
-"""``machopt optimize --compensate`` as a command: its files, their independent check, and what that catches."""
+"""``machopt optimize --compensate``: files, independent verification, detected damages."""
 
 from __future__ import annotations
 

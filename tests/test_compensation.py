@@ -1,4 +1,4 @@
-"""The shifted path: bent by the force it lies where it was programmed, and what cannot be shifted says so."""
+"""Compensated path: the deflected tool is at the programmed place; reasons where no shift is possible."""
 
 from __future__ import annotations
 

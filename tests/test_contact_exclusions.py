@@ -1,4 +1,4 @@
-"""A band of rotations that a contact closes all along a cut: swings over it are looked at together, not one a round."""
+"""Bands of rotations closed by a contact along a whole cut are excluded together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Looking ahead from contacts: what is struck out touches, and how far it looks."""
+"""Lookahead from contacts: excluded edges are in contact; the search budget is respected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results that are kept by the content of their inputs."""
+"""Cache of results by the content of their inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotation and external joints refined together: the model's order, its least place, and never a worse plan."""
+"""Continuous refinement of rotation and external joints: order of the model, minimum, never a worse plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of costs that the smoother sees: scipy's spline, and derivatives that are its own."""
+"""Interpolated cost table of the smoothing: equals the SciPy spline, with exact derivatives."""
 
 from __future__ import annotations
 

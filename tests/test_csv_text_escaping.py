@@ -1,4 +1,4 @@
-"""The user's words in CSV cells: nothing that a spreadsheet would run, and every word back as it was."""
+"""User text in CSV cells: no formulas, and exact round trip."""
 
 from __future__ import annotations
 

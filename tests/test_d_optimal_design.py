@@ -1,4 +1,4 @@
-"""Choice of readings: against brute force, against independent algebra, and half the readings for the same accuracy."""
+"""D-optimal choice of readings against brute force and independent algebra."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Dask scheduler that ends while a batch runs: bad surroundings (exit 2), named by its address, and resumable."""
+"""Dask scheduler that ends during a batch: exit 2, named by its address, resumable."""
 
 from __future__ import annotations
 

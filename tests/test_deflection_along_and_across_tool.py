@@ -1,4 +1,4 @@
-"""The worst deflection along and across the tool axis: same figures in document, terminal and page, with intervals."""
+"""Worst deflection along and across the tool axis: equal in document, terminal and page, with intervals."""
 
 from __future__ import annotations
 

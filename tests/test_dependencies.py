@@ -1,4 +1,4 @@
-"""Every import is declared, and what ``make run`` installs is pinned to what was tried."""
+"""Every import is declared, and ``make run`` installs pinned versions."""
 
 from __future__ import annotations
 

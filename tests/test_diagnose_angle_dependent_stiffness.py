@@ -1,4 +1,4 @@
-"""A joint's spring that changes with its angle: named where something built may be so."""
+"""Angle-dependent joint stiffness is named only where it is physically plausible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A main bearing that tilts across its axis: told at its joint, and neither a base, nor a link, nor backlash."""
+"""Tilting main bearing: reported at its joint, and not as base, link or backlash."""
 
 from __future__ import annotations
 

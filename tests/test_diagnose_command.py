@@ -1,4 +1,4 @@
-"""``machopt diagnose`` as a user runs it: files, bytes, messages, laws of one's own, what a killed run leaves."""
+"""``machopt diagnose``: files, determinism, messages, user effects, killed runs."""
 
 from __future__ import annotations
 

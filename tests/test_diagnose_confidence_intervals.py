@@ -1,4 +1,4 @@
-"""Intervals of findings: what another law of the same effect may add to them."""
+"""Confidence intervals of findings, including the uncertainty of the law."""
 
 from __future__ import annotations
 

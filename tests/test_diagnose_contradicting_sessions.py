@@ -1,4 +1,4 @@
-"""What one session shows and another contradicts is no physics of the robot, nor of an instrument that both used."""
+"""Effects that only one of several sessions shows are not attributed to robot or instrument."""
 
 from __future__ import annotations
 

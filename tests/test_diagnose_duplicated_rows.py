@@ -1,4 +1,4 @@
-"""A reading that was pasted into the row of another pose is told from one that was there."""
+"""Readings duplicated into the row of another pose are distinguished from replicates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a finding changes for a toolpath: both plans, and the old choice under the new model."""
+"""Effect of a finding on a toolpath: both plans, and the old choice under the new model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Explanations with the same compliance matrix over the recorded poses: both are stated, whatever decides the name.
+"""Alternative explanations with the same compliance matrix over the recorded poses are both stated.
 
 A link that twists about its own axis moves the arm behind it as the bearing at its end does that tilts about this
 axis. An elastic coupling of joints 2 and 3 moves the arm as link 2 does that bends in the plane of both.

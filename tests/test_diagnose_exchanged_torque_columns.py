@@ -1,4 +1,4 @@
-"""Torque channels under another joint's name, and one that is of the motor before its gear."""
+"""Torque columns of exchanged joints, and motor-side torque of a single joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What no file may hold bends no correction that is written: the rest is found again without it."""
+"""Corrections that no file can hold are excluded, and the others are fitted again."""
 
 from __future__ import annotations
 

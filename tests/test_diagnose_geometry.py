@@ -1,4 +1,4 @@
-"""Geometry in measured poses: columns against pinocchio's tree with its joints moved, which they do not come from.
+"""Geometry in measured poses: columns against pinocchio; planted errors are found and removed.
 
 What is planted is found at its joint, written down it takes the mismatch away, and in noise nothing is found.
 """

@@ -1,4 +1,4 @@
-"""A balancer whose joint turns little is a balancer, and no part of a wave; a wave that is seen whole stays one."""
+"""Gravity compensator and transmission error wave are distinguished over a limited joint range."""
 
 from __future__ import annotations
 

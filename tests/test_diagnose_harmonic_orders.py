@@ -1,6 +1,4 @@
-"""Shapes of a motion's laws: orders that few waves show or that are not whole, friction that turns over smoothly; sums
-over columns that move one joint alone.
-"""
+"""Shapes of effects in motions: fractional wave orders, smooth friction, column sums of one joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An inclinometer on a link: its equations against an arm that is simulated here, and what they add to poses."""
+"""Inclinometer on a link: equations against an independent simulation, and their benefit in measured poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns of an inclinometer, on the base and the first link too, where no joint sags: weight tilts towards itself."""
+"""Inclinometer columns in other conventions, on the base and the first link."""
 
 from __future__ import annotations
 

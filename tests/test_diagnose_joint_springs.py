@@ -1,4 +1,4 @@
-"""Springs that measured poses cannot tell stay the cell's: under weight alone, and only there."""
+"""Joint springs that measured poses under weight do not determine remain those of the cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Large effects: their place is certain although their law is approximate, and their readings are no outliers."""
+"""Large effects: certain place with an approximate law; their readings are no outliers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects that a larger one hides: found beside the fitted deviation of the larger one from its law."""
+"""Effects hidden by a larger one are found beside the fitted law deviation of the larger one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What two laws share at the end of a grid has the name of the plainer one; what nothing built has, has none."""
+"""Limiting cases of laws: the simpler of two equivalent laws is named; implausible laws have no name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Masses of links that differ from the URDF within their uncertainty are neither a payload nor a zero offset."""
+"""Link masses within their uncertainty are neither a payload nor a zero offset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stand that drifts while a load test lasts: each cycle shows what has moved since its own unloaded state."""
+"""Drift of the tracker during a load test is relative to the unloaded state of each cycle."""
 
 from __future__ import annotations
 

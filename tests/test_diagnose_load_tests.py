@@ -1,4 +1,4 @@
-"""Load tests of an arm with known faults, made by code and laws that the catalogue does not share."""
+"""Load tests of a simulated arm with known effects, independent of the catalogue."""
 
 from __future__ import annotations
 

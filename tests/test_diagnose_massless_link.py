@@ -1,4 +1,4 @@
-"""Arms at the edge of what a motion can show."""
+"""Arms with a massless last link."""
 
 from __future__ import annotations
 

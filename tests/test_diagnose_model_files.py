@@ -1,4 +1,4 @@
-"""The written files are the judged model: both stated errors follow from the files of OUT, in another process too."""
+"""Written files are the judged model: both stated errors follow from the output folder in another process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The engine on equations of a few numbers: whitening, noise, gains on unseen groups, chance, intervals."""
+"""Model selection on small equations: whitening, noise, gain on unseen groups, significance, intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Diagnosis of motions: rigid bodies, operators with memory, stretches of time, record checks, and whole diagnoses."""
+"""Diagnosis of motions: rigid-body dynamics, operators with memory, segments, record checks, complete diagnoses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a motion is refitted with in any case is told where it is surely there, and no clock that is none smears it."""
+"""Base terms of a motion are reported where significant; delays do not distort other effects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A motion as it was recorded: what is no motion is refused, periods are found, channels say what they need."""
+"""Recorded motion signals: refusals, periods, requirements of the channels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one session has for itself at the poses that all share: put right, said, and neither noise nor physics."""
+"""Session differences at shared poses are corrected and reported, and are neither noise nor physics."""
 
 from __future__ import annotations
 

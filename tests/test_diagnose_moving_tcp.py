@@ -1,4 +1,4 @@
-"""The channel of a tracked TCP in motion, against an arm whose compliances, lag and clock are known."""
+"""Tracked TCP in motion, against an arm with known compliance, lag and delay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units of measured poses: of all sessions, of one, of angles and lengths at once; what is sound stays as it is."""
+"""Units of measured poses: of all sessions, of one session, of angles and lengths together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured poses of an arm whose first joint slides: its kinematics by pinocchio, and what a diagnosis finds there."""
+"""Measured poses of an arm with a prismatic first joint: kinematics against pinocchio, and findings."""
 
 from __future__ import annotations
 

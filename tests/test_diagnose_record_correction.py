@@ -1,4 +1,4 @@
-"""The record before the robot: units, frames, signs and copies are found, named by their column, and put right."""
+"""Record correction: units, frames, signs and duplicates are found, named by their column and corrected."""
 
 from __future__ import annotations
 

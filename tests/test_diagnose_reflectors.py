@@ -1,4 +1,4 @@
-"""Measured poses of several reflectors, from a tracker that stands anywhere and is moved.
+"""Measured poses of several reflectors with a tracker at any station.
 
 Each reflector is measured as :func:`test_diagnose_absolute.measure` does a TCP that sits where it does.
 """

@@ -1,4 +1,4 @@
-"""A name only for a law that explains more than what no law does; a verdict only where readings are enough."""
+"""An effect is named only if it explains more than unnamed forms; a verdict requires enough readings."""
 
 from __future__ import annotations
 

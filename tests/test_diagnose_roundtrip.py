@@ -1,4 +1,4 @@
-"""What diagnose finds goes into the cell, and a cell that holds it leaves nothing to be found: channel by channel."""
+"""Round trip of diagnose: a cell with the written findings leaves nothing to be found, channel by channel."""
 
 from __future__ import annotations
 

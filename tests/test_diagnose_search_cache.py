@@ -1,4 +1,4 @@
-"""The key under which a load test's search is stored holds every input of the search, and the stored state is read."""
+"""Search cache of load tests: the key contains every input, and the stored state is read."""
 
 from __future__ import annotations
 

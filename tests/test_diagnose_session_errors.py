@@ -1,4 +1,4 @@
-"""A fault of one session or pose is mended by what the others say; most of a session is no outlier."""
+"""Faults of a single session or pose are corrected by the other sessions; most of a session is no outlier."""
 
 from __future__ import annotations
 

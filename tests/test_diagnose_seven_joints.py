@@ -1,4 +1,4 @@
-"""Recordings of arms with seven joints: init, identify and diagnose take them; what plans a motion does not."""
+"""Recordings of arms with seven joints: accepted by init, identify and diagnose, refused by planning commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes settled between those of a grid: where a law leaps, all that are alike are told, and one of their middle."""
+"""Refinement of shapes between grid values, and their intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stretches of rows that stand one too low or high, and moments in another unit than forces, are read as meant."""
+"""Shifted rows, and moments in another unit than forces, are corrected."""
 
 from __future__ import annotations
 

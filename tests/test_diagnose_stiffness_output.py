@@ -1,4 +1,4 @@
-"""What of a diagnosis reaches stiffness.yaml: joints and terms that the data show, whatever else they do not."""
+"""Diagnosis results in stiffness.yaml: observed joints and terms only."""
 
 from __future__ import annotations
 

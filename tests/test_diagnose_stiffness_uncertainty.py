@@ -1,4 +1,4 @@
-"""How sure a diagnosed stiffness is: what a plan, which knows no history, is told by a law that has one."""
+"""Uncertainty of a diagnosed stiffness for a plan that has no load history."""
 
 from __future__ import annotations
 

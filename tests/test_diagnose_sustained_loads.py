@@ -1,4 +1,4 @@
-"""A load that is held and read again: what its force seems to change by is no gain, what creeps is no noise."""
+"""Sustained loads that are read repeatedly: drift of the force is no gain, creep is no noise."""
 
 from __future__ import annotations
 

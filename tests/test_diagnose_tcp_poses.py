@@ -1,4 +1,4 @@
-"""Measured TCP poses: the base is the physics, every law's columns are what the law does, and the right one wins.
+"""Measured TCP poses: base model, columns of every law, and selection of the true law.
 
 Recordings are made here with an equilibrium of their own (joint springs under weight, finite rotations), then an effect
 is put in where it acts: in the angles, the masses, the lengths.

@@ -1,4 +1,4 @@
-"""Thresholds that no concealed case of the sets asks for, each on both sides."""
+"""Thresholds of diagnose from both sides."""
 
 from __future__ import annotations
 

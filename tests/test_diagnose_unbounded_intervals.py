@@ -1,4 +1,4 @@
-"""A number of a body that no reading holds has an interval without an upper end, not one of any size to either side."""
+"""Unobserved compliances have an interval without an upper end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What no effect of the catalogue is keeps others from its place, is said with it, and is never named."""
+"""Effects outside the catalogue in load tests: reported with their place, never named."""
 
 from __future__ import annotations
 

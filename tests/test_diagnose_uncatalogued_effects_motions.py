@@ -1,4 +1,4 @@
-"""What pulls at a joint from an angle on is said with its place, and is no gear's ripple; that keeps its name."""
+"""Effects outside the catalogue in motions: a hose is no gear ripple, and a ripple keeps its name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Physics of measured poses that has no name is said with its place; what has one keeps it beside all of that."""
+"""Effects outside the catalogue in measured poses: reported with their place; catalogue effects keep their names."""
 
 from __future__ import annotations
 

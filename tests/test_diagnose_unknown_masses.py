@@ -1,4 +1,4 @@
-"""Arms whose file tells no masses: what their weight does to a load test is left open, and takes no name."""
+"""Arms without stated masses: the effect of weight in a load test is left open."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Waves of few periods or of implausible size are corrections without a name; the sum of both parts is unchanged."""
+"""Waves of few periods or implausible amplitude are corrections without a name."""
 
 from __future__ import annotations
 

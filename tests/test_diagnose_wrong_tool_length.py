@@ -1,4 +1,4 @@
-"""A tool that is a hand's breadth shorter than its cell says: found, looked at again from there, nothing else named."""
+"""Wrong tool length: corrected, diagnosed again, and nothing else named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A weight with a wrong label: a fault of the record, never put aside in silence, never seen in a sound one."""
+"""Wrong weight label: a record fault, always reported, and absent in correct records."""
 
 from __future__ import annotations
 

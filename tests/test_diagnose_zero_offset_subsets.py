@@ -1,4 +1,4 @@
-"""Zero offsets over all subsets of the joints, compared by the log predictive score on folds that a fit did not see."""
+"""Zero offsets over all joint subsets, compared by the log predictive score on held-out folds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a Diagnosis to its page, diagnosis.json, residuals.csv and the terminal: nothing lost, nothing made up."""
+"""Diagnosis on page, diagnosis.json, residuals.csv and terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of stages of the model selection, which the engine executes and the documentation prints."""
+"""Tables of model selection stages: executed by the engine and printed in the documentation."""
 
 from __future__ import annotations
 

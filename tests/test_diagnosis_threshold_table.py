@@ -1,4 +1,4 @@
-"""The table of thresholds: each says what it is and where it comes from, and what it names is there."""
+"""Table of thresholds: meaning and origin of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What readings show beyond a stiffness file, counted in: the same as the suspects' columns, and what a plan says."""
+"""Mean model discrepancy of a stiffness file: equals the candidate columns, and enters a plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Telling rivals of a diagnosis apart: the search, the laws carried to other poses, the command."""
+"""Discrimination between rival explanations: search, laws at other poses, command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pages of docs/ say what the schemas say."""
+"""docs/ agrees with the schemas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Peak memory of a job of many holes: small beside the base of the process, also where the cycle is long."""
+"""Peak memory of a job with many holes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Margins hold for what is driven: the rotation is rounded where it bends, and a pose on a margin would fall short."""
+"""Margins hold for the driven motion, whose rotation is rounded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the file dwells or stops: the motion rests at the very point, stands there, and a verification sees it."""
+"""Dwells and stops: the motion rests at the exact point, and the verification checks it."""
 
 from __future__ import annotations
 

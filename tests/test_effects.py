@@ -1,4 +1,4 @@
-"""The contract of every law in the registry, and an effect that is added by one file and one line."""
+"""Contract of every joint effect in the registry, and an effect added by one file and one line."""
 
 from __future__ import annotations
 

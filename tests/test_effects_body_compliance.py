@@ -1,4 +1,4 @@
-"""The contract of every law of a body, and a body that is added by one file and one line."""
+"""Contract of every body effect, and a body effect added by one file and one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An effect that is one file, through every command that knows effects: found, written, planned with, mapped, known."""
+"""One effect file in every command: found, written, planned with, mapped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The contracts of what comes late and of what swings, and of each one that is added by one file and one line."""
+"""Contracts of delays and vibrations, and each added by one file and one line."""
 
 from __future__ import annotations
 

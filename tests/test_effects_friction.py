@@ -1,4 +1,4 @@
-"""The contract of every law of friction, and one that is added by one file and one line."""
+"""Contract of every friction effect, and one added by one file and one line."""
 
 from __future__ import annotations
 

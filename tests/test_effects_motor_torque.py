@@ -1,4 +1,4 @@
-"""The contract of every law of what drives tell, one that is added by one file and one line, and diagnoses by them."""
+"""Contract of every motor torque effect, one added by one file and one line, and diagnoses with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A torque beside a gear that is added by one file and one line, seen by each channel."""
+"""Parallel joint torque added by one file and one line, in each channel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The contract of every law of what the tool side carries, in both channels that see it, and one that is added."""
+"""Contract of every payload effect in both channels, and one added by one file and one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The contract of every law of a record, and one that is added by one file and one line."""
+"""Contract of every sensor error, and one added by one file and one line."""
 
 from __future__ import annotations
 

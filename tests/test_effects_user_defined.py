@@ -1,4 +1,4 @@
-"""Effects of a user's own: a file that offers one, in every channel and in the plan, and files that are refused."""
+"""User-defined effects: in every channel and in the plan; invalid files are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans with rails and positioners: one law with cells that stand still, values chosen, options refused by name."""
+"""Plans with rails and positioners: equal to fixed cells, chosen values, refused options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A way of external joints among contacts: a hanging arm that touches itself wherever its rail is next to the tool."""
+"""Path of external joints among contacts: a hanging arm that touches itself when the rail is next to the tool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job whose free external joints lead to no complete motion is planned with some of them locked."""
+"""Jobs without a complete motion of all free external joints are planned with some of them locked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How rails and positioners give way: against motion by pinocchio, the verifier's own laws, and the base's spring."""
+"""Compliance of rails and positioners against pinocchio, the verifier and the base spring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tools that change, and placement, in a cell whose rail and table give way."""
+"""Tool changes and placement in a cell with compliant rail and table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How sure the stiffness of rails and positioners is, in what is told of a deflection and of a gain."""
+"""Stiffness uncertainty of rails and positioners in deflection and gain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part that has to be turned round under the tool, because a joint of the arm would run into its limit."""
+"""A part is rotated back under the tool before an arm joint reaches its limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values of external joints are judged by poses that are free of contacts."""
+"""Values of external joints are scored by contact-free configurations."""
 
 from __future__ import annotations
 

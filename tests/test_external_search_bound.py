@@ -1,4 +1,4 @@
-"""The bound over external joints, rotations and branches: against every sequence, and in the objective's own prices."""
+"""Bound over external joints, rotations and branches against every sequence."""
 
 from __future__ import annotations
 

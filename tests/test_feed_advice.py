@@ -1,4 +1,4 @@
-"""Largest feeds that stay in tolerance: each passes with all draws at its own load, and a larger one does not."""
+"""Feed advice: largest feeds in tolerance at their own load."""
 
 from __future__ import annotations
 

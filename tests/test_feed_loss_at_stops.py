@@ -1,4 +1,4 @@
-"""Stops that the path itself demands are no lost feed; what the axes cannot hold is, in a ramp too."""
+"""Stops required by the path are no lost feed; axis limits are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that are none, never end or are too large: one refusal, at once, from every reader."""
+"""Unreadable, endless and too large files: one immediate refusal by every reader."""
 
 from __future__ import annotations
 

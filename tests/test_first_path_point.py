@@ -1,4 +1,4 @@
-"""A path may begin with any kind of row: the first point is where the arm arrives from home, whatever it is called."""
+"""A path may begin with any kind of row: the first point is the arrival from home."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Between two stations the rotation crosses what lies there: against every sequence, written down once more here."""
+"""Transitions between stations that cross forbidden rotations, against every sequence."""
 
 from __future__ import annotations
 

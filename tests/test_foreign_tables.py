@@ -1,4 +1,4 @@
-"""Tables as other programs write them: the same readings, whatever the names, marks, units and number of files."""
+"""Tables of other programs: equal readings for any column names, separators, units and number of files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small share of ``benchmarks/fuzz_cells.py``: damaged cells and recordings are refused, or sane, never a crash."""
+"""Part of ``benchmarks/fuzz_cells.py``: damaged cells and recordings are refused or valid, and never crash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mutated and truncated files of every dialect: a clear refusal or a sane toolpath, never a crash, never a hang.
+"""Mutated and truncated files of every dialect: refused or valid, no crash and no hang.
 
 A small sample runs here; ``python benchmarks/fuzz_readers.py`` runs 100,000 cases a format.
 """

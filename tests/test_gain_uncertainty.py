@@ -1,4 +1,4 @@
-"""The uncertainty of deflections and of the gain: against finite differences, and against drawn stiffnesses."""
+"""Uncertainty of deflections and of the gain, against finite differences and drawn stiffnesses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search for circles of objects: put off while libraries are loaded, then without what they made."""
+"""Garbage collection is postponed during imports, and imported objects are frozen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``machopt identify`` from files to files: what is written, what others make of it, what is refused."""
+"""``machopt identify``: written files, their use by other commands, refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a record is said by name, and good records are left alone."""
+"""Faults of a recording are named, and correct recordings raise no alarm."""
 
 from __future__ import annotations
 

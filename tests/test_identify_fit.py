@@ -1,4 +1,4 @@
-"""Compliances from load tests: against numpy's least squares, dense matrices, written-out likelihoods, known truth."""
+"""Compliances from load tests, against NumPy least squares, dense matrices, explicit likelihoods, known truth."""
 
 from __future__ import annotations
 

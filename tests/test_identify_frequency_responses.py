@@ -1,4 +1,4 @@
-"""``machopt identify`` of frequency responses: derivatives, other code's responses, bounds, refusals, written files."""
+"""``machopt identify`` of frequency responses: derivatives, independent responses, bounds, refusals, written files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grid-variable joint stiffness: geometry, likelihood, shrinkage, honesty about what was not measured."""
+"""Grid-variable joint stiffness: geometry, likelihood, shrinkage, unmeasured cells."""
 
 from __future__ import annotations
 

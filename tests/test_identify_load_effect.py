@@ -1,4 +1,4 @@
-"""Hanging loads turn the lever arms always the same way; fitted matrices never give way against a load."""
+"""Load effect of hanging loads on the lever arms; fitted matrices are positive semidefinite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identification at the loaded equilibrium: against a simulated arm that shares no law with it, and its limits."""
+"""Identification at the loaded equilibrium, against an independently simulated arm, and its limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Springs of an arm that has more than springs: the misfit is said first, and the intervals hold as built."""
+"""Identification of an arm with further compliances: the misfit is reported first, and intervals cover."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether intervals cover, what is not identified is said, and errors on unseen poses are what a refit gives."""
+"""Coverage of intervals, unidentified joints, and errors on unseen poses."""
 
 from __future__ import annotations
 

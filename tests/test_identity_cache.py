@@ -1,4 +1,4 @@
-"""Values kept with the object they follow from."""
+"""Values cached with the object that they follow from."""
 
 from __future__ import annotations
 

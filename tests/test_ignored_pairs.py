@@ -1,4 +1,4 @@
-"""Bodies that may touch: ``ignore_pairs`` and SRDF, down to the pairs that planner and verification leave out."""
+"""Pairs of bodies that may touch: ``ignore_pairs`` and SRDF, in planner and verification."""
 
 from __future__ import annotations
 

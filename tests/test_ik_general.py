@@ -1,4 +1,4 @@
-"""Inverse kinematics of arms without a spherical wrist: complete, exact, and the same as independent solvers find.
+"""Inverse kinematics of arms without a spherical wrist: complete, exact, and equal to independent solvers.
 
 Exactness is judged by pinocchio on a URDF written here, so an error in our own forward kinematics would show.
 """

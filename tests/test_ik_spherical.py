@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics: FK∘IK is the identity, all branches are there, margins and shortfall are true."""
+"""Closed-form inverse kinematics: FK∘IK is the identity, all branches exist, margins and shortfall are correct."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Advice of ``machopt init`` is followed: what a message offers works, for arms of seven joints and for lengths."""
+"""Advice of ``machopt init`` works when it is followed."""
 
 from __future__ import annotations
 

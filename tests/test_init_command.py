@@ -1,4 +1,4 @@
-"""``machopt init``: from a URDF to a cell that loads, aims the tool out of the flange and reaches its workpiece."""
+"""``machopt init``: from a URDF to a cell that loads, orients the tool and reaches its workpiece."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""The tool that ``init`` makes up: its bodies end where its cutter begins, whatever its angle; meshes keep their size
-whatever their unit."""
+"""Default tool of ``init``: bodies end at the cutter for any angle; meshes keep their size in any unit."""
 
 from __future__ import annotations
 

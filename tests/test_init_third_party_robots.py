@@ -1,5 +1,4 @@
-"""``machopt init`` of robots as they are passed on: a gripper behind the arm, words of a simulator, packages in folders
-of their own, arms too small or too bound for a part as it lies in the CAM file."""
+"""``machopt init`` of published robots: grippers, simulator extensions, nested packages, parts out of reach."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a folder, a pattern or a list of jobs means, and the messages about a bad one."""
+"""Folders, patterns and lists of jobs, and the errors of invalid ones."""
 
 from __future__ import annotations
 

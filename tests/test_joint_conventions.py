@@ -1,4 +1,4 @@
-"""Joint angles that a pendant counts otherwise than the URDF: understood, named once, and never invented."""
+"""Joint angle conventions of controllers that differ from the URDF are identified once, and never without a cause."""
 
 from __future__ import annotations
 

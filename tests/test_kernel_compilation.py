@@ -1,4 +1,4 @@
-"""What is said when kernels are compiled, and where there is no place to store them."""
+"""Kernel compilation: messages, cache, and missing cache folder."""
 
 from __future__ import annotations
 

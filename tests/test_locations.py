@@ -1,4 +1,4 @@
-"""Places as text and in parts."""
+"""Places as text and as parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chain from the part to the tool against pinocchio on the whole URDF."""
+"""Kinematic chain from the part to the tool against pinocchio on the whole URDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page and the picture of a map: they stand alone, keep the numbers, and say why a place is empty."""
+"""Page and picture of a map: self-contained, exact numbers, reasons of empty places."""
 
 from __future__ import annotations
 

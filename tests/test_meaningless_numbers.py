@@ -1,4 +1,4 @@
-"""Numbers that say nothing are not shown: round-off, and parameters whose interval is many times their value."""
+"""Uninformative numbers are not shown: rounding errors, and parameters with too wide intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances of triangle surfaces against fcl, and the nearest pair whatever the number of cores."""
+"""Distances of triangle surfaces against fcl, and the nearest pair for any number of cores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints that follow others, against pinocchio with all joints of the URDF set by hand."""
+"""Mimic joints against pinocchio with all joints of the URDF set explicitly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a stiffness may lack: found where it is concealed, absent where springs explain all, carried to a plan."""
+"""Model discrepancy of a stiffness: found where concealed, absent where springs explain all, included in a plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Corners of the commanded path among the samples of the motion, where points are dense, sparse or turned back at."""
+"""Corners of the commanded path among the samples of the motion, for dense, sparse and reversing points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lies between two points is told in the row whose move ends there: in points.csv, JSON and report."""
+"""Failures between two points are reported in the row whose move ends there: points.csv, JSON and report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compiled search over values, rotations and branches against a plain one, and remembered distances."""
+"""Compiled search over values, rotations and branches against a plain one, and cached distances."""
 
 from __future__ import annotations
 

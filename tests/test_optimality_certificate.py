@@ -1,4 +1,4 @@
-"""The certificate: never wrong on problems small enough for every sequence, and more freedom never makes it worse."""
+"""Optimality certificate against every sequence of small problems; more freedom never increases the cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``machopt optimize`` with a process: forces, errors and outcomes in tables and result; damages are seen."""
+"""``machopt optimize`` with a process: forces, errors and outcomes in tables and result; damages are detected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planning needs no extra; what is missing is named with the extra that brings it, and nothing is left behind."""
+"""Planning needs no extra; a missing package is named with its extra, and nothing is left behind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nothing is missing in a drilling file, its cell and its process file: every hole has an outcome on the first run."""
+"""Complete drilling input: every hole has an outcome on the first run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No damage of a finished plan passes the verification, with the manifest's hashes or without them."""
+"""Damages of a finished plan fail the verification, with and without the hashes of the manifest."""
 
 from __future__ import annotations
 

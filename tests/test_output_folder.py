@@ -1,4 +1,4 @@
-"""Output folders: whole or not there, one writer at a time, nobody's files lost, a clear word where it cannot be."""
+"""Output folders: complete or absent, one writer at a time, no lost user files, clear errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No output option overwrites an input or a file that machopt did not write; ``--force`` alone does."""
+"""Output options overwrite neither inputs nor foreign files; ``--force`` does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands whose output nobody reads, whose streams are closed, or whose terminal knows ASCII alone."""
+"""Closed output streams, and terminals that know only ASCII."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the 3-D picture is made of: fewer triangles, packed numbers, joints that stand as pinocchio has them."""
+"""3-D scene: simplified triangles, packed numbers, poses equal to pinocchio."""
 
 from __future__ import annotations
 

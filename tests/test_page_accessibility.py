@@ -1,4 +1,4 @@
-"""Every kind of page, held against the rules of WCAG by axe-core, narrow and wide, light and dark."""
+"""Every kind of page against the WCAG rules of axe-core, narrow and wide, light and dark."""
 
 from __future__ import annotations
 

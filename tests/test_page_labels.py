@@ -1,4 +1,4 @@
-"""What a reader would stumble over on a page: marks that stop halfway, ticks beside the places, words that differ."""
+"""Labels of a page: complete marks, ticks at the sampled places, one word per quantity."""
 
 from __future__ import annotations
 

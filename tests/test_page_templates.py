@@ -1,4 +1,4 @@
-"""Markup comes from the templates alone: nothing in Python strings, everything escaped, nothing left out unseen."""
+"""All markup comes from the templates, escaped and complete."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pages in a browser: every picture is drawn, no script fails, and pointer, legend and zoom do what they say."""
+"""Pages in a browser: every picture is drawn, no script fails; pointer, legend and zoom work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dumas et al. (2011), KUKA KR240-2: what it prints against what its own equations give.
+"""Dumas et al. (2011), KUKA KR240-2: printed values against their own equations.
 
 Table 3 leaves d2, d3, d4, RL4 and RL6 as symbols. The maker's data sheet has 350, 1250, 55, 1100 and 230 mm;
 section "geometry" below settles the signs.

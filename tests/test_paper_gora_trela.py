@@ -1,4 +1,4 @@
-"""Góra and Trela, FANUC S-420F: its numerical example, from Table 1 and from its own formula (A.3)."""
+"""Góra and Trela, FANUC S-420F: numerical example from Table 1 and from formula (A.3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""jiao2022, sections 2 and 5.1: space gridding, its stiffness files, and compensation that gains by finer grids.
+"""jiao2022, sections 2 and 5.1: space gridding, its stiffness files, and compensation by finer grids.
 
 The paper gives a calibration space of 1200 × 600 × 600 mm without its place or posture, and no readings. Place and arm
 are those of the cell ``kr500_milling`` (its README says where they come from). Of all postures along the grid's edges,

@@ -1,4 +1,4 @@
-"""jiao2022 section 5.2: where the best rotations lie (figs. 19–24) and what smoothing costs (Table 1).
+"""jiao2022 section 5.2: best rotations (figs. 19–24) and cost of smoothing (Table 1).
 
 The places of the figures' Tags 1 to 4 are not printed. The two tags of Table 2, whose joint angles are, lie as the
 paper says of them: on one pass along y, mirrored about the base's x axis.

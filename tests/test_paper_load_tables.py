@@ -1,4 +1,4 @@
-"""Load tables that two papers print: transcribed rightly, and what they do and do not agree with.
+"""Load tables of two papers: transcription, and their consistency.
 
 zhang2025: Machines 2025, 13, 837, Tables 2 and 3. tian2025: Biomimetics 2025, 10, 383, Tables 1, 2 and 4.
 Regression numbers (rmse) carry 0.002 mm: the tables are printed to 0.01 mm and the fits have no free setting, so only a

@@ -1,4 +1,4 @@
-"""Geometry of a run: tolerances, smoothness, bookkeeping of points."""
+"""Path curve of a run: tolerances, smoothness, indices of points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is driven around points that cannot be reached, counted by hand on two short passes."""
+"""Driven runs around unreachable points, counted by hand on two short passes."""
 
 from __future__ import annotations
 

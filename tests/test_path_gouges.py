@@ -1,4 +1,4 @@
-"""Gouges of a path: counted by hand on flat, tilted and bumpy parts."""
+"""Gouges of a path, computed by hand on flat, tilted and bumpy parts."""
 
 from __future__ import annotations
 

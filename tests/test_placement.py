@@ -1,4 +1,4 @@
-"""Placement: which places are looked at, what moves, what holds the part, and that the search finds the best of all."""
+"""Placement: sampled places, moved bodies, supports, and the best place of all."""
 
 from __future__ import annotations
 

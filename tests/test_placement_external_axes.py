@@ -1,4 +1,4 @@
-"""Placement of cells whose external joints may choose, whose jobs change tools, and whose setups move together."""
+"""Placement with external joints, tool changes and several setups."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a plan that was made, word by word: one small plan, its answers changed by hand."""
+"""Explanations of a plan, text by text, on one small plan with changed results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One objective: the search over the grid, the smooth curve, its programme and a finished plan say the same J."""
+"""Objective J: equal in grid search, smoothing and finished plan."""
 
 from __future__ import annotations
 

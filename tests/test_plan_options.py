@@ -1,4 +1,4 @@
-"""Planning options: units, layers, what is refused."""
+"""Planning options: units, layers, refusals."""
 
 from __future__ import annotations
 

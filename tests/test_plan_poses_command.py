@@ -1,4 +1,4 @@
-"""``machopt plan-poses`` as a whole: its files, its page, its refusals."""
+"""``machopt plan-poses``: files, page, refusals."""
 
 from __future__ import annotations
 

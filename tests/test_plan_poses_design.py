@@ -1,4 +1,4 @@
-"""Candidate poses and loads on a shipped cell, and what D-optimal readings are worth against the papers' ways."""
+"""Candidate poses and loads on a shipped cell, and D-optimal readings against the published ways."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Load tests of arms on rails and beside positioners, which stand still meanwhile."""
+"""Load tests of arms on rails and beside positioners that are fixed meanwhile."""
 
 from __future__ import annotations
 

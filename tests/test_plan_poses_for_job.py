@@ -1,4 +1,4 @@
-"""``plan-poses`` for a job: two sizes of each load, joints turned both ways round, and what would not show."""
+"""``plan-poses`` for a job: two load sizes, torque reversals, and unobservable effects."""
 
 from __future__ import annotations
 

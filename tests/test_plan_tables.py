@@ -1,4 +1,4 @@
-"""Tables and output folders: what is written is read back, and nothing half-written or foreign is touched."""
+"""Tables and output folders: round trip, no partial and no foreign files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is taken from an earlier plan is what would be computed now, to the last bit, and only that."""
+"""Planning cache: results equal those of a new computation, and only valid ones are used."""
 
 from __future__ import annotations
 

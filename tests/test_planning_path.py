@@ -1,4 +1,4 @@
-"""The toolpath as the planner walks it: nothing lost, directions as the contract says, plunges found."""
+"""Planning path: complete points, directions as in the contract, plunges."""
 
 from __future__ import annotations
 

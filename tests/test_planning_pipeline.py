@@ -1,4 +1,4 @@
-"""The whole plan on the shipped cells: never worse than its yardsticks, deterministic, plain about what fails."""
+"""Planning pipeline on the shipped cells: never worse than the baselines, deterministic, clear failures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads at toolpath points from process.yaml: holes, passes, directions; compared with the verifier's own formulas."""
+"""Loads at toolpath points from process.yaml: holes, passes, directions; against the formulas of the verifier."""
 
 from __future__ import annotations
 

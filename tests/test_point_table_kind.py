@@ -1,4 +1,4 @@
-"""Rows of a point table are holes or points of a path: said by the table or the option, else asked for."""
+"""Rows of a point table are holes or path points: stated by the table or the option, or asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Replicates are found by pose and load, whatever label tells visits apart; what a label leaves unmeasured is said."""
+"""Replicates are found by pose and load with any visit label; missing replicates are reported."""
 
 from __future__ import annotations
 

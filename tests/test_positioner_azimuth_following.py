@@ -1,4 +1,4 @@
-"""Starts of external axes that follow the tool round the part."""
+"""Start values of external axes that follow the tool around the part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cell's ``controller`` key, and a planned motion as programs."""
+"""Key ``controller`` of a cell, and a planned motion as programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""External axes in programs: every maker's values, frames and groups, and what its reader makes of them again."""
+"""External axes in programs: values, frames and groups of every maker, written and read back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs with a rail and a turntable as programs: written from the plan, read back, every damage to an axis caught."""
+"""Jobs with rail and turntable as programs: written, read back, and every damage to an axis detected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The golden programs, byte for byte. ``python tests/golden/make_golden.py`` writes them anew."""
+"""Golden programs, byte for byte; ``python tests/golden/make_golden.py`` writes them again."""
 
 from __future__ import annotations
 

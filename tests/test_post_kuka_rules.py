@@ -1,4 +1,4 @@
-"""KUKA's own rules: S and T, angles, names, what a program must begin with, and the cell's words at events."""
+"""KUKA rules: S and T, angles, names, program header, custom words at events."""
 
 from __future__ import annotations
 

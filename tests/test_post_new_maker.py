@@ -1,4 +1,4 @@
-"""A new maker is one folder: post, reader, checks and template of a toy controller, and not one line elsewhere."""
+"""A new maker is one folder: post, reader, checks and template of a toy controller, without changes elsewhere."""
 
 from __future__ import annotations
 

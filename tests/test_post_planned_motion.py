@@ -1,4 +1,4 @@
-"""A planned motion as programs: the way points lead a controller along the motion that was planned and checked."""
+"""Planned motion as programs: targets lead a controller along the planned and checked motion."""
 
 from __future__ import annotations
 

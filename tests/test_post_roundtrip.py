@@ -1,4 +1,4 @@
-"""Every post: path → CSV → program → read back by a reader that shares nothing with the writer → CSV."""
+"""Every post: path → CSV → program → independent reader → CSV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Way points so dense that the controller's own interpolation keeps to the motion."""
+"""Targets dense enough for the controller interpolation to follow the motion."""
 
 from __future__ import annotations
 

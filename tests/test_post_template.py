@@ -1,4 +1,4 @@
-"""Posts as users write them: the template language, what is checked, and that nothing in it can run or escape."""
+"""User-defined posts: template language, checks, and safety."""
 
 from __future__ import annotations
 

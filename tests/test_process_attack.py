@@ -1,4 +1,4 @@
-"""Process files that are unusual or wrong, run through ``machopt optimize`` and the readers."""
+"""Unusual and invalid process files in ``machopt optimize`` and the readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the command's process ends: at once, with everything done that was to be done at exit."""
+"""End of the command's process: immediate, after all exit handlers."""
 
 from __future__ import annotations
 

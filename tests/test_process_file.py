@@ -1,4 +1,4 @@
-"""process.yaml: what is read, and what is refused with file and key."""
+"""process.yaml: accepted content, and refusals with file and key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What has to be settled before the part is made comes first: on the terminal, in the document, on the page."""
+"""Blockers of production come first on terminal, document and page."""
 
 from __future__ import annotations
 

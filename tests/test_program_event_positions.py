@@ -1,4 +1,4 @@
-"""Events of a program between moves whose ends the motion knows to a sample, or to the decimals that are printed."""
+"""Positions of program events between moves, by samples or printed decimals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Program names from file names of any script: names that every controller takes, and two names for two files."""
+"""Program names from file names of any script: valid on every controller and unique."""
 
 from __future__ import annotations
 

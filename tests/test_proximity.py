@@ -1,4 +1,4 @@
-"""Yes or no to "nearer than a limit" against distances by fcl, and where one body is inside the other."""
+"""Proximity test against distances by fcl, and containment of bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Right programs are accepted: random small jobs end with exit 0 in every post."""
+"""Random small jobs end with exit 0 in every post."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rounded corners between joint moves in the programs of every maker: what is written, and what is read back."""
+"""Blended corners between joint moves in the programs of every maker, written and read back."""
 
 from __future__ import annotations
 

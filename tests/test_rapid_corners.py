@@ -1,4 +1,4 @@
-"""Rounded corners of rapid moves: their timing, what they keep clear of, and what a controller may make of them."""
+"""Blended corners of rapid moves: timing, clearance, and possible paths of a controller."""
 
 from __future__ import annotations
 

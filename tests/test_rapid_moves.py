@@ -1,4 +1,4 @@
-"""Rapid moves: limits held by differences of the samples, straight legs, ways around, honest refusals."""
+"""Rapid moves: limits by differences of the samples, straight segments, detours, clear refusals."""
 
 from __future__ import annotations
 

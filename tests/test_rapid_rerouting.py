@@ -1,4 +1,4 @@
-"""Rapid moves that no free way is found for: gone round by whole turns, or left out of another choice."""
+"""Blocked rapid moves: avoided by whole turns or by another choice."""
 
 from __future__ import annotations
 

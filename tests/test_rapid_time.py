@@ -1,4 +1,4 @@
-"""Prices of rapid moves, branch changes and whole turns: the timing law, and the search against every sequence."""
+"""Costs of rapid moves, branch changes and whole turns: timing law, and search against every sequence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""By how much a part has to move so that all that is out of reach comes into it."""
+"""Shift of a part that brings all unreachable points into reach."""
 
 from __future__ import annotations
 

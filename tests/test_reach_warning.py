@@ -1,4 +1,4 @@
-"""Cuts beyond the robot's reach are warned of as soon as a cell is known."""
+"""Cuts beyond the reach of the robot cause a warning as soon as a cell is known."""
 
 from __future__ import annotations
 

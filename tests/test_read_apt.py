@@ -1,4 +1,4 @@
-"""Cutter location dialects, by small snippets written for these tests."""
+"""APT and CL dialects, by small snippets."""
 
 from __future__ import annotations
 

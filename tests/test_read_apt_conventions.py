@@ -1,4 +1,4 @@
-"""CL words that CAM systems write in their own way: stated sweeps, RTRCTO,AUTO, increments, feeds without a unit."""
+"""CL conventions of CAM systems: stated sweeps, RTRCTO,AUTO, increments, feeds without a unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sinumerik cycles: the words beside a call in one block, and patterns of holes with all of their arguments."""
+"""Sinumerik cycles: words beside a call in one block, and hole patterns with all arguments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feeds, dwells and places that the arguments of a drilling cycle state, in Sinumerik and Heidenhain programs."""
+"""Feeds, dwells and places in the arguments of drilling cycles of Sinumerik and Heidenhain."""
 
 from __future__ import annotations
 

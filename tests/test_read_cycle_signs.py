@@ -1,4 +1,4 @@
-"""Numbers of drilling cycles that no control takes, or that controls take differently, are refused with their line."""
+"""Invalid and ambiguous numbers of drilling cycles are refused with their line."""
 
 from __future__ import annotations
 

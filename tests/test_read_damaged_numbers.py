@@ -1,4 +1,4 @@
-"""A number with one damaged character is refused, or stands where nothing depends on it; it never moves a point."""
+"""A number with one damaged character is refused or unused; it never moves a point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A known path, written in each dialect's own words, is read back as that path."""
+"""A known path in the words of each dialect is read back as that path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What no option can cure is reported before an option is asked for."""
+"""Faults without a remedy are reported before an option is asked for."""
 
 from __future__ import annotations
 

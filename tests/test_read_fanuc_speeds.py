@@ -1,4 +1,4 @@
-"""Speeds of FANUC moves: feeds in every unit, durations, turns in time, and the switches behind them."""
+"""Speeds of FANUC moves: feeds in every unit, durations, rotation times and their switches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code and Heidenhain programs, by small snippets written for these tests."""
+"""G-code and Heidenhain programs, by small snippets."""
 
 from __future__ import annotations
 

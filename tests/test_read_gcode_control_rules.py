@@ -1,4 +1,4 @@
-"""What controls make of G-code that readers easily get wrong: points, questions and refusals, written out by hand."""
+"""Rules of G-code controls that readers easily violate: points, questions and refusals."""
 
 from __future__ import annotations
 

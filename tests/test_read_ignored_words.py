@@ -1,4 +1,4 @@
-"""Words that were passed over once, and the path that came of it; a snippet's truth is the control's rule."""
+"""Words that move points are not ignored; expected values follow the rules of the control."""
 
 from __future__ import annotations
 

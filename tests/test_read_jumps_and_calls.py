@@ -1,4 +1,4 @@
-"""Jumps, calls and ends of every dialect: carried out, or refused with the line; never a silent end."""
+"""Jumps, calls and ends of every dialect: executed, or refused with the line."""
 
 from __future__ import annotations
 

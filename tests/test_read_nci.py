@@ -1,4 +1,4 @@
-"""Mastercam NCI, by records written from what is known of it."""
+"""Mastercam NCI, by handwritten records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Offset registers of APT and modifiers of FANUC moves: harmless where points cannot move, else the plan stops."""
+"""Offset registers of APT and modifiers of FANUC moves: harmless without effect on points, else the plan stops."""
 
 from __future__ import annotations
 

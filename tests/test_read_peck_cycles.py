@@ -1,4 +1,4 @@
-"""Pecks, chip breaks and pre-drilled depths of Heidenhain's and Sinumerik's cycles, worked out by hand."""
+"""Pecks, chip breaks and pre-drilled depths of Heidenhain and Sinumerik cycles, computed by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of CAM files are plain decimals: what Python's float reads in addition is refused, in every format."""
+"""Numbers of CAM files are plain decimals in every format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What robot programs assign while they run: carried out like the controller would, or refused with the line."""
+"""Assignments in robot programs: executed as by the controller, or refused with the line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Subprograms, loops and formulas that the file holds: the same points as the program written out."""
+"""Subprograms, loops and formulas of a file: points equal those of the expanded program."""
 
 from __future__ import annotations
 

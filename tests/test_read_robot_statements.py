@@ -1,4 +1,4 @@
-"""Words of robot programs that are no plain target: carried out, left out and said, or refused with their cause."""
+"""Statements of robot programs other than plain targets: executed, left out with a message, or refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Subprograms, repeats and jumps of Sinumerik programs: the same points as the program written out by hand."""
+"""Subprograms, repeats and jumps of Sinumerik programs: points equal those of the expanded program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small programs of every dialect, their points worked out by hand: frames, increments, arcs, units, comments, flow."""
+"""Small programs of every dialect with points computed by hand: frames, increments, arcs, units, comments, flow."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Real files of others that may be handed on (tests/vendored_files/SOURCES.md): read by every checkout, nothing
-skipped."""
+"""Published real files (tests/vendored_files/SOURCES.md): read in every checkout."""
 
 from __future__ import annotations
 

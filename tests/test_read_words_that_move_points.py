@@ -1,4 +1,4 @@
-"""Words of robot and CAM programs that change where the tool goes, and are no longer passed over."""
+"""Words of robot and CAM programs that change the tool position are not ignored."""
 
 from __future__ import annotations
 

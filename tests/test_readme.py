@@ -1,4 +1,4 @@
-"""The README and the pages it leads to: short, no link leads nowhere, its commands run as they stand, in its order."""
+"""README and the pages it links to: short, valid links, commands that run in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every correction of a record is stated with sign and axis: applied by its own equation, it lowers the error.
+"""Every correction of a recording has sign and axis, and lowers the error when it is applied by its own equation.
 
 The formulas are those that a reader takes from ``equation`` and ``parameters`` of diagnosis.json, and share no code
 with the laws.

@@ -1,4 +1,4 @@
-"""Recording folders: what is read, what is written, and every way a folder can be wrong."""
+"""Recording folders: reading, writing and every kind of refusal."""
 
 from __future__ import annotations
 

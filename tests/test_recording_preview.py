@@ -1,4 +1,4 @@
-"""``--dry-run``: a recording is described and compared with the cell's model, and nothing is written."""
+"""``--dry-run``: a recording is described and compared with the model of the cell; nothing is written."""
 
 from __future__ import annotations
 

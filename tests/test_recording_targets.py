@@ -1,4 +1,4 @@
-"""Reflectors, stands of the tracker and motors of a recording folder: read, written again, refused where wrong."""
+"""Reflectors, tracker stations and motors of a recording folder: read, written, refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Re-entries in closed contours: where they may be, what they change, and what is refused."""
+"""Re-entries in closed contours: places, effects, refusals."""
 
 from __future__ import annotations
 

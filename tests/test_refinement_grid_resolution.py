@@ -1,4 +1,4 @@
-"""Plans with external joints on finer grids of rotations, from other starts and by leaps: never worse."""
+"""Plans with external joints on finer rotation grids, from other starts and with jumps: never worse."""
 
 from __future__ import annotations
 

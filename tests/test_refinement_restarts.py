@@ -1,4 +1,4 @@
-"""When the refinement of external axes counts as stalled, and what is refined then."""
+"""Restarts of the external axis refinement after it has stalled."""
 
 from __future__ import annotations
 

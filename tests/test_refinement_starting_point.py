@@ -1,4 +1,4 @@
-"""Where a refinement begins, how it goes beside bodies, and what a sequence's whole turns come to."""
+"""Start of a refinement, its motion near bodies, and the whole turns of a sequence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The refinement of rotation and external joints goes on beside the user's wishes about places, and keeps them."""
+"""Refinement of rotation and external joints with steering rules."""
 
 from __future__ import annotations
 

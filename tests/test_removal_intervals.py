@@ -1,4 +1,4 @@
-"""Intervals of what a compensation leaves: from the spread of the springs, and of the force."""
+"""Intervals of the remaining error after compensation, from the spread of springs and force."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An option with one value is given once: a repetition with another value is refused by every command."""
+"""Single-value options: a repetition with another value is refused by every command."""
 
 from __future__ import annotations
 

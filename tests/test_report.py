@@ -1,4 +1,4 @@
-"""The report: every outcome has a page that stands alone, says the right thing and keeps what matters."""
+"""Report: every outcome has a self-contained and correct page."""
 
 from __future__ import annotations
 

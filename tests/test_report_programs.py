@@ -1,4 +1,4 @@
-"""The block about robot programs in report.html: what was written, the check, and what a failed one looks like."""
+"""Program section of report.html: written files, check, failed check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Result documents: the published schemas are the models', and what is not of their form is said, not believed."""
+"""Result documents: published schemas equal the models, and invalid documents are reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs in time, judged on the exported samples alone, as the acceptance program does."""
+"""Retimed runs, judged by the exported samples alone."""
 
 from __future__ import annotations
 

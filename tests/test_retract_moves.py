@@ -1,4 +1,4 @@
-"""Lifts along the tool axis: where the tool comes to, and what is said where there is no room."""
+"""Retract moves along the tool axis, and their failure without room."""
 
 from __future__ import annotations
 

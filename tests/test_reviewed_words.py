@@ -1,4 +1,4 @@
-"""Words counted as understood are on the reviewed list; options that messages name parse in the commands."""
+"""Ignored words are on the reviewed list; options named in messages exist."""
 
 from __future__ import annotations
 

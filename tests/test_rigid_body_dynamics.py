@@ -1,4 +1,4 @@
-"""Rigid-body torques of what URDFs state in other ways, and what is refused: whether they are right, motions say."""
+"""Rigid-body torques of URDFs in other forms, and refusals."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Robot files as makers and tools write them: what says nothing is a note, what is wrong names its line and a way that
-works, and every advice is followed here."""
+"""Robot files of makers and tools: unused elements cause a note, errors name their line and working advice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinematics of the arm against pinocchio's own, and the Jacobian against finite differences."""
+"""Kinematics of the arm against pinocchio, and the Jacobian against finite differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An arm on the ceiling, on a wall, or tilted: the numbers of a URDF that is mounted so by a joint of its own."""
+"""Arm on the ceiling, on a wall or tilted, against a URDF mounted by a joint."""
 
 from __future__ import annotations
 

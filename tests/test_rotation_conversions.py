@@ -1,4 +1,4 @@
-"""Rotations as vectors, quaternions and matrices: exact, and as scipy has them."""
+"""Rotations as vectors, quaternions and matrices, against SciPy."""
 
 from __future__ import annotations
 

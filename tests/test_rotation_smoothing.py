@@ -1,4 +1,4 @@
-"""The smooth rotation: where the true optimum is known, on plunges and fixed points, and on the shipped paths."""
+"""Rotation smoothing: known optimum, plunges, fixed points, shipped paths."""
 
 from __future__ import annotations
 

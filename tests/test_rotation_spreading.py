@@ -1,4 +1,4 @@
-"""Rotations that change where the path is too short for it are spread."""
+"""Abrupt rotation changes on short paths are spread."""
 
 from __future__ import annotations
 

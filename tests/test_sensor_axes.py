@@ -1,4 +1,4 @@
-"""Axes of the force sensor or of the displacement that are turned by any angle: fitted, named once, never invented."""
+"""Rotated axes of force sensor or displacement: fitted, named once, absent without a cause."""
 
 from __future__ import annotations
 

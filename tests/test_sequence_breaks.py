@@ -1,4 +1,4 @@
-"""What is said where a sequence breaks off: the reason most continuations have, put together by hand."""
+"""Reasons of sequence breaks, constructed by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The global choice against trying every sequence, on problems small enough for that."""
+"""Global sequence search against every sequence of small problems."""
 
 from __future__ import annotations
 

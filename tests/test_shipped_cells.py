@@ -1,4 +1,4 @@
-"""The shipped cells carry the published geometry and stiffness; the shipped toolpaths lie on their workpieces."""
+"""Shipped cells have the published geometry and stiffness; shipped toolpaths lie on their workpieces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shipped cell with three tools and two setups: made by its scripts, cut at the changes, planned and verified."""
+"""Shipped cell with three tools and two setups: generated, divided at the changes, planned and verified."""
 
 from __future__ import annotations
 

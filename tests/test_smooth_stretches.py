@@ -1,4 +1,4 @@
-"""Smooth stretches of a run: which are filled up, with what, and how far the run leaves the lines of the file."""
+"""Smooth segments of a run: inserted points and deviation from the lines of the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pipe, device, socket or file of gigabytes in an output folder is answered in seconds and never opened."""
+"""Pipes, devices, sockets and huge files in an output folder are answered in seconds and never opened."""
 
 from __future__ import annotations
 

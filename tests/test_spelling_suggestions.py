@@ -1,4 +1,4 @@
-"""What an unknown word is answered with: a slip of the same word, never a word of another meaning."""
+"""Suggestions for unknown words: typing errors only, no words of another meaning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``min_stability_ratio``: kept along the driven path, refused where it cannot be computed, never lost by relaxing."""
+"""``min_stability_ratio``: respected along the driven path, refused where incomputable, never lost by relaxing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``weights.stability``: fewer points beyond the stable depth of cut; words and limits of points.csv agree."""
+"""``weights.stability``: fewer points beyond the stable depth of cut; consistent columns of points.csv."""
 
 from __future__ import annotations
 

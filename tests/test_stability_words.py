@@ -1,4 +1,4 @@
-"""Words and limits of stability: at low speeds, with modes of the tool, and with damping that is not stated."""
+"""Stability columns at low speeds, with tool modes, and without stated damping."""
 
 from __future__ import annotations
 

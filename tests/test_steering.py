@@ -1,4 +1,4 @@
-"""What the user decides about single places is kept exactly, and what cannot be kept is named."""
+"""Steering rules of single places are respected exactly, and conflicts are named."""
 
 from __future__ import annotations
 

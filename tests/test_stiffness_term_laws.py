@@ -1,4 +1,4 @@
-"""What diagnose writes into stiffness.yaml, in the planner: each law again from scratch, and as diagnose fits it.
+"""Stiffness terms written by diagnose, in the planner: each law against an independent computation.
 
 Nothing of machopt's Jacobian or gravity is used on the other side: torques come from pinocchio, displacements from
 turning one joint of the arm by the law's angle.

@@ -1,4 +1,4 @@
-"""Every elastic term against something that knows nothing of it: virtual joints in pinocchio, loads on springs."""
+"""Every elastic term against virtual joints in pinocchio and loaded springs."""
 
 from __future__ import annotations
 

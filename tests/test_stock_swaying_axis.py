@@ -1,4 +1,4 @@
-"""Contact of layered jobs whose tool axis sways, against points of the cutter tested one by one; plunges that graze.
+"""Contact of layered jobs with a swaying tool axis, against sampled cutter points; grazing plunges.
 
 The reference uses no code of the product: a point of the outline is in contact where it lies in the block and in no
 earlier pose of the cutter, poses 0.1 mm apart.

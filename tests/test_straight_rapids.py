@@ -1,4 +1,4 @@
-"""Rapid moves looked at all at once against each by itself."""
+"""Straight rapid moves checked together against each alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the suite itself is run: tiers, skips, the floor of the branches; and what the wheel of the package holds."""
+"""Test suite tiers, expected skips and branch coverage floor; content of the wheel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table is read once as long as its bytes are the same, and never longer than it is wanted."""
+"""Cache of tables: read once while the bytes are the same, within a size limit."""
 
 from __future__ import annotations
 

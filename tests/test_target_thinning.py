@@ -1,4 +1,4 @@
-"""Targets closer than 0.1 mm: left out where the line keeps to them, kept where the shape of the path needs them."""
+"""Targets closer than 0.1 mm are thinned where the path does not need them."""
 
 from __future__ import annotations
 

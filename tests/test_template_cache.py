@@ -1,4 +1,4 @@
-"""Templates are compiled once and then found, and nothing fails where they cannot be stored."""
+"""Compiled templates are cached, and a missing cache is no failure."""
 
 from __future__ import annotations
 

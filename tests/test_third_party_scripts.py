@@ -1,4 +1,4 @@
-"""The scripts of docs/examples/neighbours, against programs that the posts write.
+"""Scripts of docs/examples/neighbours with programs of the posts.
 
 RoboDK is not here: a station of a few dozen lines stands for it, with the calls that the script makes and no others.
 """

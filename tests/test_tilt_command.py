@@ -1,4 +1,4 @@
-"""``machopt optimize`` with ``tilt_deg``: its files recomputed by pinocchio, refused cutters, ranges, and the gain."""
+"""``machopt optimize`` with ``tilt_deg``: files recomputed by pinocchio, refused cutters, ranges, and the gain."""
 
 from __future__ import annotations
 

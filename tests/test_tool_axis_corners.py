@@ -1,4 +1,4 @@
-"""Right programs are accepted: corners of the tool axis end with exit 0 in every post."""
+"""Corners of the tool axis end with exit 0 in every post."""
 
 from __future__ import annotations
 

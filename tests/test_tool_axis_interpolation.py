@@ -1,4 +1,4 @@
-"""The tool axis between two points: one rule for planner, verifier and programs (docs/conventions.md)."""
+"""Tool axis between two points: one rule for planner, verifier and programs (docs/conventions.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job that changes tools: cut where it does, each tool planned, driven and verified by itself, and put together."""
+"""Jobs with tool changes: divided, planned, driven, verified and combined."""
 
 from __future__ import annotations
 

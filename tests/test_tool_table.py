@@ -1,4 +1,4 @@
-"""A cell's table of tools: read, chosen by the CAM file's words, told in the exported table and held against it."""
+"""Tool table of a cell: read, chosen by the words of the CAM file, exported and verified."""
 
 from __future__ import annotations
 

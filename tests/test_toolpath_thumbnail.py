@@ -1,4 +1,4 @@
-"""The small picture of a toolpath on a batch's page."""
+"""Thumbnail of a toolpath on the page of a batch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pairs of bodies that touch by construction: one decision, made by the planner, confirmed by the verifier."""
+"""Pairs of bodies that touch by construction: excluded by the planner, confirmed by the verifier."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The trade-off front: what dominates what, what is refused, and the file as it is written."""
+"""Trade-off front: domination, refusals, and the written file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a chosen path to a motion: what stops a stretch, what is left of it with gaps allowed, what is said of it."""
+"""Trajectory of a chosen path: failures of runs, gaps where allowed, messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps are priced once for all searches over a grid: what a search finds is what it would find by itself."""
+"""Transition costs computed once for all searches over a grid give the same result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Binary STL, boxes and cylinders against trimesh, which is loaded for every other format."""
+"""Binary STL, boxes and cylinders against trimesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole turns that fit together: against every sequence with every turn that the limits leave."""
+"""Turn-resolved grid: consistent whole turns against every sequence with every permitted turn."""
 
 from __future__ import annotations
 

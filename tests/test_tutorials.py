@@ -1,4 +1,4 @@
-"""The tutorials run as they stand, and the pictures of the documentation are what the commands draw now."""
+"""Tutorials run, and the pictures of the documentation are current."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words that no reader knows stop a plan with their line; reviewed words never do. One generator for each dialect."""
+"""Unknown words stop a plan with their line; reviewed words never do. One generator for each dialect."""
 
 from __future__ import annotations
 

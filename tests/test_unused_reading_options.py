@@ -1,4 +1,4 @@
-"""Reading options over every kind of file: an effect, a refusal or a report, never silence."""
+"""Reading options for every kind of file: an effect, a refusal or a report."""
 
 from __future__ import annotations
 

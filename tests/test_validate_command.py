@@ -1,4 +1,4 @@
-"""``machopt validate``: all that is wrong at once, and what a planner would not notice."""
+"""``machopt validate``: all problems at once, including those that a planner does not notice."""
 
 from __future__ import annotations
 

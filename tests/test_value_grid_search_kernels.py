@@ -1,4 +1,4 @@
-"""Prices of the search over values of external joints against plain search over all pairs of vertices."""
+"""Costs of the search over external joint values against a plain search over all pairs of vertices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verdict never contradicts the numbers beside it: random results, and every document that the tests write."""
+"""The verdict never contradicts the figures: random results, and every document of the tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans without a fault verify: a small job for each false alarm that once was; all: benchmarks/intact.py."""
+"""Correct plans verify: a small job for each former false alarm; all: benchmarks/verification_false_alarms.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``machopt verify`` as a command: what it takes from the manifest, what it says, and how it ends."""
+"""``machopt verify``: use of the manifest, messages and exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The limit of the depth of cut by the whole delay: right limits pass, wrong ones do not, whatever ωT is."""
+"""Verification of the depth limit over the whole delay: correct limits pass, wrong ones fail, for any ωT."""
 
 from __future__ import annotations
 

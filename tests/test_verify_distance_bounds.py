@@ -1,4 +1,4 @@
-"""The verifier's bounds of distances against coal's own distances, at every row; and what they are used for."""
+"""Distance bounds of the verifier against exact distances of coal in every row, and their use."""
 
 from __future__ import annotations
 

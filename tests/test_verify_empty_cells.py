@@ -1,4 +1,4 @@
-"""A cell of points.csv is filled only where the cell that it belongs to is."""
+"""Cells of points.csv are filled only together with the cell that they depend on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks of the inventory fail where a condition is removed here; information never fails.
+"""Checks fail where their condition is removed; information never fails.
 
 That every other check has a damage which makes it fail: tests/test_output_damage_detection.py.
 """

@@ -1,4 +1,4 @@
-"""The verification of motions whose rail, table or both move while the tool cuts, made by hand."""
+"""Verification of handmade motions with moving rail and table."""
 
 from __future__ import annotations
 

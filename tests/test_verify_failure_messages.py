@@ -1,4 +1,4 @@
-"""What ``machopt verify`` says first where something is wrong: the cause, in words, not what follows from it."""
+"""First message of ``machopt verify``: the cause of a failure, not its consequences."""
 
 from __future__ import annotations
 

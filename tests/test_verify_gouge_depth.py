@@ -1,4 +1,4 @@
-"""The verifier's depth of a cutter in a part: by hand, and against the planner's, which shares no code with it."""
+"""Cutter depth of the verifier: by hand, and against the independent planner."""
 
 from __future__ import annotations
 

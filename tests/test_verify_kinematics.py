@@ -1,4 +1,4 @@
-"""The verifier's kinematics of all configurations at once against pinocchio's own of one after the other."""
+"""Batched kinematics of the verifier against pinocchio."""
 
 from __future__ import annotations
 

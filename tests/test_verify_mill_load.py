@@ -1,4 +1,4 @@
-"""The verifier's mean milling load agrees with the planner's closed form much better than deflections are compared."""
+"""Mean milling load of the verifier against the closed form of the planner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a stiffness file says it lacks, recomputed by the verifier's own law: the planner's numbers, term by term."""
+"""Model discrepancy of a stiffness file, recomputed by the verifier term by term."""
 
 from __future__ import annotations
 

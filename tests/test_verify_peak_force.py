@@ -1,4 +1,4 @@
-"""The peak force of a revolution, summed layer by layer, is that of the exact integrals of the plan."""
+"""Peak force of a revolution, summed layer by layer, against exact integrals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What result.json says of measured poses is held against the cell's file and the angles of points.csv."""
+"""Position error of measured poses in result.json against cell file and joint angles."""
 
 from __future__ import annotations
 

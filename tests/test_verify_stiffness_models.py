@@ -1,4 +1,4 @@
-"""The verifier's own laws against the planner's: two pieces of code that share nothing must agree on any arm."""
+"""Stiffness models of the verifier against those of the planner on any arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verification passes a sound trajectory and catches each kind of damage, one at a time."""
+"""Verification of a trajectory: a correct one passes, each kind of damage is detected."""
 
 from __future__ import annotations
 

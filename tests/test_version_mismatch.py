@@ -1,4 +1,4 @@
-"""A folder that another version wrote says so when it fails."""
+"""A folder of another version is named as such when it fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``machopt view`` from the planner to the pointer: what is pinned on the page is what a plan file holds."""
+"""``machopt view`` from the planner to the pointer: pins of the page equal those of a plan file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an output folder was made from is found by its hashes, and nothing else is taken for it."""
+"""Inputs of an output folder are found by their hashes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The server of ``machopt view``: for this machine and who has the token, and for nobody else."""
+"""Server of ``machopt view``: local, and only with the token."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search that lets every whole turn fit first, against the one that tells them apart."""
+"""Search that first ignores whole turns, against the turn-resolved search."""
 
 from __future__ import annotations
 

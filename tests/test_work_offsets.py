@@ -1,4 +1,4 @@
-"""Several setups in one job: work offsets of the cell, the bodies that belong to them, and paths that change them."""
+"""Several setups in one job: work offsets of the cell, their bodies, and paths that change them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The worked examples of docs/examples run as they stand and leave what they say."""
+"""Worked examples of docs/examples run and give the stated results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps: against pinocchio and finite differences, symmetry, the papers' structure, and what bad input is told."""
+"""Maps against pinocchio and finite differences, symmetry, structure of the papers, refusals."""
 
 from __future__ import annotations
 

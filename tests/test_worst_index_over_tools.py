@@ -1,4 +1,4 @@
-"""The worst index of a job that changes tools, traded over its stretches: against every cap, and against each alone."""
+"""Worst index of a job with tool changes: against every limit, and against separate choices."""
 
 from __future__ import annotations
 

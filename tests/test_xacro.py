@@ -1,4 +1,4 @@
-"""Robots written as xacro: expanded with the cell's own packages and arguments, or refused with what would work."""
+"""Robots as xacro: expanded with packages and arguments of the cell, or refused with a remedy."""
 
 from __future__ import annotations
 

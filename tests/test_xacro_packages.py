@@ -1,4 +1,4 @@
-"""Packages in the layout of ROS-Industrial: macros in one file, the robot in another, meshes and limits apart.
+"""Packages in the layout of ROS-Industrial: macros, robot, meshes and limits in separate files.
 
 Every variant is the same small arm, so its kinematics must be that of the plain URDF; each becomes a cell unedited.
 """

@@ -1,4 +1,4 @@
-"""Expressions of robot files never reach Python's evaluator, other files or unlimited memory.
+"""Expressions of robot files are safe: no Python evaluation, no other files, bounded memory.
 
 Every escape below is tried in three routes: a file that ends in ``.urdf``, one that ends in ``.xacro``, and a cell
 folder. A refusal is exit 2; nothing is run, which a marker file would show.

@@ -1,4 +1,4 @@
-"""Rows of numbers that are read without ruamel.yaml: the same values, lines and errors as with it."""
+"""Rows of numbers read without ruamel.yaml: the same values, lines and errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cuts that go nowhere, and feeds at which a path would take weeks."""
+"""Cuts without length, and feeds at which a path would take weeks."""
 
 from __future__ import annotations
 

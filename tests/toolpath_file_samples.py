@@ -1,4 +1,4 @@
-"""One small file of every dialect the toolpath readers know, written for the tests from the formats' rules."""
+"""One small file of every toolpath dialect, written from the rules of the formats."""
 
 from __future__ import annotations
 

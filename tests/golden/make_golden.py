@@ -1,4 +1,4 @@
-"""Writes the golden programs: ``python tests/golden/make_golden.py`` (from the repository's root).
+"""Write the golden programs: ``python tests/golden/make_golden.py`` (from the repository root).
 
 One short job for every post: rapid moves, a drilled hole with dwell and spindle, a milled corner with rounding. Look
 at what changes before committing it: a golden file is what an engineer has read once with the controller's manual

@@ -1,4 +1,4 @@
-"""Ways to damage a finished plan: rows of tables, one module a part; ``tests/test_output_damage_detection.py`` applies
+"""Damages of a finished plan: tables of rows, one module per part; ``tests/test_output_damage_detection.py`` applies
 every row.
 
 A row says what is done to the folder, by how much, and which check catches it. Each is applied twice: as it is (the

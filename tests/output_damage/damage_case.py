@@ -1,4 +1,4 @@
-"""What a damage is, the jobs that are damaged, and the forger's hand that makes the manifest fit again."""
+"""Data type of a damage, the damaged jobs, and the update of the manifest after a damage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damages of a plan whose tool dwells: the dwell is longer, joints move in it, and a joint jumps."""
+"""Damages of a plan with dwells: longer dwell, joint motion during the dwell, joint jump."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damages of the folder itself: files that are gone, added, cut or changed; a manifest or a result that lies."""
+"""Damages of the output folder: missing, added, truncated and changed files; wrong manifest or result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damages of robot programs, in every language: what a controller would carry out otherwise, or not at all."""
+"""Damages of robot programs in every language: statements that a controller would execute differently or not at all."""
 
 from __future__ import annotations
 

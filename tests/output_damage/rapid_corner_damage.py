@@ -1,4 +1,4 @@
-"""Damages of a plan that rounds the corners between rapid moves: the table, the motion, and the zones of programs."""
+"""Damages of a plan with blended rapid corners: table, motion, and blend zones of programs."""
 
 from __future__ import annotations
 

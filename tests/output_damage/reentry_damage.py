@@ -1,4 +1,4 @@
-"""Damages of a plan whose tool is lifted inside of a cut, and enters again."""
+"""Damages of a plan with a re-entry inside a cut."""
 
 from __future__ import annotations
 

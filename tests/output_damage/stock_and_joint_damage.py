@@ -1,4 +1,4 @@
-"""Damages of the contact with the stock, and of what method joint states."""
+"""Damages of the stock contact and of the values that method joint states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damages of a plan with a tilted ball cutter: its columns, its table, the motion itself and the permitted ranges."""
+"""Damages of a plan with a tilted ball cutter: columns, table, motion and permitted ranges."""
 
 from __future__ import annotations
 

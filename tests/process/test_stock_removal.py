@@ -1,4 +1,4 @@
-"""Stock removal and contact against closed forms, and against points that are sampled one by one."""
+"""Stock removal and contact against closed forms and against sampled points."""
 
 from __future__ import annotations
 

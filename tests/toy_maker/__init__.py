@@ -1,1 +1,1 @@
-"""Toy controller of the tests: a maker's folder as ``machopt/programs`` holds them."""
+"""Toy controller: the folder of a maker as in ``machopt/programs``."""

@@ -1,4 +1,4 @@
-"""The toy language."""
+"""Toy language."""
 
 from __future__ import annotations
 

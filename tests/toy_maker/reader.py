@@ -1,4 +1,4 @@
-"""Reader of toy programs: one statement a line."""
+"""Reader of toy programs: one statement per line."""
 
 from __future__ import annotations
 
