@@ -32,16 +32,16 @@ def program() -> str:
     """
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if found is None:
-        without(f"no browser (none of {', '.join(BROWSERS)})")
+        skip_without_browser(f"no browser (none of {', '.join(BROWSERS)})")
     try:
         import playwright.sync_api  # noqa: F401 — a development dependency; the other tests go without
     except ImportError:
-        without("no Playwright (make test installs it)")
+        skip_without_browser("no Playwright (make test installs it)")
     assert found is not None
     return found
 
 
-def without(what: str) -> None:
+def skip_without_browser(what: str) -> None:
     """Skip, or fail where CI runs."""
     said = f"{what}: the pages' scripts are not exercised"
     if os.environ.get("CI"):

@@ -86,14 +86,14 @@ def damage_text(text: str, rng: random.Random) -> str:
         at, other = rng.randrange(len(lines)), rng.randrange(len(lines))
         match rng.randrange(14):
             case 0 | 1 | 2:
-                text = _replaced(text, _NUMBER, rng, lambda _: rng.choice(WILD))
+                text = replace_random_match(text, _NUMBER, rng, lambda _: rng.choice(WILD))
             case 10 | 11 | 12:
-                text = _replaced(text, _NUMBER, rng, lambda number: change_number(number, rng))
+                text = replace_random_match(text, _NUMBER, rng, lambda number: change_number(number, rng))
             case 13:
                 tag = rng.choice(re.findall(r"</(\w+)>", text) or ["x"])  # a whole element
                 text = re.sub(rf"(</?){tag}\b", rf"\g<1>{misspell_word(tag, rng)}", text, count=2)
             case 3 | 4:
-                text = _replaced(text, _WORD, rng, lambda word: misspell_word(word, rng))
+                text = replace_random_match(text, _WORD, rng, lambda word: misspell_word(word, rng))
             case 5:
                 del lines[at]
                 text = "\n".join(lines)
@@ -132,7 +132,7 @@ def misspell_word(word: str, rng: random.Random) -> str:
     )
 
 
-def _replaced(text: str, pattern: re.Pattern[str], rng: random.Random, by: Callable[[str], str]) -> str:
+def replace_random_match(text: str, pattern: re.Pattern[str], rng: random.Random, by: Callable[[str], str]) -> str:
     found = list(pattern.finditer(text))
     if not found:
         return text
@@ -168,7 +168,7 @@ def damaged_bytes(data: bytes, rng: random.Random) -> bytes:
             case _:
                 text = out.decode("latin-1")
                 by = (lambda _: rng.choice(WILD)) if rng.random() < 0.5 else (lambda number: change_number(number, rng))
-                out = bytearray(_replaced(text, _NUMBER, rng, by).encode("latin-1", "replace"))
+                out = bytearray(replace_random_match(text, _NUMBER, rng, by).encode("latin-1", "replace"))
     return bytes(out)
 
 
@@ -363,7 +363,11 @@ class Case:
             value = rng.choice((*WILD, *OPTION_VALUES))
             if key in DEFAULTS and rng.random() < 0.6:
                 value = str(DEFAULTS[key]).replace("'", "").lower()
-                value = value if rng.random() < 0.3 else _replaced(value, _NUMBER, rng, lambda n: change_number(n, rng))
+                value = (
+                    value
+                    if rng.random() < 0.3
+                    else replace_random_match(value, _NUMBER, rng, lambda n: change_number(n, rng))
+                )
             words.append(
                 rng.choice((f"{key}={value}", f"{key} = {value}", f"{key}:{value}", f"{key}.{key}={value}"))
                 if rng.random() < 0.2

@@ -110,7 +110,7 @@ def shared_result(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Ca
     def get(key: str, make: Callable[[Path], T]) -> T:
         place = shared / hashlib.sha256(key.encode()).hexdigest()[:16]
         place.mkdir(parents=True, exist_ok=True)
-        with _alone(place / "lock"):
+        with lock_exclusively(place / "lock"):
             if not (place / "result").exists():
                 shutil.rmtree(place / "folder", ignore_errors=True)  # left by a run of ``make`` that failed
                 (place / "folder").mkdir()
@@ -155,7 +155,7 @@ def shipped_plan(
 
 
 @contextlib.contextmanager
-def _alone(lock: Path) -> Iterator[None]:
+def lock_exclusively(lock: Path) -> Iterator[None]:
     """Of several test processes, one at a time."""
     import fcntl
 

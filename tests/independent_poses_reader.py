@@ -122,7 +122,7 @@ def read_poses_csv(path: Path | str) -> PosesTable:
 def _rows(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     text = read_text(file, expected="a table of poses", most=TABLE)
     try:
-        rows = list(_filled(csv.reader(io.StringIO(text, newline=""))))
+        rows = list(list_data_rows(csv.reader(io.StringIO(text, newline=""))))
     except csv.Error as error:
         raise InputError(f"not a CSV table: {error}", file=file) from None
     if len(rows) < 2:
@@ -136,7 +136,7 @@ def _rows(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return header, rows[1:]
 
 
-def _filled(reader: Iterator[list[str]]) -> Iterator[tuple[int, list[str]]]:
+def list_data_rows(reader: Iterator[list[str]]) -> Iterator[tuple[int, list[str]]]:
     """Rows that are neither empty nor a comment, with their line."""
     for line, row in enumerate(reader, start=1):
         if row and not row[0].startswith("#"):

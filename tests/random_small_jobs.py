@@ -34,7 +34,7 @@ class Row:
     feed: float | None  # mm/min
 
 
-def tilted(angle: float, direction: float) -> np.ndarray:
+def tilt_axis(angle: float, direction: float) -> np.ndarray:
     """The tool axis tilted from z by an angle (rad) towards a direction (rad)."""
     sine = np.sin(angle)
     return np.array([sine * np.cos(direction), sine * np.sin(direction), np.cos(angle)])
@@ -120,7 +120,7 @@ def axis_corner(
     for k in range(1, steps + 1):
         turn = np.pi / 2 * k / steps
         at = place + radius * np.array([np.sin(turn), 1 - np.cos(turn), 0.0])
-        out.append((at, tilted(angle * k / steps, direction)))
+        out.append((at, tilt_axis(angle * k / steps, direction)))
     return [*out, (out[-1][0] + leave, out[-1][1])]
 
 

@@ -12,7 +12,7 @@ from machopt.report.pages.placement_page import PlacementPageData
 from machopt.report.svg.placement_map import PlaceMark
 
 
-def _told(x: float, worst: float, folder: str | None) -> PlaceEntry:
+def _build_place_entry(x: float, worst: float, folder: str | None) -> PlaceEntry:
     return PlaceEntry(
         folder=folder,
         shift_mm=(x, 0.0, 0.0),
@@ -39,7 +39,7 @@ def _told(x: float, worst: float, folder: str | None) -> PlaceEntry:
 
 def build_sample_placement() -> PlacementPageData:
     """Two places planned, one only looked at, one refused."""
-    best = (_told(-60.0, 0.32, "best-1"), _told(0.0, 0.4, None))
+    best = (_build_place_entry(-60.0, 0.32, "best-1"), _build_place_entry(0.0, 0.4, None))
     search = PlaceSearchSection(
         x_mm=(-60.0, 60.0),
         y_mm=(-60.0, 60.0),

@@ -104,13 +104,13 @@ class TrueArm:
         c = self.compliance_at(q)
         theta, twists = q.copy(), [np.zeros((len(q), 6)) for _ in self.springs]
         for _ in range(MOST_STEPS):
-            hung = _hang(self, theta, twists)
+            hung = _compute_hanging_state(self, theta, twists)
             turned = q + c * hung.torque(wrench, self.masses)
             bent = [hung.twist(n, wrench, self.masses) for n in range(len(self.springs))]
             step = np.abs(np.concatenate([turned - theta, *(a - b for a, b in zip(bent, twists, strict=True))])).max()
             theta, twists = turned, bent
             if step < AT_REST:
-                end = _hang(self, theta, twists)
+                end = _compute_hanging_state(self, theta, twists)
                 return end.R_tcp, end.p_tcp
         raise ValueError("the arm's springs do not hold this load: it comes to no rest")
 
@@ -306,7 +306,7 @@ class _Hung:
         ]
 
 
-def _hang(arm: TrueArm, theta: Array, twists: list[Array]) -> _Hung:
+def _compute_hanging_state(arm: TrueArm, theta: Array, twists: list[Array]) -> _Hung:
     robot, M = arm.robot, len(theta)
     R, p = np.broadcast_to(np.eye(3), (M, 3, 3)), np.zeros((M, 3))
     z, o = np.empty((M, 6, 3)), np.empty((M, 6, 3))

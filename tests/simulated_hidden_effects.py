@@ -332,7 +332,7 @@ def _chain(a: Arm, theta: Array, bend: dict[int, Array]) -> tuple[Array, Array, 
         if k not in bend:
             return R
         hinge[k] = (R, point)
-        return R @ _turned(bend[k])
+        return R @ _build_rotations(bend[k])
 
     R = bent(0, R, p)
     for j in range(6):
@@ -340,7 +340,7 @@ def _chain(a: Arm, theta: Array, bend: dict[int, Array]) -> tuple[Array, Array, 
         R = R @ a.origin[j, :3, :3]
         frames.append(R)
         points.append(p)
-        R = R @ _turned(theta[:, j, None] * a.axis[j])
+        R = R @ _build_rotations(theta[:, j, None] * a.axis[j])
         heavy.append(p + R @ a.com[j])
         onward = a.origin[j + 1] if j < 5 else a.flange
         middle = p + R @ (0.6 * onward[:3, 3])
@@ -353,7 +353,7 @@ def _chain(a: Arm, theta: Array, bend: dict[int, Array]) -> tuple[Array, Array, 
     return np.stack(frames, 1), np.stack(points, 1), tcp, turn, np.stack(heavy, 1), hinge
 
 
-def _turned(v: Array) -> Array:
+def _build_rotations(v: Array) -> Array:
     """(T, 3, 3) of rotation vectors (Rodrigues)."""
     angle = np.linalg.norm(v, axis=1)[:, None, None]
     K = np.zeros((len(v), 3, 3))
@@ -383,6 +383,6 @@ def _numbers(text: str) -> Array:
 def _frame(xyz: Array, rpy: Array) -> Array:
     T = np.eye(4)
     for axis in (2, 1, 0):  # yaw, pitch, roll: fixed axes
-        T[:3, :3] = T[:3, :3] @ _turned(rpy[axis] * np.eye(3)[None, axis])[0]
+        T[:3, :3] = T[:3, :3] @ _build_rotations(rpy[axis] * np.eye(3)[None, axis])[0]
     T[:3, 3] = xyz
     return T

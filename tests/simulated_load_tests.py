@@ -66,7 +66,7 @@ def plan_load_tests(
         wrench *= rng.uniform(0.3, 1.0, (poses, loads, 1))
     wrench = np.broadcast_to(wrench, (poses, *wrench.shape[-2:]))
     loads = wrench.shape[1]
-    exact = np.array([[_moved(q[p], w, k) for w in wrench[p]] for p in range(poses)])
+    exact = np.array([[_compute_displacement(q[p], w, k) for w in wrench[p]] for p in range(poses)])
     pose, cycle = np.repeat(np.arange(poses), repeats * loads), np.repeat(np.arange(poses * repeats), loads)
     load = np.tile(np.arange(loads), poses * repeats)
     return PlannedLoadTests(q[pose], wrench[pose, load], exact[pose, load], pose, cycle)
@@ -136,7 +136,7 @@ def _model() -> tuple[pin.Model, pin.Data, int, pin.SE3, pin.SE3]:
     return model, data, model.getFrameId(found.flange_link), base, pin.SE3(T)
 
 
-def _moved(q: np.ndarray, wrench: np.ndarray, k: np.ndarray) -> np.ndarray:
+def _compute_displacement(q: np.ndarray, wrench: np.ndarray, k: np.ndarray) -> np.ndarray:
     """(6,) displacement and rotation vector of the TCP in base axes."""
     model, data, flange, base, tool = _model()
 

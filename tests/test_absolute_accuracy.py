@@ -18,7 +18,9 @@ from machopt.cli import main
 STATES = ("on", "off", "unknown", "")
 
 
-def planned(folder: Path, state: str, *, kinematics: bool, compensate: bool = False) -> tuple[Path, Path, Path]:
+def plan_milling_pass(
+    folder: Path, state: str, *, kinematics: bool, compensate: bool = False
+) -> tuple[Path, Path, Path]:
     """(cell, toolpath, out) of one pass of milling."""
     folder.mkdir()
     cell = changed_cell(folder)
@@ -44,7 +46,7 @@ def planned(folder: Path, state: str, *, kinematics: bool, compensate: bool = Fa
     return cell, table, out
 
 
-def stated(out: Path) -> tuple[list[str], list[str], str]:
+def read_messages(out: Path) -> tuple[list[str], list[str], str]:
     """Warnings and notes that name the key, and the program's text."""
     result = json.loads((out / "result.json").read_text())
     program = next(out.rglob("*.src")).read_text()
@@ -53,7 +55,7 @@ def stated(out: Path) -> tuple[list[str], list[str], str]:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
-    _, _, out = planned(tmp_path_factory.mktemp("plain") / "job", "off", kinematics=False)
+    _, _, out = plan_milling_pass(tmp_path_factory.mktemp("plain") / "job", "off", kinematics=False)
     return joints(out / "points.csv")
 
 
@@ -61,9 +63,9 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 def test_kinematics_file_is_applied_only_without_controller_correction(
     state: str, plain: np.ndarray, tmp_path: Path
 ) -> None:
-    cell, table, out = planned(tmp_path / "job", state, kinematics=True)
+    cell, table, out = plan_milling_pass(tmp_path / "job", state, kinematics=True)
     same = np.abs(joints(out / "points.csv") - plain).max() < 1e-9
-    warnings, notes, program = stated(out)
+    warnings, notes, program = read_messages(out)
     assert same == (state == "on")
     assert bool(notes) == (state == "on")
     assert bool(warnings) == (state in ("unknown", ""))
@@ -75,8 +77,8 @@ def test_kinematics_file_is_applied_only_without_controller_correction(
 
 @pytest.mark.parametrize("state", STATES)
 def test_compensation_covers_only_the_process_force(state: str, tmp_path: Path) -> None:
-    cell, table, out = planned(tmp_path / "job", state, kinematics=state == "on", compensate=True)
-    warnings, notes, program = stated(out)
+    cell, table, out = plan_milling_pass(tmp_path / "job", state, kinematics=state == "on", compensate=True)
+    warnings, notes, program = read_messages(out)
     assert bool(warnings) == (state in ("unknown", ""))
     assert len(notes) == (2 if state == "on" else 0)
     assert ("process force alone" in program) == (state == "on")
@@ -84,8 +86,8 @@ def test_compensation_covers_only_the_process_force(state: str, tmp_path: Path) 
 
 
 def test_no_message_without_a_correction(tmp_path: Path) -> None:
-    _, _, out = planned(tmp_path / "job", "", kinematics=False)
-    assert stated(out)[:2] == ([], [])
+    _, _, out = plan_milling_pass(tmp_path / "job", "", kinematics=False)
+    assert read_messages(out)[:2] == ([], [])
 
 
 @pytest.mark.parametrize("word", ["yes", "true", "ON", "1", "maybe"])

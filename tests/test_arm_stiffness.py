@@ -50,14 +50,14 @@ def arm() -> tuple[Robot, np.ndarray, np.ndarray]:
     return load_robot(cell), cell.tool.T_flange_tcp, cell.stiffness.joints
 
 
-def longer(T_flange_tcp: np.ndarray, by: float) -> np.ndarray:
+def extend_tool(T_flange_tcp: np.ndarray, by: float) -> np.ndarray:
     """The tool's tip moved out along its axis."""
     T = T_flange_tcp.copy()
     T[:3, 3] += by * T[:3, 2]
     return T
 
 
-def regular(n: int, seed: int) -> np.ndarray:
+def draw_regular_joints(n: int, seed: int) -> np.ndarray:
     q = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, 6)) * 0.4
     return q + np.radians([0, -60, 100, 20, -60, 30.0])
 
@@ -70,7 +70,7 @@ def test_compliance_equals_the_nonlinear_equilibrium_of_loaded_springs(
 ) -> None:
     """Joint springs in equilibrium with a force at the tip, solved with the full nonlinear kinematics."""
     robot, tool, k = arm
-    q = regular(5, 0)
+    q = draw_regular_joints(5, 0)
     _, J = robot.compute_fk_jacobian(q, tool)
     C = compute_translational_compliance(J, k)
     np.testing.assert_allclose(C, np.swapaxes(C, 1, 2), atol=1e-22)
@@ -87,7 +87,7 @@ def test_compliance_equals_the_nonlinear_equilibrium_of_loaded_springs(
 
 def test_loaded_state_has_minimum_energy(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
-    q, force = regular(1, 1)[0], np.array([300.0, -200.0, 500.0])
+    q, force = draw_regular_joints(1, 1)[0], np.array([300.0, -200.0, 500.0])
     start = robot.compute_fk(q, tool)[:3, 3]
 
     def energy(dq: np.ndarray) -> float:
@@ -109,7 +109,7 @@ def test_directional_compliance_is_the_quadratic_form(
 ) -> None:
     robot, tool, k = arm
     direction = np.array(e) / np.linalg.norm(e)
-    _, J = robot.compute_fk_jacobian(regular(1, seed)[0], tool)
+    _, J = robot.compute_fk_jacobian(draw_regular_joints(1, seed)[0], tool)
     C = J @ np.diag(1 / k) @ J.T
     assert compute_directional_compliance(J, k, direction) == pytest.approx(
         direction @ C[:3, :3] @ direction, rel=1e-10
@@ -118,7 +118,7 @@ def test_directional_compliance_is_the_quadratic_form(
 
 def test_softer_joint_never_stiffens_the_tcp(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
-    _, J = robot.compute_fk_jacobian(regular(20, 3), tool)
+    _, J = robot.compute_fk_jacobian(draw_regular_joints(20, 3), tool)
     e = np.array([0.0, 0.0, 1.0])
     base = compute_directional_compliance(J, np.broadcast_to(k, (20, 6)), np.broadcast_to(e, (20, 3)))
     for i in range(6):
@@ -134,7 +134,7 @@ def test_softer_joint_never_stiffens_the_tcp(arm: tuple[Robot, np.ndarray, np.nd
 
 def test_constrained_stiffness_is_the_block_of_the_inverse(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
-    _, J = robot.compute_fk_jacobian(regular(20, 4), tool)
+    _, J = robot.compute_fk_jacobian(draw_regular_joints(20, 4), tool)
     K = compute_constrained_stiffness(J, np.broadcast_to(k, (20, 6)))
     for i in range(20):
         whole = np.linalg.inv(J[i] @ np.diag(1 / k) @ J[i].T)  # eq. 1, and its partition in eq. 13
@@ -148,8 +148,8 @@ def test_constrained_stiffness_ignores_the_tool_length_and_real_stiffness_does_n
     arm: tuple[Robot, np.ndarray, np.ndarray],
 ) -> None:
     robot, tool, k = arm
-    q = regular(10, 5)
-    short, long = (robot.compute_fk_jacobian(q, longer(tool, by))[1] for by in (-0.3, 0.5))
+    q = draw_regular_joints(10, 5)
+    short, long = (robot.compute_fk_jacobian(q, extend_tool(tool, by))[1] for by in (-0.3, 0.5))
     stiffness = np.broadcast_to(k, (10, 6))
     np.testing.assert_allclose(
         compute_constrained_stiffness(short, stiffness), compute_constrained_stiffness(long, stiffness), rtol=1e-8
@@ -178,7 +178,7 @@ def literal_index(J: np.ndarray, k: np.ndarray, direction: np.ndarray) -> float:
 
 def test_index_is_equations_16_to_25(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
-    q = regular(30, 6)
+    q = draw_regular_joints(30, 6)
     T, J = robot.compute_fk_jacobian(q, tool)
     for column in range(3):  # k_y, k_z and k_x: the three axes of the tool
         mine = compute_jiao_index(J, np.broadcast_to(k, (30, 6)), T[:, :3, column])
@@ -191,7 +191,7 @@ def test_index_is_equations_16_to_25(arm: tuple[Robot, np.ndarray, np.ndarray]) 
 
 def test_index_along_a_principal_axis_is_the_principal_stiffness(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, k = arm
-    _, J = robot.compute_fk_jacobian(regular(1, 7)[0], tool)
+    _, J = robot.compute_fk_jacobian(draw_regular_joints(1, 7)[0], tool)
     values, V = np.linalg.eigh(compute_constrained_stiffness(J, k))
     for value, axis in zip(values, V.T, strict=True):
         assert compute_jiao_index(J, k, axis) == pytest.approx(value, rel=1e-7)

@@ -39,7 +39,7 @@ def built_cell(name: str, seed: int = 0) -> Cell:
     )
 
 
-def written(tmp_path: Path, text: str) -> Path:
+def write_geometry_file(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "kinematics.yaml"
     path.write_text("machopt_kinematics: 1\ncorrections:\n" + text)
     return path
@@ -112,7 +112,7 @@ def test_written_geometry_is_read_back(tmp_path: Path) -> None:
 )
 def test_invalid_geometry_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        load_kinematics(written(tmp_path, text))
+        load_kinematics(write_geometry_file(tmp_path, text))
 
 
 def test_new_geometry_adds_to_known_geometry() -> None:
@@ -134,5 +134,5 @@ def test_plan_on_an_as_built_arm_is_verified(tmp_path: Path) -> None:
     text += (
         '  - {effect: geometry, location: "joint:5", parameters: {xyz_mm: [0, -0.2, 0.1], turn_mrad: [0.2, 0, 0.3]}}\n'
     )
-    written(cell, text)
+    write_geometry_file(cell, text)
     assert optimize(cell, toolpath(tmp_path, PASS), tmp_path / "out", "--post", "krl") == 0  # 4: not verified

@@ -63,7 +63,7 @@ def holes(tilt: float = 0.0) -> Toolpath:
     return toolpath(rows, kind="point")
 
 
-def ready(cell: Cell, tp: Toolpath, options: PlanOptions = OPTIONS) -> tuple[PlanningSetup, PlanningPath]:
+def prepare_path(cell: Cell, tp: Toolpath, options: PlanOptions = OPTIONS) -> tuple[PlanningSetup, PlanningPath]:
     return prepare_planning(cell, options), build_planning_path(tp)
 
 
@@ -85,7 +85,7 @@ def paper_roll(setup: PlanningSetup, path: PlanningPath, phi: np.ndarray) -> np.
 
 def test_cam_default_has_zero_rotation_and_is_reachable(tmp_path: FilePath) -> None:
     for tp in (milling(0.1), holes(0.2)):
-        setup, path = ready(facing_cell(tmp_path), tp)
+        setup, path = prepare_path(facing_cell(tmp_path), tp)
         a = plan_cam_default(path, setup.arm, setup.cell.home)
         np.testing.assert_allclose(wrap_angle(a.phi + path.offset), 0, atol=1e-12)
         ok = a.reason == InfeasibilityReason.OK
@@ -99,7 +99,7 @@ def test_cam_default_has_zero_rotation_and_is_reachable(tmp_path: FilePath) -> N
 
 
 def test_cam_default_starts_nearest_to_home_and_is_continuous(tmp_path: FilePath) -> None:
-    setup, path = ready(facing_cell(tmp_path), milling())
+    setup, path = prepare_path(facing_cell(tmp_path), milling())
     a = plan_cam_default(path, setup.arm, setup.cell.home)
     first = setup.arm.solver.solve(
         setup.arm.machine.T_base_workpiece_zero
@@ -125,7 +125,7 @@ def test_cam_default_starts_nearest_to_home_and_is_continuous(tmp_path: FilePath
 
 @pytest.mark.parametrize("tilt", [0.0, 0.15])
 def test_roll_angle_equals_equation_27_where_defined(tmp_path: FilePath, tilt: float) -> None:
-    setup, path = ready(facing_cell(tmp_path), milling(tilt))
+    setup, path = prepare_path(facing_cell(tmp_path), milling(tilt))
     every = np.arange(len(path.index), dtype=np.int32)
     np.testing.assert_allclose(
         wrap_angle(_compute_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9
@@ -140,7 +140,7 @@ def test_roll_angle_equals_equation_27_where_defined(tmp_path: FilePath, tilt: f
 
 def test_roll_angle_is_constant_where_the_spindle_points_down(tmp_path: FilePath) -> None:
     """Eq. 27 has no roll at β = ±90°: about it a swaying axis would turn it right round."""
-    setup, path = ready(facing_cell(tmp_path, pitch=0.0, height=0.7), milling(0.15))
+    setup, path = prepare_path(facing_cell(tmp_path, pitch=0.0, height=0.7), milling(0.15))
     every = np.arange(len(path.index), dtype=np.int32)
     literal, used = paper_roll(setup, path, np.zeros(len(every))), _compute_roll(path, setup.arm, every)
     assert np.ptp(np.unwrap(literal)) > np.radians(90)
@@ -152,7 +152,7 @@ def test_roll_angle_is_constant_where_the_spindle_points_down(tmp_path: FilePath
 @pytest.mark.parametrize("tilt", [0.0, 0.15])
 def test_trajectory_rolls_in_proportion_to_the_index_and_reaches_the_end(tmp_path: FilePath, tilt: float) -> None:
     """Eqs. 33–37: ψ_i = ψ_1 + (i − 1)/(n − 1) (ψ_n − ψ_1), also for tilted axes."""
-    setup, path = ready(facing_cell(tmp_path), milling(tilt))
+    setup, path = prepare_path(facing_cell(tmp_path), milling(tilt))
     a = paper(setup, path)
     rows = np.flatnonzero(path.counted)
     psi = np.unwrap(paper_roll(setup, path, a.phi)[rows])
@@ -167,7 +167,7 @@ def test_trajectory_rolls_in_proportion_to_the_index_and_reaches_the_end(tmp_pat
 @pytest.mark.parametrize("tilt", [0.0, 0.3])
 def test_holes_roll_in_proportion_to_the_coordinate_and_reach_the_end(tmp_path: FilePath, tilt: float) -> None:
     """Eq. 34, along the axis with the longest way (here y)."""
-    setup, path = ready(facing_cell(tmp_path), holes(tilt))
+    setup, path = prepare_path(facing_cell(tmp_path), holes(tilt))
     a = paper(setup, path)
     keys, rows, fraction = _group_key_points(path, setup.arm)[0]
     assert path.index[keys].tolist() == [path.index[rows[0]], path.index[rows[-1]]]
@@ -181,7 +181,7 @@ def test_holes_roll_in_proportion_to_the_coordinate_and_reach_the_end(tmp_path: 
 
 def test_key_points_use_the_stiffest_ten_degree_rotation(tmp_path: FilePath) -> None:
     """Steps 1–5 of section 3.2, tried one by one in the branch that was taken."""
-    setup, path = ready(facing_cell(tmp_path), milling())
+    setup, path = prepare_path(facing_cell(tmp_path), milling())
     a = paper(setup, path)
     rows = np.flatnonzero(path.counted)
     R_bw = setup.arm.machine.T_base_workpiece_zero[:3, :3]
@@ -194,7 +194,7 @@ def test_key_points_use_the_stiffest_ten_degree_rotation(tmp_path: FilePath) -> 
             q = setup.arm.solver.solve(T @ np.linalg.inv(setup.arm.T_flange_tcp)).q[0, a.branch[p]]
             every = q + setup.arm.turns
             inside = ((every >= setup.arm.lower) & (every <= setup.arm.upper)).all(axis=1)
-            if np.isfinite(q).all() and inside.any() and _regular(setup, T, a.branch[p]):
+            if np.isfinite(q).all() and inside.any() and _is_regular(setup, T, a.branch[p]):
                 _, J = setup.robot.compute_fk_jacobian(q, setup.arm.T_flange_tcp)
                 scores[step] = compute_jiao_index(J, K, R_bw @ path.axis[p])
         best = max(scores, key=lambda s: scores[s])
@@ -202,7 +202,7 @@ def test_key_points_use_the_stiffest_ten_degree_rotation(tmp_path: FilePath) -> 
         assert len(scores) < 36  # some rotations were dropped as infeasible
 
 
-def _regular(setup: PlanningSetup, T: np.ndarray, b: int) -> bool:
+def _is_regular(setup: PlanningSetup, T: np.ndarray, b: int) -> bool:
     found = setup.arm.solver.solve(T @ np.linalg.inv(setup.arm.T_flange_tcp))
     m = setup.arm.margins
     return bool(found.wrist[0, b] >= m.wrist and found.elbow[0, b] >= m.elbow and found.shoulder[0, b] >= m.shoulder)
@@ -210,7 +210,7 @@ def _regular(setup: PlanningSetup, T: np.ndarray, b: int) -> bool:
 
 def test_user_bounds_hold_at_the_key_points(tmp_path: FilePath) -> None:
     low, high = np.radians([35.0, 75.0])
-    setup, path = ready(facing_cell(tmp_path), milling())
+    setup, path = prepare_path(facing_cell(tmp_path), milling())
     a = paper(setup, path, replace(OPTIONS, rotation_range=(low, high)))
     rows = np.flatnonzero(path.counted)
     gamma = wrap_angle(a.phi + path.offset)[rows[[0, -1]]]
@@ -222,7 +222,7 @@ def test_each_milling_run_has_its_own_key_points(tmp_path: FilePath) -> None:
     rows: Rows = []
     for x in (-0.1, 0.0, 0.1):
         rows += [((x, -0.1, 0.05), (0, 0, 1), R), ((x, -0.1, 0.0), (0, 0, 1), C), ((x, 0.1, 0.0), (0, 0, 1), C)]
-    setup, path = ready(facing_cell(tmp_path), toolpath(rows))
+    setup, path = prepare_path(facing_cell(tmp_path), toolpath(rows))
     groups = _group_key_points(path, setup.arm)
     assert len(groups) == 3
     for k, (keys, inside, fraction) in enumerate(groups):
@@ -241,7 +241,7 @@ def test_each_milling_run_has_its_own_key_points(tmp_path: FilePath) -> None:
 def test_unreachable_path_is_data_not_an_exception(tmp_path: FilePath) -> None:
     cell = facing_cell(tmp_path)
     far = replace(cell, workpiece=Workpiece("world", pose(9.0, 0, 1.4, -np.pi / 2), ()))
-    setup, path = ready(far, milling())
+    setup, path = prepare_path(far, milling())
     for a in (paper(setup, path), plan_cam_default(path, setup.arm, cell.home)):
         assert (a.reason == InfeasibilityReason.UNREACHABLE).all()
         assert np.isnan(a.q).all()

@@ -40,7 +40,7 @@ def servers() -> list[psutil.Process]:
 
 
 @contextlib.contextmanager
-def meanwhile(action: Callable[[], None], pause: Callable[[], float]) -> Iterator[None]:
+def repeat_meanwhile(action: Callable[[], None], pause: Callable[[], float]) -> Iterator[None]:
     """Do something again and again beside the block."""
     over = threading.Event()
 
@@ -75,7 +75,7 @@ def test_randomly_killed_servers_and_jobs_never_hang_a_batch(seed: int, tmp_path
                 victim.kill()
                 killed.append(victim.pid)
 
-    with meanwhile(kill, lambda: draw.uniform(0.05, 0.5)):
+    with repeat_meanwhile(kill, lambda: draw.uniform(0.05, 0.5)):
         outcome = run_batch(request)
     counts = outcome.result.to_json_types()["counts"]
     assert isinstance(counts, dict)
@@ -129,7 +129,7 @@ def test_time_limit_holds_without_an_answer_of_the_server(tmp_path: Path, monkey
                 process.suspend()
 
     try:
-        with meanwhile(stop_at_work, lambda: 0.02):
+        with repeat_meanwhile(stop_at_work, lambda: 0.02):
             ended = server.run_job(spec_of(tmp_path, "hang", limit=1.0), str(work))
     finally:
         server.close()
@@ -175,7 +175,7 @@ def test_batch_without_workers_ends_and_can_be_resumed(tmp_path: Path, monkeypat
                 cluster.scale(0)
 
         with (
-            meanwhile(take_away, lambda: 0.1),
+            repeat_meanwhile(take_away, lambda: 0.1),
             pytest.raises(MachoptError, match=r"no Dask worker has been there .* the same command resumes"),
         ):
             run_batch(request)

@@ -56,7 +56,7 @@ def wait_for(process: subprocess.Popen[str], number: int) -> None:
     raise AssertionError(f"the driver ended before {number} jobs, code {process.wait()}")
 
 
-def finished(out: Path) -> set[str]:
+def list_finished_jobs(out: Path) -> set[str]:
     return {f.parent.name.partition("-")[0] for f in (out / "jobs").glob("*/job.json")}
 
 
@@ -83,7 +83,7 @@ def test_sixty_jobs_killed_and_resumed_equal_an_undisturbed_run(scheduler: str, 
         wait_for(process, 21)  # boom and the first twenty
         servers = servers_of(process)
         process.kill()
-    had = finished(out)
+    had = list_finished_jobs(out)
     assert had == {"boom", *(f"job{n:02d}" for n in range(20))}
     assert not (out / "summary.csv").exists()
     assert json.loads((out / "batch.json").read_text())["complete"] is False
@@ -93,7 +93,7 @@ def test_sixty_jobs_killed_and_resumed_equal_an_undisturbed_run(scheduler: str, 
     with driver(jobs, out) as process:
         wait_for(process, 41)
         next(
-            p for p in psutil.Process(process.pid).children() if nursery(p)
+            p for p in psutil.Process(process.pid).children() if is_process_server(p)
         ).kill()  # another is started, which takes its job again
         second.touch()
         assert process.wait(timeout=PATIENCE) == 1
@@ -149,10 +149,10 @@ def test_fifteen_real_jobs_on_two_workers_killed_and_resumed(scheduler: str, tmp
     mine, theirs = contents(out), contents(whole)
     assert sorted(mine) == sorted(theirs)
     assert sum(name.endswith(".src") for name in mine) == counts["done"]
-    assert [name for name in mine if untimed(name, mine[name]) != untimed(name, theirs[name])] == []
+    assert [name for name in mine if remove_times(name, mine[name]) != remove_times(name, theirs[name])] == []
 
 
-def untimed(name: str, data: bytes) -> bytes:
+def remove_times(name: str, data: bytes) -> bytes:
     """A job's file without what it says of its own computing time."""
     if name.endswith("/result.json"):
         return json.dumps({k: v for k, v in json.loads(data).items() if k not in ("timings_s", "outputs")}).encode()
@@ -165,7 +165,7 @@ def untimed(name: str, data: bytes) -> bytes:
     return data
 
 
-def nursery(process: psutil.Process) -> bool:
+def is_process_server(process: psutil.Process) -> bool:
     try:
         return "machopt.batch.process_server" in process.cmdline()
     except psutil.Error:
@@ -175,7 +175,7 @@ def nursery(process: psutil.Process) -> bool:
 def servers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     """The process servers of a driver and the jobs they run."""
     family = psutil.Process(process.pid).children(recursive=True)
-    found = [p for p in family if nursery(p)]
+    found = [p for p in family if is_process_server(p)]
     assert found
     return found
 

@@ -22,7 +22,7 @@ class Moves:
         return self.count
 
 
-def braking(room: float, turn: float = 1e-4) -> bool:
+def is_stop_a_fault(room: float, turn: float = 1e-4) -> bool:
     """Whether a stop is a fault where ``room`` m are free for a zone and the lines all but go straight on."""
     n = 3
     law = BlendZones(np.full(n, SHORTEST), np.ones(n, bool), np.full(n, turn), np.full(n, room))
@@ -38,9 +38,9 @@ def test_exact_stop_without_room_for_the_smallest_blend_zone_is_accepted(beyond:
 
     A right plan of 300,000 points failed by three such moves.
     """
-    assert not braking(SHORTEST + HALF * beyond)
+    assert not is_stop_a_fault(SHORTEST + HALF * beyond)
 
 
 def test_exact_stop_with_room_is_timed_with_braking() -> None:
-    assert braking(2 * SHORTEST)
-    assert braking(SHORTEST + 1e-5)
+    assert is_stop_a_fault(2 * SHORTEST)
+    assert is_stop_a_fault(SHORTEST + 1e-5)

@@ -27,7 +27,7 @@ from machopt.planning.stations.planning_path import PlanningPath as Way
 from machopt.planning.stations.planning_path import build_planning_path, compute_tcp_poses
 
 
-def leaning(n: int) -> Way:
+def build_leaning_cut(n: int) -> Way:
     """A cut whose tool axis leans more and more, at the far end of the reach."""
     rows: Rows = [((0, 0, 0.05), (0.0, 0.0, 1.0), MoveKind.RAPID)]
     for f in np.linspace(0, 1, n):
@@ -49,7 +49,7 @@ def equal(a: CandidateGrid, b: CandidateGrid) -> None:
 
 
 def test_one_thread_and_three_give_the_same_bytes(setup: PlanningSetup, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = leaning(60)
+    path = build_leaning_cut(60)
     monkeypatch.setattr(module, "CHUNK", 24 * 7)
     monkeypatch.setattr(parallel_map, "count_threads", lambda: 1)
     alone = enumerate_candidates(path, setup.arm, OPTIONS)
@@ -63,7 +63,7 @@ def test_one_thread_and_three_give_the_same_bytes(setup: PlanningSetup, monkeypa
 
 def test_each_candidate_has_the_requested_pose(setup: PlanningSetup) -> None:
     """The fixed point's rotation off the grid included."""
-    path, arm = leaning(30), setup.arm
+    path, arm = build_leaning_cut(30), setup.arm
     c = enumerate_candidates(path, arm, OPTIONS)
     poses = arm.machine.T_base_workpiece_zero @ compute_tcp_poses(path, path.stations, c.phi_at())
     np.testing.assert_allclose(
@@ -135,7 +135,7 @@ def test_two_tasks_return_both_results_in_the_same_context(monkeypatch: pytest.M
 
 
 def test_offset_shifts_the_whole_rotation_grid_of_its_station(setup: PlanningSetup) -> None:
-    path = leaning(10)
+    path = build_leaning_cut(10)
     free = enumerate_candidates(path, setup.arm, replace(OPTIONS, fixed=()))
     fixed = enumerate_candidates(path, setup.arm, OPTIONS)
     assert fixed.nudge is not None
@@ -147,7 +147,7 @@ def test_offset_shifts_the_whole_rotation_grid_of_its_station(setup: PlanningSet
 
 
 def test_unusable_branches_are_left_out_with_their_reasons(setup: PlanningSetup) -> None:
-    path, arm = leaning(200), setup.arm
+    path, arm = build_leaning_cut(200), setup.arm
     every = enumerate_candidates(path, arm, OPTIONS, every_branch=True)
     c = enumerate_candidates(path, arm, OPTIONS)
     assert len(c.branch) < len(every.branch) == arm.solver.branches
@@ -168,7 +168,7 @@ def test_branch_usable_at_few_stations_has_joints_everywhere(
     setup: PlanningSetup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A block of stations without it is solved again."""
-    path, size = leaning(200), 7
+    path, size = build_leaning_cut(200), 7
     monkeypatch.setattr(module, "CHUNK", 24 * size)
     every = enumerate_candidates(path, setup.arm, OPTIONS, every_branch=True)
     usable = every.feasible.any(axis=(1, 3))  # (S, A)
@@ -180,7 +180,7 @@ def test_branch_usable_at_few_stations_has_joints_everywhere(
 
 
 def test_station_is_solved_again_with_every_branch(setup: PlanningSetup) -> None:
-    path, arm = leaning(30), setup.arm
+    path, arm = build_leaning_cut(30), setup.arm
     every = enumerate_candidates(path, arm, PlanOptions(), every_branch=True)
     q, reason = solve_station(path, arm, every, 7)
     np.testing.assert_allclose(q, every.q[7], atol=1e-12)

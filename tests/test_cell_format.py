@@ -407,7 +407,7 @@ def test_urdf_refusals(folder: Path, text: str, parts: list[str]) -> None:
     expect(refusal(folder), "robot.urdf", *parts)
 
 
-def linked(*more: str, mimic: str = '<mimic joint="a2" multiplier="-1" offset="0.1"/>', body: str = "") -> str:
+def build_mimic_arm(*more: str, mimic: str = '<mimic joint="a2" multiplier="-1" offset="0.1"/>', body: str = "") -> str:
     """The arm with a joint on axis 3 that follows axis 2."""
     knee = joint("m3", "l2", "knee", limit='<limit lower="-2" upper="3.2" velocity="0" effort="0"/>' + mimic)
     text = urdf(f'<link name="knee">{body}</link>', knee, *more)
@@ -417,7 +417,7 @@ def linked(*more: str, mimic: str = '<mimic joint="a2" multiplier="-1" offset="0
 
 
 def test_mimic_joint_is_read_and_narrows_the_range_of_its_source(folder: Path) -> None:
-    (folder / "robot.urdf").write_text(linked())
+    (folder / "robot.urdf").write_text(build_mimic_arm())
     cell = load_cell(folder)
     assert [(m.joint, m.source, m.multiplier, m.offset) for m in cell.mimics] == [("m3", "a2", -1.0, 0.1)]
     assert cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
@@ -429,7 +429,7 @@ def test_mimic_joint_is_read_and_narrows_the_range_of_its_source(folder: Path) -
 def test_mimic_joint_limits_the_speed_of_its_source(folder: Path) -> None:
     """The follower turns as fast as the multiplier says: what its own drive train cannot, the leading joint may not."""
     free = load_cell(folder).limits.velocity[1]
-    text = linked(mimic='<mimic joint="a2" multiplier="-2"/>')
+    text = build_mimic_arm(mimic='<mimic joint="a2" multiplier="-2"/>')
     slow = text.replace('upper="3.2" velocity="0"', 'upper="3.2" velocity="0.5"')
     assert slow != text
     (folder / "robot.urdf").write_text(slow)
@@ -445,17 +445,17 @@ LINKAGES = [
         urdf().replace('velocity="9" effort="0"/>', 'velocity="9" effort="0"/><mimic joint="a2"/>', 1),
         ["a1 (mimics 'a2')", "expected six"],
     ),
-    (linked(mimic='<mimic joint="ax"/>'), ["'m3' mimics 'ax', which is no joint of the arm; it has a1"]),
+    (build_mimic_arm(mimic='<mimic joint="ax"/>'), ["'m3' mimics 'ax', which is no joint of the arm; it has a1"]),
     (
-        linked(mimic='<mimic joint="a2" multiplier="0.5"/>'),
+        build_mimic_arm(mimic='<mimic joint="a2" multiplier="0.5"/>'),
         ["multiplier 0.5", "a whole number other than 0 would work"],
     ),
     (
-        linked(body=BODY),
+        build_mimic_arm(body=BODY),
         ["link 'knee' has a collision body on joint 'm3', which mimics 'a2'"],
     ),
     (
-        linked().replace('lower="-2" upper="3.2"', 'lower="5" upper="6"'),
+        build_mimic_arm().replace('lower="-2" upper="3.2"', 'lower="5" upper="6"'),
         ["'m3' mimics 'a2' and would leave its own range [5, 6]"],
     ),
 ]

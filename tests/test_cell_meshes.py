@@ -24,21 +24,21 @@ def folder(tmp_path: Path) -> Path:
     return write_minimal_cell(tmp_path / "cell")
 
 
-def exported(kind: str, mesh: trimesh.Trimesh = BOX, **options: str) -> bytes:
+def export_mesh(kind: str, mesh: trimesh.Trimesh = BOX, **options: str) -> bytes:
     data = mesh.export(file_type=kind, **options)
     return data.encode() if isinstance(data, str) else data
 
 
-def shown(*triangles: list[list[float]]) -> bytes:
+def build_stl(*triangles: list[list[float]]) -> bytes:
     corners = np.array(triangles, dtype="<f4")
     body = b"".join(struct.pack("<12fH", 0, 0, 1, *t.ravel(), 0) for t in corners)
     return bytes(80) + struct.pack("<I", len(corners)) + body
 
 
-STL, ASCII, PLY = exported("stl"), exported("stl_ascii"), exported("ply")
-ASCII_PLY, OFF, OBJ = exported("ply", encoding="ascii"), exported("off"), exported("obj")
-SHEET = shown(*[[[0, 0, 0], [1, n, 0], [0, n + 1, 0]] for n in range(6)])  # type: ignore[list-item]
-FOLDED = exported(
+STL, ASCII, PLY = export_mesh("stl"), export_mesh("stl_ascii"), export_mesh("ply")
+ASCII_PLY, OFF, OBJ = export_mesh("ply", encoding="ascii"), export_mesh("off"), export_mesh("obj")
+SHEET = build_stl(*[[[0, 0, 0], [1, n, 0], [0, n + 1, 0]] for n in range(6)])  # type: ignore[list-item]
+FOLDED = export_mesh(
     "stl",
     trimesh.Trimesh(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [2, 1, 0], [0, 1, 3], [3, 1, 0]], process=False
@@ -65,7 +65,7 @@ DAMAGES = [  # suffix, content, what the refusal says
     ("stl", f"solid x\n{FACET * 8}endsolid x\n".encode(), ["is flat and encloses nothing"]),
     ("stl", SHEET, ["is flat"]),
     ("stl", FOLDED, ["has no volume"]),
-    ("stl", shown(*[[[1, 1, 1]] * 3] * 8), ["is flat"]),
+    ("stl", build_stl(*[[[1, 1, 1]] * 3] * 8), ["is flat"]),
     ("ply", PLY[:-30], ["is cut or damaged"]),
     ("ply", PLY[:30], ["does not begin with a PLY header"]),
     ("ply", ASCII_PLY[:-30], ["is cut", "its header counts 8 vertices and 12 faces"]),
@@ -131,14 +131,14 @@ def test_every_mesh_type_gives_planner_and_verifier_the_same_body(folder: Path) 
     ],
 )
 def test_wrong_mesh_unit_is_reported_with_the_right_scale(folder: Path, size: float, parts: list[str]) -> None:
-    (folder / "spindle.stl").write_bytes(exported("stl", BOX.copy().apply_scale(size)))
+    (folder / "spindle.stl").write_bytes(export_mesh("stl", BOX.copy().apply_scale(size)))
     read_refusal_message(folder, "tool.geometry[0].mesh", *parts)
     replace_in_file(folder, "mesh: spindle.stl", f"mesh: spindle.stl, scale: {1 / size}")
     assert load_cell(folder).warnings == ()
 
 
 def test_link_mesh_in_another_unit_is_reported(folder: Path) -> None:
-    (folder / "link.stl").write_bytes(exported("stl", BOX.copy().apply_scale(1e3)))
+    (folder / "link.stl").write_bytes(export_mesh("stl", BOX.copy().apply_scale(1e3)))
     read_refusal_message(folder, "robot.urdf: line 47", 'scale="0.001 0.001 0.001" in the URDF would work')
     replace_in_file(folder, 'filename="link.stl"', 'filename="link.stl" scale="0.001 0.001 0.001"', "robot.urdf")
     assert load_cell(folder).warnings == ()
@@ -149,10 +149,12 @@ def test_link_mesh_in_another_unit_is_reported(folder: Path) -> None:
 
 
 def test_open_and_inverted_surfaces_are_reported_with_their_consequence(folder: Path) -> None:
-    (folder / "spindle.stl").write_bytes(exported("stl", trimesh.Trimesh(BOX.vertices, BOX.faces[:-1], process=False)))
+    (folder / "spindle.stl").write_bytes(
+        export_mesh("stl", trimesh.Trimesh(BOX.vertices, BOX.faces[:-1], process=False))
+    )
     turned = BOX.copy()
     turned.invert()
-    (folder / "link.stl").write_bytes(exported("stl", turned))
+    (folder / "link.stl").write_bytes(export_mesh("stl", turned))
     warnings = load_cell(folder).warnings
     assert len(warnings) == 2
     assert "not closed: spindle.stl (3 open edges)" in warnings[0]

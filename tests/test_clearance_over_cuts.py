@@ -24,7 +24,7 @@ from machopt.planning.motion.rapid_moves import UNDER, BlockedRapid, FreeSpace, 
 RADIUS = 5e-3
 
 
-def turned(a: np.ndarray, b: np.ndarray, f: float) -> np.ndarray:
+def rotate_axis_evenly(a: np.ndarray, b: np.ndarray, f: float) -> np.ndarray:
     """The axis turned evenly from a to b."""
     angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
     if angle < 1e-12:
@@ -73,7 +73,7 @@ def test_result_equals_brute_force(seed: int) -> None:
             a, b = path.position[k - 1], path.position[k]
             count = int(np.clip(np.ceil(np.linalg.norm(b - a) / RADIUS), 1, MOST))
             for f in np.arange(count + 1) / count:
-                up, axis = T[:3, 3] - a - f * (b - a), turned(path.axis[k - 1], path.axis[k], f)
+                up, axis = T[:3, 3] - a - f * (b - a), rotate_axis_evenly(path.axis[k - 1], path.axis[k], f)
                 aside = np.linalg.norm(up) ** 2 - (up @ axis) ** 2
                 if -axis @ T[:3, 2] > SAME_SIDE and aside <= RADIUS**2:
                     heights.append(up @ axis)

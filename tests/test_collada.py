@@ -40,7 +40,7 @@ TEXT = TEXT.replace("NORMALS", " ".join(["0 0 1"] * 10))
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
-def written(folder: Path, faces: str = "triangles", text: str = TEXT) -> Path:
+def write_collada(folder: Path, faces: str = "triangles", text: str = TEXT) -> Path:
     file = folder / "a.dae"
     file.write_text(text.replace("FACES", FACES[faces].replace("INPUT", INPUT)))
     return file
@@ -49,7 +49,7 @@ def written(folder: Path, faces: str = "triangles", text: str = TEXT) -> Path:
 @pytest.mark.parametrize("faces", sorted(FACES))
 def test_node_transforms_place_triangles_in_metres(faces: str, tmp_path: Path) -> None:
     """Turned by 90° about z, doubled and shifted; shifted alone. The unit counts, the axis that is up does not."""
-    found = read_collada(written(tmp_path, faces)).corners
+    found = read_collada(write_collada(tmp_path, faces)).corners
     assert found.shape == (8 if faces == "triangles" else 6, 3, 3)
     first, second = np.split(found, 2)
     turned = 2 * CORNERS[:, [1, 0, 2]] * [-1, 1, 1] + [10, 0, 0]
@@ -76,8 +76,10 @@ def test_node_transforms_place_triangles_in_metres(faces: str, tmp_path: Path) -
     ],
 )
 def test_unsupported_content_is_reported(old: str, new: str, told: str, tmp_path: Path) -> None:
-    assert old in written(tmp_path).read_text()
-    file = written(tmp_path, text=TEXT.replace("FACES", FACES["triangles"].replace("INPUT", INPUT)).replace(old, new))
+    assert old in write_collada(tmp_path).read_text()
+    file = write_collada(
+        tmp_path, text=TEXT.replace("FACES", FACES["triangles"].replace("INPUT", INPUT)).replace(old, new)
+    )
     with pytest.raises(InputError, match=told):
         read_collada(file)
 
@@ -86,7 +88,7 @@ def test_robot_with_collada_bodies_gets_a_cell_with_stl(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     body = '<collision><geometry><mesh filename="a.dae" scale="0.5 0.5 0.5"/></geometry></collision>'
     file.write_text(urdf_text().replace('<link name="link_1">', f'<link name="link_1">{body}'))
-    written(tmp_path)
+    write_collada(tmp_path)
     done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
     assert (done.folder / "a.dae.stl").read_bytes() == build_binary_stl(read_collada(tmp_path / "a.dae").corners)
     assert 'filename="a.dae.stl" scale="0.5 0.5 0.5"' in (done.folder / "robot.urdf").read_text()

@@ -84,7 +84,7 @@ def polylist(rows: list[list[int]]) -> str:
     return f'<polylist count="{len(rows)}">{vertex()}<vcount>{words(counts)}</vcount><p>{words(index)}</p></polylist>'
 
 
-def several(tag: str, rows: list[list[int]]) -> str:
+def build_polygons(tag: str, rows: list[list[int]]) -> str:
     return f'<{tag} count="{len(rows)}">{vertex()}{"".join(f"<p>{words(r)}</p>" for r in rows)}</{tag}>'
 
 
@@ -139,19 +139,29 @@ READ: dict[str, tuple[Callable[[], str], int, float, list[list[float]]]] = {
     ),
     "polylist": (lambda: cube(polylist(QUADS)), 12, 6, ONE),
     "polylist_mixed": (lambda: cube(polylist([*QUADS[:5], *TRIANGLES[10:]])), 12, 6, ONE),
-    "polygons": (lambda: cube(several("polygons", QUADS)), 12, 6, ONE),
+    "polygons": (lambda: cube(build_polygons("polygons", QUADS)), 12, 6, ONE),
     "two_groups": (lambda: cube(triangles(TRIANGLES[:6]) + polylist(QUADS[3:])), 12, 6, ONE),
     "lines_beside": (lambda: cube(triangles() + f'<lines count="1">{vertex()}<p>0 1</p></lines>'), 12, 6, ONE),
     "concave": (lambda: document(geometry(L, polylist([ELL]))), 4, 3, [[0, 0, 0], [2, 2, 0]]),
-    "concave_polygons": (lambda: document(geometry(L, several("polygons", [ELL]))), 4, 3, [[0, 0, 0], [2, 2, 0]]),
-    "strip": (lambda: document(geometry(STRIP, several("tristrips", [[*range(8)]]))), 6, 3, [[0, 0, 0], [3, 1, 0]]),
-    "strips": (
-        lambda: document(geometry(STRIP, several("tristrips", [[*range(4)], [*range(2, 8)]]))),
+    "concave_polygons": (
+        lambda: document(geometry(L, build_polygons("polygons", [ELL]))),
+        4,
+        3,
+        [[0, 0, 0], [2, 2, 0]],
+    ),
+    "strip": (
+        lambda: document(geometry(STRIP, build_polygons("tristrips", [[*range(8)]]))),
         6,
         3,
         [[0, 0, 0], [3, 1, 0]],
     ),
-    "fan": (lambda: document(geometry(FAN, several("trifans", [[0, 1, 2, 3]]))), 2, 1, [[0, 0, 0], [1, 1, 0]]),
+    "strips": (
+        lambda: document(geometry(STRIP, build_polygons("tristrips", [[*range(4)], [*range(2, 8)]]))),
+        6,
+        3,
+        [[0, 0, 0], [3, 1, 0]],
+    ),
+    "fan": (lambda: document(geometry(FAN, build_polygons("trifans", [[0, 1, 2, 3]]))), 2, 1, [[0, 0, 0], [1, 1, 0]]),
     "inputs_with_offsets": (with_inputs, 12, 6, ONE),
     "two_geometries": (
         lambda: document(
@@ -269,7 +279,7 @@ READ: dict[str, tuple[Callable[[], str], int, float, list[list[float]]]] = {
 }
 
 
-def written(folder: Path, text: str) -> Path:
+def write_collada(folder: Path, text: str) -> Path:
     file = folder / "a.dae"
     file.write_text(text, encoding="utf-8")
     return file
@@ -281,22 +291,22 @@ def area(corners: np.ndarray) -> float:
     )
 
 
-def failing(message: str) -> InputError:
+def build_error(message: str) -> InputError:
     return InputError(message)
 
 
 @pytest.mark.parametrize("name", sorted(READ))
 def test_variant_has_the_triangles_counted_by_hand(name: str, tmp_path: Path) -> None:
     text, count, surface, box = READ[name]
-    file = written(tmp_path, text())
+    file = write_collada(tmp_path, text())
     found = read_collada(file)
     assert found.corners.shape == (count, 3, 3)
     assert area(found.corners) == pytest.approx(surface, rel=1e-6)
     points = found.corners.reshape(-1, 3)
     np.testing.assert_allclose([points.min(0), points.max(0)], box, atol=1e-6 * np.max(box))
     if name not in ("lights_and_cameras",):  # a reference to nothing ends the other library's reading
-        other = load_with_second_library(file, found.counts.metre, failing)
-        compare_bodies(file.name, other, points, np.arange(3 * count).reshape(-1, 3), failing)
+        other = load_with_second_library(file, found.counts.metre, build_error)
+        compare_bodies(file.name, other, points, np.arange(3 * count).reshape(-1, 3), build_error)
         copy = tmp_path / "a.dae.stl"
         copy.write_bytes(build_binary_stl(found.corners))
         assert load_mesh(copy, np.full(3, 0.5)).num_tris == pytest.approx(count, abs=1 + 0.01 * count)
@@ -358,7 +368,7 @@ REFUSED: dict[str, Callable[[], str]] = {
 @pytest.mark.parametrize("name", sorted(REFUSED))
 def test_content_that_would_be_dropped_or_moved_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
-        read_collada(written(tmp_path, REFUSED[name]()))
+        read_collada(write_collada(tmp_path, REFUSED[name]()))
     assert str(tmp_path) in str(refused.value)
 
 
@@ -383,7 +393,7 @@ def robot_with_mesh(folder: Path) -> Path:
     file = folder / "arm.urdf"
     body = '<collision><geometry><mesh filename="a.dae" scale="0.2 0.2 0.2"/></geometry></collision>'
     file.write_text(urdf_text().replace('<link name="link_1">', f'<link name="link_1">{body}'))
-    written(folder, cube(nodes=node("<translate>-0.5 -0.5 -0.5</translate>")))
+    write_collada(folder, cube(nodes=node("<translate>-0.5 -0.5 -0.5</translate>")))
     return file
 
 

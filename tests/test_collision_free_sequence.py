@@ -38,7 +38,7 @@ OPTIONS = PlanOptions(
 )
 
 
-def leaning(
+def plan_leaning_spindle(
     folder: FilePath, rows: Rows, obstacles: tuple[CollisionShape, ...], options: PlanOptions = OPTIONS
 ) -> Plan:
     """The small cell with its spindle at 45° to the flange, so that turning about the tool moves the whole arm."""
@@ -57,7 +57,7 @@ def leaning(
     return plan_path(cell, toolpath(rows), options)
 
 
-def crowded(seed: int) -> tuple[Rows, tuple[CollisionShape, ...]]:
+def build_crowded_job(seed: int) -> tuple[Rows, tuple[CollisionShape, ...]]:
     """A short pass over the block between posts that stand round it at random, some in the way at every rotation."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(3, 6))
@@ -145,7 +145,7 @@ def reachable(p: Plan) -> list[int]:
 
 def agrees(rows: Rows, obstacles: tuple[CollisionShape, ...], folder: FilePath) -> Plan:
     """The planner's answer is that of trying everything, and where there is none it says where."""
-    p = leaning(folder, rows, obstacles)
+    p = plan_leaning_spindle(folder, rows, obstacles)
     counts = reachable(p)
     ok = bool((p.chosen.assignment.reason == InfeasibilityReason.OK).all()) and not p.breaks
     if p.chosen_from in ("jiao2022", "cam default"):
@@ -169,7 +169,7 @@ def agrees(rows: Rows, obstacles: tuple[CollisionShape, ...], folder: FilePath) 
 
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 6, 7, 8, 9])
 def test_feasibility_equals_that_of_exhaustive_search(seed: int, tmp_path: FilePath) -> None:
-    agrees(*crowded(seed), tmp_path)
+    agrees(*build_crowded_job(seed), tmp_path)
 
 
 @pytest.mark.parametrize("seed", [33, 41, 42])
@@ -210,7 +210,7 @@ def assert_closed_by_themselves(p: Plan) -> None:
 
 @pytest.mark.parametrize("seed", [0, 7])
 def test_only_colliding_edges_are_excluded(seed: int, tmp_path: FilePath) -> None:
-    p = leaning(tmp_path, *crowded(seed))
+    p = plan_leaning_spindle(tmp_path, *build_crowded_job(seed))
     whole = enumerate_candidates(p.path, p.setup.arm, p.options)
     model = p.setup.collision
     assert model is not None
@@ -226,7 +226,7 @@ def test_only_colliding_edges_are_excluded(seed: int, tmp_path: FilePath) -> Non
 @pytest.mark.parametrize("seed", [4, 33])
 def test_sequence_chosen_in_segments_has_the_bound_of_a_whole_choice(seed: int, tmp_path: FilePath) -> None:
     """On what is left of the grid the whole path is chosen once more; its bound holds for the answer that stands."""
-    p = leaning(tmp_path, *(rods(seed) if seed > 30 else crowded(seed)))
+    p = plan_leaning_spindle(tmp_path, *(rods(seed) if seed > 30 else build_crowded_job(seed)))
     assert p.found is not None
     velocity = p.setup.cell.limits.velocity[:6]
     wide = p.found.wide if p.found.wide.any() else None
@@ -236,7 +236,7 @@ def test_sequence_chosen_in_segments_has_the_bound_of_a_whole_choice(seed: int, 
 
 
 def test_lookahead_excludes_edges_of_the_same_pair_around_a_contact(tmp_path: FilePath) -> None:
-    p = leaning(tmp_path, *crowded(4))
+    p = plan_leaning_spindle(tmp_path, *build_crowded_job(4))
     c, model = enumerate_candidates(p.path, p.setup.arm, p.options), p.setup.collision
     assert model is not None
     usable = c.feasible.any(axis=3)
@@ -271,7 +271,7 @@ def test_lookahead_excludes_edges_of_the_same_pair_around_a_contact(tmp_path: Fi
 
 
 def test_map_marks_checked_edges_and_checks_the_rest_on_request(tmp_path: FilePath) -> None:
-    p = leaning(tmp_path, *crowded(4))
+    p = plan_leaning_spindle(tmp_path, *build_crowded_job(4))
     before = p.candidates.feasible.copy()
     some, whole, none = (
         compute_collision_map(p),
@@ -299,9 +299,11 @@ def test_equal_stiffness_prefers_distance_with_a_clearance_weight(tmp_path: File
         ),
     )
     rows: Rows = [((-0.05 + 0.019 * k, 0.0, 0.02), UP, R if k == 0 else C) for k in range(4)]
-    plain = leaning(tmp_path, rows, post, replace(OPTIONS, weights=ObjectiveWeights(clearance=0.0, rapid=0.0)))
+    plain = plan_leaning_spindle(
+        tmp_path, rows, post, replace(OPTIONS, weights=ObjectiveWeights(clearance=0.0, rapid=0.0))
+    )
     weighed = replace(OPTIONS, weights=ObjectiveWeights(clearance=20.0, rapid=0.0), clearance_full=0.3)
-    wary = leaning(tmp_path, rows, post, weighed)
+    wary = plan_leaning_spindle(tmp_path, rows, post, weighed)
 
     def nearest(p: Plan) -> float:
         assert p.setup.collision is not None

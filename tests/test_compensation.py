@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from property_example_count import NIGHTLY, scale_example_count
 from test_cli import optimize
 from test_planning_path import Rows, build_planning_path, toolpath
-from test_planning_pipeline import FORCE, FREE, K, planned, small_job
+from test_planning_pipeline import FORCE, FREE, K, plan_case, small_job
 
 from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
@@ -63,7 +63,7 @@ def straight_on(p: Plan) -> np.ndarray:
     return np.flatnonzero(p.path.counted & (np.abs(p.path.s - p.path.s[at]) > 1.01 * p.compensation.length))
 
 
-def loaded(p: Plan, rows: np.ndarray, stiffness: ArmStiffness) -> np.ndarray:
+def compute_loaded_tips(p: Plan, rows: np.ndarray, stiffness: ArmStiffness) -> np.ndarray:
     """(n, 3) where the tip is, in the workpiece frame, in equilibrium with the force: joint springs at full length."""
     robot, tool, T = p.setup.robot, p.setup.arm.T_flange_tcp, p.setup.arm.machine.T_base_workpiece_zero
     nominal = p.path.position if p.compensation is None else p.path.position - p.compensation.offset
@@ -83,8 +83,8 @@ def test_deflected_tool_is_at_the_programmed_position(bent: tuple[Plan, Plan]) -
     """With the nonlinear equilibrium of the springs, which the planner's linear deflection knows nothing of."""
     before, after = bent
     rows = straight_on(after)
-    d = np.linalg.norm(loaded(before, rows, ArmStiffness(joints=K)) - before.path.position[rows], axis=1)
-    left = np.linalg.norm(loaded(after, rows, ArmStiffness(joints=K)) - before.path.position[rows], axis=1)
+    d = np.linalg.norm(compute_loaded_tips(before, rows, ArmStiffness(joints=K)) - before.path.position[rows], axis=1)
+    left = np.linalg.norm(compute_loaded_tips(after, rows, ArmStiffness(joints=K)) - before.path.position[rows], axis=1)
     assert d.min() > 5e-4
     # second order: |f| L/k of the deflection, 450 N · 2.5 m / 4e5 N·m = 0.3 %
     assert (left < 0.005 * d).all()
@@ -268,19 +268,19 @@ def test_compensation_on_a_simulated_truth_improves_as_in_jiao2022() -> None:
 
     The paper measures 0.287 mm, 0.120 mm with one set and 0.057 mm with 128 cells; here the truth has two.
     """
-    p = planned("kr500 force")
+    p = plan_case("kr500 force")
     truth = load_stiffness(ROOT / "cells" / "kr500_milling" / "stiffness_two_grid.yaml")
     rows = np.flatnonzero(p.path.counted)
 
     def error(model: ArmStiffness | None) -> float:
         if model is None:
-            return float(np.linalg.norm(loaded(p, rows, truth) - p.path.position[rows], axis=1).mean())
+            return float(np.linalg.norm(compute_loaded_tips(p, rows, truth) - p.path.position[rows], axis=1).mean())
         arm = p.setup.arm
         at = p.path.position @ arm.machine.T_base_workpiece_zero[:3, :3].T + arm.machine.T_base_workpiece_zero[:3, 3]
         setup = replace(p.setup, elasticity=ArmElasticity(p.setup.robot, arm.T_flange_tcp, model))
         directions = replace(p.directions, k=compute_joint_stiffness(model, at).k)
         moved = shift_path(replace(p, setup=setup, directions=directions), 0.005)
-        return float(np.linalg.norm(loaded(moved, rows, truth) - p.path.position[rows], axis=1).mean())
+        return float(np.linalg.norm(compute_loaded_tips(moved, rows, truth) - p.path.position[rows], axis=1).mean())
 
     assert truth.grid is not None
     none, constant, grid = error(None), error(ArmStiffness(joints=truth.joints)), error(truth)
@@ -297,7 +297,7 @@ def test_compensation_on_a_simulated_truth_improves_as_in_jiao2022() -> None:
 LARGE = 100.0  # m: no shift is refused for its size
 
 
-def softer(p: Plan, factor: float) -> Plan:
+def soften_plan(p: Plan, factor: float) -> Plan:
     p = replace(p, options=replace(p.options, compensation_max=LARGE))
     setup = replace(
         p.setup, elasticity=ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, ArmStiffness(joints=K / factor))
@@ -307,7 +307,7 @@ def softer(p: Plan, factor: float) -> Plan:
 
 def test_points_without_a_shift_state_the_reason(bent: tuple[Plan, Plan], tmp_path: FilePath) -> None:
     before, after = bent
-    far = shift_path(softer(before, 3000.0), 1000.0)  # metres, over a length that leaves none too steep
+    far = shift_path(soften_plan(before, 3000.0), 1000.0)  # metres, over a length that leaves none too steep
     assert len(far.missing) > 0
     assert far.compensation is not None
     texts = explain_points(far)
@@ -357,7 +357,7 @@ def test_colliding_shift_is_reported(tmp_path: FilePath) -> None:
     d = p.setup.elasticity.evaluate(p.chosen.assignment.q[[2]], p.directions.k[[2]]).compute_deflection(
         p.directions.force[[2]]
     )
-    deep = shift_path(softer(p, 0.08 / float(np.linalg.norm(d))), 0.02)
+    deep = shift_path(soften_plan(p, 0.08 / float(np.linalg.norm(d))), 0.02)
     texts = explain_points(deep)
     assert any("block" in t and "with the compensation of" in t for t in texts.values()), texts
     assert not compensate_plan(p, toolpath(rows)).missing.size  # a tenth of a millimetre does not

@@ -85,7 +85,7 @@ class Bands:
         return wanted, q[0] + wanted[:, None] * (q[1] - q[0]), (wanted > 0.0) & (wanted < 1.0)
 
 
-def banded(checker: Bands, stations: int, rotations: int = 36) -> ExclusionTracker:
+def build_banded_tracker(checker: Bands, stations: int, rotations: int = 36) -> ExclusionTracker:
     """Strikes over a cut all along which the bands stand, in one branch and turn."""
     S, R = stations, rotations
     phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
@@ -114,7 +114,7 @@ def banded(checker: Bands, stations: int, rotations: int = 36) -> ExclusionTrack
     return cast(ExclusionTracker, strikes(path=path, candidates=candidates, checker=checker, progress=lambda _: None))
 
 
-def swung(strikes: ExclusionTracker, s: int, before: float, here: float) -> SequenceChoice:
+def build_swing(strikes: ExclusionTracker, s: int, before: float, here: float) -> SequenceChoice:
     """A sequence that stands at one rotation (deg) up to a station, and at another from there on."""
     S, phi = len(strikes.candidates.q), np.degrees(strikes.candidates.phi)
     r = np.where(np.arange(S) < s, np.argmin(np.abs(phi - before)), np.argmin(np.abs(phi - here))).astype(np.int32)
@@ -124,7 +124,7 @@ def swung(strikes: ExclusionTracker, s: int, before: float, here: float) -> Sequ
     )
 
 
-def strike(strikes: ExclusionTracker, choice: SequenceChoice, *stations: int) -> None:
+def add_contacts(strikes: ExclusionTracker, choice: SequenceChoice, *stations: int) -> None:
     hit = np.zeros(len(choice.rotation), bool)
     hit[list(stations)] = True
     check = SimpleNamespace(hit=hit, lost=np.zeros_like(hit), pair=np.where(hit, 0, -1))
@@ -133,7 +133,7 @@ def strike(strikes: ExclusionTracker, choice: SequenceChoice, *stations: int) ->
     untyped.grid(choice, plain, check, len(hit))
 
 
-def crossing(strikes: ExclusionTracker, degrees: float) -> list[set[int]]:
+def list_crossing_rotations(strikes: ExclusionTracker, degrees: float) -> list[set[int]]:
     """Rotations that ways closed into each station come from, of the ways that turn upwards past an angle."""
     phi, out = np.degrees(strikes.candidates.phi), [set[int]() for _ in strikes.candidates.q]
     for s, u, v in strikes.edges.closed:
@@ -145,10 +145,10 @@ def crossing(strikes: ExclusionTracker, degrees: float) -> list[set[int]]:
 def test_first_contact_of_the_chosen_way_is_searched() -> None:
     """Below the band stands another one, which ways a little aside touch first."""
     checker = Bands(((np.radians(2.0), np.radians(8.0)),), ((np.radians(-48.0), np.radians(-42.0)),))
-    strikes = banded(checker, 12)
-    strike(strikes, swung(strikes, 5, -40.0, 20.0), 5)
+    strikes = build_banded_tracker(checker, 12)
+    add_contacts(strikes, build_swing(strikes, 5, -40.0, 20.0), 5)
     assert strikes.banned[5] == 0
-    assert all(crossing(strikes, 5.0)[1:])
+    assert all(list_crossing_rotations(strikes, 5.0)[1:])
 
 
 @pytest.mark.parametrize("gap", [4.0, 30.0])
@@ -156,10 +156,10 @@ def test_way_with_two_contacts_closes_swings_over_either(gap: float) -> None:
     """Midway between its two bands nothing touches."""
     low, high = (tuple(np.radians([at - 2.0, at + 2.0])) for at in (-gap / 2 - 3.0, gap / 2 + 3.0))
     checker = Bands(((low[0], low[1]), (high[0], high[1])))
-    strikes = banded(checker, 12)
-    strike(strikes, swung(strikes, 5, -40.0, 40.0), 5)
+    strikes = build_banded_tracker(checker, 12)
+    add_contacts(strikes, build_swing(strikes, 5, -40.0, 40.0), 5)
     for at in (-gap / 2 - 3.0, gap / 2 + 3.0):
-        assert all(crossing(strikes, at)[1:])
+        assert all(list_crossing_rotations(strikes, at)[1:])
 
 
 def test_closed_bands_are_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,15 +173,15 @@ def test_closed_bands_are_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(ForbiddenTransitions, "plus_closed", counted)
     checker = Bands(((np.radians(2.0), np.radians(8.0)),))
-    strikes = banded(checker, 40)
-    strike(strikes, swung(strikes, 20, -10.0, 20.0), 20)
+    strikes = build_banded_tracker(checker, 40)
+    add_contacts(strikes, build_swing(strikes, 20, -10.0, 20.0), 20)
     assert len(merges) == 1
     first, closed = checker.asked, strikes.edges.closed
     assert len(np.unique(closed, axis=0)) == len(closed) > 1000
-    strike(strikes, swung(strikes, 12, -20.0, 30.0), 12)
+    add_contacts(strikes, build_swing(strikes, 12, -20.0, 30.0), 12)
     assert checker.asked - first < first / 10
     again = checker.asked
-    strike(strikes, swung(strikes, 30, -20.0, 30.0), 30)
+    add_contacts(strikes, build_swing(strikes, 30, -20.0, 30.0), 30)
     assert checker.asked - again <= 65 + 40
 
 

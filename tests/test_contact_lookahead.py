@@ -50,7 +50,7 @@ def block(pair: int = 0) -> Bools:
     return truth
 
 
-def begin(ahead: ContactLookahead, s: int, r: int, b: int, pair: int, budget: int) -> int:
+def start_lookahead(ahead: ContactLookahead, s: int, r: int, b: int, pair: int, budget: int) -> int:
     vertex = np.array([np.ravel_multi_index((s, r, b), (S, R, B))])
     pairs = np.array([pair], np.int32)
     ahead.strike(vertex, pairs)
@@ -59,7 +59,7 @@ def begin(ahead: ContactLookahead, s: int, r: int, b: int, pair: int, budget: in
 
 def test_every_contact_around_a_contact_is_excluded_and_nothing_else() -> None:
     ahead = ahead_of(block())
-    begin(ahead, 8, 0, 0, 0, 10_000)
+    start_lookahead(ahead, 8, 0, 0, 0, 10_000)
     gone = ~ahead.candidates.feasible[..., 0]
     assert gone[5:15][:, [11, 0, 1, 2], 0].all()
     assert gone.sum() == 40
@@ -80,11 +80,11 @@ def test_nothing_is_checked_without_a_contact() -> None:
 def test_no_ring_starts_beyond_the_budget() -> None:
     """The next round goes on from where this one ended, with a larger one."""
     ahead = ahead_of(np.ones((2, S, R, B), bool))
-    looked = begin(ahead, 15, 6, 0, 0, 20)
+    looked = start_lookahead(ahead, 15, 6, 0, 0, 20)
     widest = 4 * R + 2 * S  # a ring around one vertex is no longer than that
     assert 20 <= looked < 20 + widest
     assert (~ahead.candidates.feasible).sum() == looked + 1
-    assert begin(ahead_of(np.ones((2, S, R, B), bool)), 15, 6, 0, 0, 10_000) == S * R * B - 1
+    assert start_lookahead(ahead_of(np.ones((2, S, R, B), bool)), 15, 6, 0, 0, 10_000) == S * R * B - 1
 
 
 def test_pairs_share_the_budget_in_proportion_to_their_contacts() -> None:
@@ -102,7 +102,7 @@ def test_cutter_may_touch_what_it_cuts() -> None:
     may = np.zeros(S, bool)
     may[10:] = True
     ahead = ahead_of(block(1), may)
-    begin(ahead, 8, 0, 0, 1, 10_000)
+    start_lookahead(ahead, 8, 0, 0, 1, 10_000)
     gone = ~ahead.candidates.feasible[..., 0]
     assert gone[5:10][:, [11, 0, 1, 2], 0].all()
     assert not gone[10:].any()

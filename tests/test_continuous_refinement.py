@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from property_example_count import scale_example_count
 from scipy import sparse
-from test_external_axes import OPTIONS, UP, K, apart, slots
+from test_external_axes import OPTIONS, UP, K, separate_operations, slots
 from test_planning_path import Rows, toolpath
 
 from machopt.cli import main
@@ -55,7 +55,7 @@ def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
     return find_refinement_starts(request).best
 
 
-def chosen(
+def plan_by_grids(
     folder: FilePath, path: Toolpath, options: PlanOptions, **kind: bool
 ) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...]]:
     """What the search by grids comes to."""
@@ -65,7 +65,7 @@ def chosen(
     return plan, build_operation_groups(cell, path, plan.path, axes), axes
 
 
-def weaving() -> Toolpath:
+def build_weaving_slot() -> Toolpath:
     """A slot along the rail that goes to and fro across it."""
     y = np.linspace(-0.6, 0.6, 20)
     rows: Rows = [((0.0, y[0], 0.05), UP, MoveKind.RAPID)]
@@ -78,8 +78,8 @@ def along(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath]:
     """A slot that weaves, cut along a rail that moves."""
-    path = weaving()
-    return (*chosen(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
+    path = build_weaving_slot()
+    return (*plan_by_grids(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
 
 
 def test_model_agrees_with_j_to_second_order(
@@ -225,7 +225,7 @@ def test_bordered_band_matrix_is_solved_like_the_dense_one(seed: int, d: int, sh
 def test_fixed_joints_have_one_coefficient_per_operation(tmp_path: FilePath) -> None:
     """A slot moves, a hole does not; a joint that keeps a value for an operation has one coefficient for it."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
-    path_in = apart(toolpath([*slots(0.0), *slots(0.3)]))
+    path_in = separate_operations(toolpath([*slots(0.0), *slots(0.3)]))
     options = replace(
         OPTIONS,
         external=(
@@ -271,7 +271,7 @@ def test_refinement_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half:
     )  # type: ignore[arg-type]
     options = replace(OPTIONS, external=axes)
     path = toolpath(slots(y, y + half))
-    plan, groups, own = chosen(tmp_path, path, options, rail=True, table=True)
+    plan, groups, own = plan_by_grids(tmp_path, path, options, rail=True, table=True)
     worth = AxisPlanRanking.build(plan.setup, own)
     better = refine_plan(plan, job_of(path, groups, worth))
     assert better is plan or worth.plan(better) < worth.plan(plan)
@@ -300,7 +300,7 @@ def test_refined_moving_plan_is_no_worse_than_a_standing_one(tmp_path: FilePath,
 
 @pytest.mark.slow
 def test_second_trust_region_makes_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
-    cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), weaving()
+    cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), build_weaving_slot()
     monkeypatch.setattr(
         refinement_restarts, "LEAPS", (0, 0)
     )  # a leap from the better of two plans may be the shorter one

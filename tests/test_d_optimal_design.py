@@ -24,7 +24,7 @@ from machopt.measurement.design.measurement_schedule import build_schedule, orde
 from machopt.measurement.design.reading_noise import ReadingNoise
 
 
-def tiny(
+def build_random_design(
     seed: int, poses: int = 6, loads: int = 4, rows: int = 2, unknowns: int = 3, shared: float = 0.5
 ) -> DesignProblem:
     """Random responses, noise of different size and shape for each reading, a correlated pose error."""
@@ -44,7 +44,7 @@ def every_design(problem: DesignProblem, poses: int, loads: int):
         yield from itertools.product(*chosen)
 
 
-def stacked(problem: DesignProblem, blocks, columns=None):
+def whiten_design(problem: DesignProblem, blocks, columns=None):
     """Whitened responses of a design from its full covariance matrix, pose errors and all."""
     m = problem.models[0]
     rows = [n for b in blocks for n in b]
@@ -59,16 +59,16 @@ def stacked(problem: DesignProblem, blocks, columns=None):
 
 
 def test_information_equals_generalised_least_squares() -> None:
-    problem = tiny(0)
+    problem = build_random_design(0)
     blocks = ((0, 2), (5,), (9, 10, 11))
-    white = stacked(problem, blocks)
+    white = whiten_design(problem, blocks)
     np.testing.assert_allclose(compute_information_matrix(problem, blocks), white.T @ white, rtol=1e-10)
 
 
 @pytest.mark.parametrize(("poses", "loads", "shared"), [(2, 1, 0.0), (3, 1, 0.5), (2, 2, 0.5), (3, 2, 5.0)])
 @pytest.mark.parametrize("seed", range(4))
 def test_chosen_design_is_the_best_of_all(poses: int, loads: int, shared: float, seed: int) -> None:
-    problem = tiny(seed, shared=shared)
+    problem = build_random_design(seed, shared=shared)
     found = find_d_optimal_design(problem, poses, loads, rng=np.random.default_rng(0), starts=8)
     best = max(compute_design_criterion(problem, blocks) for blocks in every_design(problem, poses, loads))
     assert found.value == pytest.approx(best, abs=1e-9)  # 8 starts find the global optimum of problems this small
@@ -78,7 +78,7 @@ def test_chosen_design_is_the_best_of_all(poses: int, loads: int, shared: float,
 @pytest.mark.parametrize("loads", [1, 2, 3])
 def test_bound_is_below_the_true_efficiency(loads: int) -> None:
     for seed in range(3):
-        problem = tiny(seed, poses=5)
+        problem = build_random_design(seed, poses=5)
         designs = list(every_design(problem, 3, loads))
         best = max(compute_design_criterion(problem, b) for b in designs)
         rng = np.random.default_rng(seed)
@@ -91,12 +91,12 @@ def test_bound_is_below_the_true_efficiency(loads: int) -> None:
         assert compute_efficiency_bound(problem, good, loads) > 0.3  # says something: 0 would hold for anything
 
 
-def big(seed: int = 3) -> DesignProblem:
-    return tiny(seed, poses=300, loads=12, rows=3, unknowns=6)
+def build_large_design(seed: int = 3) -> DesignProblem:
+    return build_random_design(seed, poses=300, loads=12, rows=3, unknowns=6)
 
 
 def test_exchange_never_worsens_and_uses_each_pose_once() -> None:
-    problem = big()
+    problem = build_large_design()
     found = find_d_optimal_design(problem, 10, 2, rng=np.random.default_rng(5), starts=3)
     assert len(found.history) > 1
     assert (np.diff(found.history) > 0).all()
@@ -108,19 +108,19 @@ def test_exchange_never_worsens_and_uses_each_pose_once() -> None:
 
 
 def test_same_seed_same_design() -> None:
-    a, b = (find_d_optimal_design(big(), 8, 2, rng=np.random.default_rng(7), starts=3) for _ in range(2))
+    a, b = (find_d_optimal_design(build_large_design(), 8, 2, rng=np.random.default_rng(7), starts=3) for _ in range(2))
     assert a.blocks == b.blocks
 
 
 def test_fewer_candidates_than_requested_are_all_taken() -> None:
-    problem = tiny(1, poses=3, loads=2)
+    problem = build_random_design(1, poses=3, loads=2)
     found = find_d_optimal_design(problem, 9, 5, rng=np.random.default_rng(0))
     assert sorted(n for b in found.blocks for n in b) == list(range(6))
 
 
 def test_unit_of_an_unknown_has_no_influence() -> None:
     """With constant noise log det only gains a constant: the design does not depend on the prior stiffness."""
-    problem = big()
+    problem = build_large_design()
     m = problem.models[0]
     scaled = DesignProblem(
         (ModelBelief(m.response * np.array([3.0, 0.2, 1, 7, 0.5, 2]), m.covariance),), problem.pose, problem.shared
@@ -131,7 +131,7 @@ def test_unit_of_an_unknown_has_no_influence() -> None:
 
 
 def test_design_for_several_priors_maximises_their_mean() -> None:
-    one, other = tiny(0), tiny(10)
+    one, other = build_random_design(0), build_random_design(10)
     halves = tuple(replace(p.models[0], weight=0.5) for p in (one, other))
     both = DesignProblem(halves, one.pose, one.shared)
     found = find_d_optimal_design(both, 2, 2, rng=np.random.default_rng(0), starts=8)

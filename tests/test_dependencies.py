@@ -43,18 +43,18 @@ def name_of(requirement: str) -> str:
     return re.sub(r"[-_.]+", "-", found[0]).lower()
 
 
-def declared(*extras: str) -> set[str]:
+def list_declared_distributions(*extras: str) -> set[str]:
     lists = [PROJECT["dependencies"], *(PROJECT["optional-dependencies"][e] for e in extras)]
     return {name_of(r) for requirements in lists for r in requirements}
 
 
 @cache
-def imported(folder: str) -> frozenset[tuple[str, str]]:
+def list_imports(folder: str) -> frozenset[tuple[str, str]]:
     """Top-level packages that the Python files of a folder import, also late or as words, with where."""
-    return frozenset(_imported(folder))
+    return frozenset(_iterate_imports(folder))
 
 
-def _imported(folder: str) -> Iterator[tuple[str, str]]:
+def _iterate_imports(folder: str) -> Iterator[tuple[str, str]]:
     files = sorted((ROOT / folder).rglob("*.py"))
     assert files
     for file in files:
@@ -78,7 +78,7 @@ def known_packages() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
-def own(folder: str) -> set[str]:
+def list_own_modules(folder: str) -> set[str]:
     """Modules beside the importing one: tests and benchmarks import each other."""
     return {p.stem for p in (ROOT / folder).rglob("*.py")} | {p.name for p in (ROOT / folder).rglob("*") if p.is_dir()}
 
@@ -95,23 +95,23 @@ def own(folder: str) -> set[str]:
 )
 def test_every_import_is_declared(folder: str, extras: tuple[str, ...]) -> None:
     known = known_packages()
-    mine = {"machopt", "tests", "benchmarks", "cells", "toolpaths"} | own(folder)
-    mine |= own("tests") | own("benchmarks") if folder in ("tests", "benchmarks") else set()
+    mine = {"machopt", "tests", "benchmarks", "cells", "toolpaths"} | list_own_modules(folder)
+    mine |= list_own_modules("tests") | list_own_modules("benchmarks") if folder in ("tests", "benchmarks") else set()
     lacking = []
-    for name, where in imported(folder):
+    for name, where in list_imports(folder):
         if name in sys.stdlib_module_names or name in mine:
             continue
         distributions = {name_of(d) for d in known.get(name, [DISTRIBUTION.get(name, name)])}
-        if not distributions & declared(*extras):
+        if not distributions & list_declared_distributions(*extras):
             lacking.append(f"{where} imports {name}, of {' or '.join(sorted(distributions))}")
     assert lacking == []
 
 
 def test_every_declared_dependency_is_imported() -> None:
     known = known_packages()
-    everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in imported(folder)}
+    everywhere = {name for folder in ("machopt", "tests", "benchmarks") for name, _ in list_imports(folder)}
     used = {name_of(d) for name in everywhere for d in known.get(name, [DISTRIBUTION.get(name, name)])}
-    assert declared("batch", "parquet", "frames", "excel", "dev", "compare") - used - TOOLS == set()
+    assert list_declared_distributions("batch", "parquet", "frames", "excel", "dev", "compare") - used - TOOLS == set()
 
 
 def test_upper_bounds_state_the_version_that_failed() -> None:
@@ -136,7 +136,7 @@ def pins(lock: Path) -> dict[str, str]:
 )
 def test_lock_files_contain_all_dependencies_with_hashes(lock: Path, extras: tuple[str, ...]) -> None:
     text = lock.read_text(encoding="utf-8")
-    assert declared(*extras) | {"hatchling"} <= set(pins(lock))
+    assert list_declared_distributions(*extras) | {"hatchling"} <= set(pins(lock))
     entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
     assert all("--hash=sha256:" in entry for entry in entries)
     told = re.sub(r"#.*", "", text)

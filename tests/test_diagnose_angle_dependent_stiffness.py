@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_diagnose_load_test_drift import timed
+from test_diagnose_load_test_drift import build_timed_readings
 
 from machopt.effects.joint import angle_dependent_stiffness
 from machopt.measurement.diagnosis.effect_columns import joint_torque
@@ -18,7 +18,7 @@ from machopt.measurement.diagnosis.effect_columns import joint_torque
 )
 def test_angle_dependent_stiffness_needs_a_compliant_joint_and_a_moderate_variation(extra: float, built: bool) -> None:
     """Where a joint showed nearly nothing a stiffness that varied by thousands of percent was ``explained``."""
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     laws = {h.law: h for h in joint_torque.build_joint_hypotheses(r, 1, angle_dependent_stiffness.EFFECT)[0]}
     q = np.quantile(r.state.q[:, 1], [0.02, 0.98])
     sector = laws["soft sector"]
@@ -31,7 +31,7 @@ def test_angle_dependent_stiffness_needs_a_compliant_joint_and_a_moderate_variat
 
 def test_variation_is_relative_to_the_mean_compliance() -> None:
     """Beside a law of its angle a spring may come out as nothing; of that, a true one varied by 7,558 %."""
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     rest = replace(r, compliance=np.where(np.arange(6) == 1, 0.0, r.compliance), springs_only_compliance=r.compliance)
     x = np.array([0.2 * r.compliance[1]])
     sizes = []

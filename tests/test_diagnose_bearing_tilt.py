@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_diagnose_load_test_drift import timed
-from test_effects import posed
+from test_diagnose_load_test_drift import build_timed_readings
+from test_effects import build_posed_problem
 
 from machopt.effects.joint import backlash, nonlinear_stiffness
 from machopt.effects.structure import base_compliance
@@ -28,7 +28,9 @@ def form(r: StaticReadings, joint: int, law: str, which: int = 0) -> EffectHypot
     ]
 
 
-def told(r: StaticReadings, moved: Array, *, forms: bool, placed: StaticReadings | None = None) -> DiagnosisResult:
+def diagnose_forms(
+    r: StaticReadings, moved: Array, *, forms: bool, placed: StaticReadings | None = None
+) -> DiagnosisResult:
     known = [*structural_compliance.build_structure_hypotheses(r), *sensor_errors.build_load_test_sensor_hypotheses(r)]
     for j in range(3):
         known += [
@@ -39,11 +41,11 @@ def told(r: StaticReadings, moved: Array, *, forms: bool, placed: StaticReadings
         tuple(known), uncatalogued_hypotheses=tuple(bearing_tilt.build_bearing_hypotheses(placed or r)) if forms else ()
     )
     return selection_pipeline.diagnose_problem(
-        posed(r, moved), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, moved), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
 
 
-def tilted(r: StaticReadings, joint: int, about: Array, play: float = 0.0) -> Array:
+def compute_tilt_displacement(r: StaticReadings, joint: int, about: Array, play: float = 0.0) -> Array:
     """(N, 6) m, rad at the TCP of an arm that is turned bodily about an axis (N, 3) through a joint, from 0.
 
     By the moment there, in proportion and 0.1 mrad at the largest; or ``play`` rad either way, used up by a twentieth
@@ -69,7 +71,7 @@ def tilted(r: StaticReadings, joint: int, about: Array, play: float = 0.0) -> Ar
     return np.concatenate([turn.apply(lever) - lever, angle[:, None] * about], axis=1)
 
 
-def across(r: StaticReadings, joint: int, way: float) -> Array:
+def compute_transverse_axis(r: StaticReadings, joint: int, way: float) -> Array:
     """(N, 3) an axis across that of a joint, from 0, ``way`` rad from the first in the body before it."""
     b = bearing_tilt._build_bearing_load(r, joint, joint)
     assert np.abs(np.einsum("nwc,nc->nw", b.across, r.state.J[:, 3:, joint])).max() < 1e-9
@@ -78,9 +80,9 @@ def across(r: StaticReadings, joint: int, way: float) -> Array:
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
 def test_bearing_tilt_columns_equal_a_rigid_rotation_of_the_arm(joint: int) -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     for way in (0.4, 2.0):
-        true = tilted(r, joint, across(r, joint, way))
+        true = compute_tilt_displacement(r, joint, compute_transverse_axis(r, joint, way))
         seat = form(r, joint + 1, bearing_tilt.ELASTIC_TILT_LAW).columns(())
         x = np.linalg.lstsq(seat.reshape(-1, 3), true.reshape(-1), rcond=None)[0]
         assert np.abs(seat @ x - true).max() < 1e-3 * np.abs(true).max()
@@ -90,14 +92,14 @@ def test_bearing_tilt_columns_equal_a_rigid_rotation_of_the_arm(joint: int) -> N
 
 
 def test_bearing_play_closes_under_small_moments_and_hides_under_weight() -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     way = float(bearing_tilt.TILT_DIRECTIONS[2])
-    true = tilted(r, 0, across(r, 0, way), play=1e-4)
+    true = compute_tilt_displacement(r, 0, compute_transverse_axis(r, 0, way), play=1e-4)
     rocks = form(r, 1, bearing_tilt.BACKLASH_TILT_LAW)
     moment = np.linalg.norm(
         bearing_tilt._project_across_axis(b := bearing_tilt._build_bearing_load(r, 0, 0), b.load), axis=1
     )
-    own = np.abs(np.sum(b.load * across(r, 0, way), axis=1)).max()
+    own = np.abs(np.sum(b.load * compute_transverse_axis(r, 0, way), axis=1)).max()
     shares = np.array([s for s, w in rocks.shapes if w == way]) * np.quantile(moment, 0.98) / own
     near = [s for s, w in rocks.shapes if w == way][int(np.argmin(np.abs(shares - 0.05)))]
     given = rocks.columns((near, way))[:, :, 0]
@@ -110,27 +112,31 @@ def test_bearing_play_closes_under_small_moments_and_hides_under_weight() -> Non
 @pytest.mark.parametrize(("joint", "way"), [(0, 0.7), (1, 0.4)])
 def test_soft_bearing_is_located_at_its_joint_without_a_name(joint: int, way: float) -> None:
     """Joint 2 tilts about an axis about which the link before it does not bend alike."""
-    r, _, _ = timed()
-    moved = tilted(r, joint, across(r, joint, way))
-    assert told(r, moved, forms=False).findings  # the catalogue's nearest
-    found = told(r, moved, forms=True)
+    r, _, _ = build_timed_readings()
+    moved = compute_tilt_displacement(r, joint, compute_transverse_axis(r, joint, way))
+    assert diagnose_forms(r, moved, forms=False).findings  # the catalogue's nearest
+    found = diagnose_forms(r, moved, forms=True)
     assert (found.findings, found.verdict) == ((), "unexplained")
     assert [n for n in found.notes if f"something at joint:{joint + 1} " in n and "across" in n]
 
 
 def test_loose_bearing_is_found_where_loads_unseat_it() -> None:
-    r, _, _ = timed()
-    found = told(r, tilted(r, 1, across(r, 1, 0.7), play=8e-5), forms=True)
+    r, _, _ = build_timed_readings()
+    found = diagnose_forms(
+        r, compute_tilt_displacement(r, 1, compute_transverse_axis(r, 1, 0.7), play=8e-5), forms=True
+    )
     assert (found.findings, found.verdict) == ((), "unexplained")
     assert [n for n in found.notes if "something at joint:2 tilts across the axis" in n]
-    seated = told(r, tilted(r, 0, across(r, 0, 0.7), play=8e-5), forms=True)
+    seated = diagnose_forms(
+        r, compute_tilt_displacement(r, 0, compute_transverse_axis(r, 0, 0.7), play=8e-5), forms=True
+    )
     assert (seated.findings, seated.verdict) == ((), "consistent")
 
 
 @pytest.mark.parametrize("height", [None, 0.0])
 def test_base_and_backlash_keep_their_names_beside_bearings(height: float | None) -> None:
     """Where a file has joint 1 in base_link's origin, its bearing tilts as a base does."""
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     point = r.robot.point.copy()
     point[0] = point[0] if height is None else height
     low = replace(r, robot=replace(r.robot, point=point))
@@ -150,11 +156,11 @@ def test_base_and_backlash_keep_their_names_beside_bearings(height: float | None
         else:
             X = h.columns(h.shapes[0])
             moved = X @ definite(h.law, X.shape[2])
-        found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
+        found = diagnose_forms(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
         assert [f.effect for f in found.findings] == ["base_compliance"], h
     play = joint_torque.build_joint_hypotheses(r, 1, backlash.EFFECT)[0][0]
     moved = play.columns(play.shapes[0]).sum(axis=2)
-    found = told(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
+    found = diagnose_forms(r, moved * 1e-4 / np.abs(moved[:, :3]).max(), forms=True, placed=low)
     assert [f.effect for f in found.findings] == [play.effect]
 
 

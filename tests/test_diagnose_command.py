@@ -57,7 +57,9 @@ def hypotheses(readings):
 '''
 
 
-def recorded(folder: Path, truth=None, *, cell: Path = CELL, force: float = 1500.0, **design) -> Recording:
+def write_simulated_recording(
+    folder: Path, truth=None, *, cell: Path = CELL, force: float = 1500.0, **design
+) -> Recording:
     """Write a recording of a made-up arm."""
     rng = np.random.default_rng(8)
     a = arm(cell.name)
@@ -74,10 +76,10 @@ def soft_link(k: np.ndarray) -> HiddenEffects:
 
 def run(out: Path, recording: Path, *options: str, cell: Path = CELL, code: int = 0) -> dict:
     assert main(["diagnose", str(cell), str(recording), "-o", str(out), "--quiet", *options]) == code
-    return json.loads((out / "diagnosis.json").read_text(), parse_constant=_refused) if code == 0 else {}
+    return json.loads((out / "diagnosis.json").read_text(), parse_constant=_refuse_constant) if code == 0 else {}
 
 
-def _refused(word: str) -> None:
+def _refuse_constant(word: str) -> None:
     raise AssertionError(f"{word} is not JSON")
 
 
@@ -95,7 +97,7 @@ class Diagnosed:
 def link(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     """Diagnosed once for all that look at it; who changes a file copies it."""
     folder, told = tmp_path_factory.mktemp("link"), io.StringIO()
-    recording = recorded(folder / "rec", soft_link, poses=16)
+    recording = write_simulated_recording(folder / "rec", soft_link, poses=16)
     with contextlib.redirect_stdout(told):
         run(folder / "out", folder / "rec", "--json", "--seed", "3")
     return Diagnosed(recording, folder / "rec", folder / "out", told.getvalue())
@@ -103,7 +105,7 @@ def link(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
 
 def test_written_files_agree_with_the_contract(link: Diagnosed) -> None:
     recording, out = link.recording, link.out
-    result = json.loads((out / "diagnosis.json").read_text(), parse_constant=_refused)
+    result = json.loads((out / "diagnosis.json").read_text(), parse_constant=_refuse_constant)
     assert json.loads(link.printed) == result
     assert result["machopt_diagnosis"] == 1
     assert result["verdict"] == "explained"
@@ -185,7 +187,7 @@ def test_zero_offset_is_written_to_kinematics_yaml(tmp_path: Path, capsys: pytes
     assert size["value"] == pytest.approx(np.degrees(3e-4), rel=0.15)
     written = load_kinematics(tmp_path / "out" / "kinematics.yaml")
     assert written is not None
-    run(tmp_path / "none", _first(tmp_path, load_recording(tmp_path / "rec"), 1), code=2)
+    run(tmp_path / "none", _write_first_rows(tmp_path, load_recording(tmp_path / "rec"), 1), code=2)
     assert "found 1 reading; ten poses" in capsys.readouterr().err
 
 
@@ -202,12 +204,12 @@ def test_user_defined_effect_is_named_where_true_and_nowhere_else(tmp_path: Path
         seen = plan_load_tests(arm(CELL.name), rng, **(SMALL | {"poses": 16, "force": 1500.0})).q[:, 0]
         return HiddenEffects(k, {2: twist})
 
-    recorded(tmp_path / "rec", pulled, poses=16)
+    write_simulated_recording(tmp_path / "rec", pulled, poses=16)
     result = run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
     assert (result["findings"][0]["effect"], result["findings"][0]["location"]) == ("cable_bundle", "joint:3")
     assert result["verdict"] == "partly_explained"  # no model file can state it, and the error is that of the files
     assert result["final"]["heldout_rmse"] == pytest.approx(result["baseline"]["heldout_rmse"], rel=0.05)
-    recorded(tmp_path / "null")
+    write_simulated_recording(tmp_path / "null")
     result = run(tmp_path / "none", tmp_path / "null", "--effects", str(law))
     assert "cable_bundle" not in {f["effect"] for f in result["findings"]}
 
@@ -228,7 +230,7 @@ def test_user_defined_effect_is_named_where_true_and_nowhere_else(tmp_path: Path
 def test_broken_user_effect_is_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], code: str, said: str
 ) -> None:
-    recorded(tmp_path / "rec", poses=6, loads=2)
+    write_simulated_recording(tmp_path / "rec", poses=6, loads=2)
     (tmp_path / "law.py").write_text(code)
     run(tmp_path / "out", tmp_path / "rec", "--effects", str(tmp_path / "law.py"), code=2)
     error = capsys.readouterr().err
@@ -254,7 +256,7 @@ BROKEN = [
 def test_broken_recording_is_one_message(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, change, said: str
 ) -> None:
-    recorded(tmp_path / "rec", poses=4, loads=2)
+    write_simulated_recording(tmp_path / "rec", poses=4, loads=2)
     file = tmp_path / "rec" / name
     file.write_text(change(file.read_text()))
     run(tmp_path / "out", tmp_path / "rec", code=2)
@@ -264,34 +266,34 @@ def test_broken_recording_is_one_message(
     assert list(tmp_path.iterdir()) == [tmp_path / "rec"]  # no output, no half of one
 
 
-def _written(tmp_path: Path, recording: Recording, **changes) -> Path:
+def _write_recording_folder(tmp_path: Path, recording: Recording, **changes) -> Path:
     write_recording(tmp_path / "rec", replace(recording, **changes))
     return tmp_path / "rec"
 
 
 def test_uninformative_recordings_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    r = recorded(tmp_path / "rec", poses=6, loads=2)
+    r = write_simulated_recording(tmp_path / "rec", poses=6, loads=2)
     assert r.wrench is not None
     assert r.displacement is not None
     for changes, said in (
         ({"wrench": 0 * r.wrench}, "load is zero"),
         ({"displacement": 0 * r.displacement}, "displacement is zero"),
     ):
-        run(tmp_path / "out", _written(tmp_path, r, **changes), code=2)
+        run(tmp_path / "out", _write_recording_folder(tmp_path, r, **changes), code=2)
         assert said in capsys.readouterr().err
     for count in (1, 3):
-        run(tmp_path / "out", _first(tmp_path, r, count), code=2)
+        run(tmp_path / "out", _write_first_rows(tmp_path, r, count), code=2)
         assert "cannot test a model" in capsys.readouterr().err
 
 
-def _first(folder: Path, r: Recording, count: int) -> Path:
+def _write_first_rows(folder: Path, r: Recording, count: int) -> Path:
     parts = {k: v[:count] for k, v in vars(r).items() if isinstance(v, np.ndarray) and len(v) == len(r)}
-    return _written(folder, r, **parts)
+    return _write_recording_folder(folder, r, **parts)
 
 
 @pytest.mark.parametrize("poses", [2, 3, 4])
 def test_few_poses_give_an_answer_without_a_name(tmp_path: Path, poses: int) -> None:
-    recorded(tmp_path / "rec", poses=poses)
+    write_simulated_recording(tmp_path / "rec", poses=poses)
     result = run(tmp_path / "out", tmp_path / "rec")
     assert {f["effect"] for f in result["findings"]} <= {"geometric_stiffness"}
     assert result["verdict"] in ("insufficient", "explained")  # explained by K_C, which is always there
@@ -313,7 +315,7 @@ def test_cell_without_stiffness_or_masses_is_diagnosed(link: Diagnosed, tmp_path
 
 
 def test_gross_errors_and_duplicates_are_listed_by_row(tmp_path: Path) -> None:
-    r = recorded(tmp_path / "rec", poses=16)
+    r = write_simulated_recording(tmp_path / "rec", poses=16)
     assert r.displacement is not None
     d = r.displacement.copy()
     big = [int(n) for n in np.argsort(-np.abs(d).max(axis=1))[:60]][::15]
@@ -321,7 +323,7 @@ def test_gross_errors_and_duplicates_are_listed_by_row(tmp_path: Path) -> None:
         d[n, int(np.argmax(np.abs(d[n])))] *= 10.0
     copy = next(n for n in range(20, len(r)) if n not in big and n - 1 not in big and r.pose[n] == r.pose[n - 1])
     d[copy] = d[copy - 1]
-    result = run(tmp_path / "out", _written(tmp_path, r, displacement=d))
+    result = run(tmp_path / "out", _write_recording_folder(tmp_path, r, displacement=d))
     found = next(f for f in result["findings"] if f["effect"] == "outliers")
     rows = {int(n) for n in found["location"].removeprefix("rows:").split(",")}
     assert {n + 1 for n in (*big, copy)} <= rows
@@ -330,7 +332,7 @@ def test_gross_errors_and_duplicates_are_listed_by_row(tmp_path: Path) -> None:
 
 
 def test_killed_run_leaves_nothing(tmp_path: Path) -> None:
-    recorded(tmp_path / "rec", poses=24, loads=4)
+    write_simulated_recording(tmp_path / "rec", poses=24, loads=4)
     out = tmp_path / "result" / "out"
     out.parent.mkdir()
     code = "import sys; from machopt.cli import main; sys.exit(main())"
@@ -356,7 +358,7 @@ def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> No
     def both(k: np.ndarray) -> HiddenEffects:
         return HiddenEffects(k, {0: build_rough_backlash(0.4 * ARCMIN, 60.0)}, hinges={2: np.eye(3) * 2e-7})
 
-    r = recorded(tmp_path / "rec", both, poses=36, loads=4)
+    r = write_simulated_recording(tmp_path / "rec", both, poses=36, loads=4)
     assert len(r) > 1000
     said = diagnose_in_memory(CELL, r, tmp_path / "again").result.to_json_types()
     named = {f["effect"]: f["location"] for f in said["findings"]}
@@ -371,7 +373,7 @@ def test_user_effect_in_the_docs_runs(tmp_path: Path) -> None:
     assert code is not None
     law = tmp_path / "mylaw.py"
     law.write_text(code.group(1), encoding="utf-8")
-    recorded(tmp_path / "rec")
+    write_simulated_recording(tmp_path / "rec")
     run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
     said = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert said["findings"] == []
@@ -386,7 +388,7 @@ def test_user_effect_in_the_docs_runs(tmp_path: Path) -> None:
 def test_inconsistent_options_are_refused_before_the_search(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, str], words: str
 ) -> None:
-    recorded(tmp_path / "rec")
+    write_simulated_recording(tmp_path / "rec")
     code = main(["diagnose", str(CELL), str(tmp_path / "rec"), "-o", str(tmp_path / "out"), *option, "--quiet"])
     assert code == 2
     assert words in capsys.readouterr().err

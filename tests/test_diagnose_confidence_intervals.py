@@ -73,7 +73,7 @@ def test_sensor_error_interval_accounts_for_body_compliances(tmp_path: Path) -> 
     assert said.ci95[0] < offset < said.ci95[1]
 
 
-def _chosen(*effects: str) -> list[SelectedEffect]:
+def _build_selected_effects(*effects: str) -> list[SelectedEffect]:
     return [
         cast("SelectedEffect", SimpleNamespace(whitened=SimpleNamespace(hypothesis=replace(LENGTH, effect=e))))
         for e in effects
@@ -82,12 +82,24 @@ def _chosen(*effects: str) -> list[SelectedEffect]:
 
 def test_exact_law_has_the_certainty_of_the_laws_beside_it() -> None:
     """What the form of a gear or a body leaves goes into a zero or a frame beside it; exact ones leave nothing."""
-    assert finding_estimates._compute_model_uncertainty(_chosen("force_sensor_offset", "displacement_frame"), 0) == 0.0
     assert (
-        finding_estimates._compute_model_uncertainty(_chosen("force_sensor_offset", "base_compliance"), 0)
+        finding_estimates._compute_model_uncertainty(
+            _build_selected_effects("force_sensor_offset", "displacement_frame"), 0
+        )
+        == 0.0
+    )
+    assert (
+        finding_estimates._compute_model_uncertainty(
+            _build_selected_effects("force_sensor_offset", "base_compliance"), 0
+        )
         == DEFAULT_FORM_UNCERTAINTY
     )
-    assert finding_estimates._compute_model_uncertainty(_chosen("joint_hysteresis", "force_sensor_offset"), 0) == 0.0
+    assert (
+        finding_estimates._compute_model_uncertainty(
+            _build_selected_effects("joint_hysteresis", "force_sensor_offset"), 0
+        )
+        == 0.0
+    )
     x, sigma = np.array([1.0, 0.0, 0.0]), np.full(3, 0.01)
     law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
     fitted = cast("WhitenedHypothesis", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_diagnose_load_test_drift import timed
-from test_effects import posed
+from test_diagnose_load_test_drift import build_timed_readings
+from test_effects import build_posed_problem
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
 from machopt.measurement.diagnosis.effect_columns import sensor_errors
@@ -21,7 +21,7 @@ DAYS, VISITS, READINGS = 2, 10, 6
 
 @pytest.mark.parametrize("days", [(0, 1), (1,)])
 def test_effect_present_in_every_session_is_named(days: tuple[int, ...]) -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     laws = tuple(
         h
         for h in sensor_errors.build_load_test_sensor_hypotheses(r)
@@ -31,7 +31,10 @@ def test_effect_present_in_every_session_is_named(days: tuple[int, ...]) -> None
     moved = turned.columns(turned.shapes[0]) @ np.full(3, 0.01)
     moved[~np.isin(r.session, days)] = 0.0
     found = selection_pipeline.diagnose_problem(
-        posed(r, moved), HypothesisCatalogue(laws), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, moved),
+        HypothesisCatalogue(laws),
+        selection_pipeline.DiagnosisOptions(),
+        np.random.default_rng(0),
     )
     contradicted = [n for n in found.notes if "sessions differ" in n]
     if len(days) > 1:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_diagnose_session_errors import CELL, CELLS, sound
+from test_diagnose_session_errors import CELL, CELLS, simulate_correct_sessions
 from test_diagnose_tcp_poses import arm, measure
 
 from machopt.cell.cell_reader import load_cell
@@ -36,7 +36,7 @@ def test_farther_of_two_equal_rows_is_the_duplicate(turned: float) -> None:
 
 @pytest.mark.parametrize("digits", [9, 5])
 def test_duplicated_reading_of_a_load_test_is_found_in_coarse_readings(digits: int) -> None:
-    r, cell = sound(), load_cell(CELLS / CELL)
+    r, cell = simulate_correct_sessions(), load_cell(CELLS / CELL)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     assert r.displacement is not None
     d = np.round(r.displacement, digits)

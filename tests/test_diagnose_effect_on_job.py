@@ -60,7 +60,7 @@ def plans() -> tuple[Plan, Plan]:
     return old, new
 
 
-def bent(choice: Plan, stiffness: ArmStiffness) -> np.ndarray:
+def compute_deflections(choice: Plan, stiffness: ArmStiffness) -> np.ndarray:
     """(P,) mm of the choice's configurations, from joint springs and the play's dead zone alone."""
     d, q = choice.directions, choice.chosen.assignment.q
     J = ArmElasticity(choice.setup.robot, CELL.tool.T_flange_tcp, OLD).compute_jacobian(q)[0]
@@ -76,7 +76,11 @@ def test_values_equal_those_of_two_plans(effect: dict[str, Any], plans: tuple[Pl
     """1e-9: the same arithmetic in another order."""
     old, new = plans
     path = old.path
-    cases = {"before": bent(old, OLD), "unchanged": bent(old, NEW), "after": bent(new, NEW)}
+    cases = {
+        "before": compute_deflections(old, OLD),
+        "unchanged": compute_deflections(old, NEW),
+        "after": compute_deflections(new, NEW),
+    }
     cut = path.counted
     for case, value in cases.items():
         assert effect["deflection_mm"][case]["mean"] == pytest.approx(path.weight[cut] @ value[cut], rel=1e-9)

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnose_bearing_tilt import across, tilted
-from test_effects import posed
+from test_diagnose_bearing_tilt import compute_tilt_displacement, compute_transverse_axis
+from test_effects import build_posed_problem
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.measurements.recording import Recording
@@ -72,7 +72,9 @@ def diagnose(r: StaticReadings, moved: Array) -> DiagnosisResult:
     left = moved - (springs @ np.linalg.lstsq(springs, moved.reshape(-1), rcond=None)[0]).reshape(moved.shape)
     size = LARGEST / np.abs(left[:, :3]).max()
     options = selection_pipeline.DiagnosisOptions()
-    return selection_pipeline.diagnose_problem(posed(r, moved * size), tried, options, np.random.default_rng(0))
+    return selection_pipeline.diagnose_problem(
+        build_posed_problem(r, moved * size), tried, options, np.random.default_rng(0)
+    )
 
 
 def move_by(r: StaticReadings, effect: str, location: str, law: str) -> Array:
@@ -99,7 +101,9 @@ def is_never_one_name(found: DiagnosisResult, joint: int) -> bool:
 )
 def test_soft_bearing_never_gets_a_single_name(cell_name: str, joint: int, way: float) -> None:
     r = build_readings(cell_name)
-    assert is_never_one_name(diagnose(r, tilted(r, joint - 1, across(r, joint - 1, way))), joint)
+    assert is_never_one_name(
+        diagnose(r, compute_tilt_displacement(r, joint - 1, compute_transverse_axis(r, joint - 1, way))), joint
+    )
 
 
 @pytest.mark.slow

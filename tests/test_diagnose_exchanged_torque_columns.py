@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, excited, recorded
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import load_dynamics
@@ -16,27 +16,29 @@ from machopt.measurement.diagnosis.motion_data.motion_signals import MotionSigna
 from machopt.numerics.array_types import Array
 
 
-def moved(folder: Path, seed: int) -> tuple[Array, Array, Array, Array, Array]:
+def simulate_motion(folder: Path, seed: int) -> tuple[Array, Array, Array, Array, Array]:
     """Time, q, q̇, what the arm needs and what three joints give, with friction and noise."""
     rng = np.random.default_rng(seed)
     cell = arm(folder, 3, tool=8.0)
-    t, q, v, a = excited(3, rng)
+    t, q, v, a = build_fourier_motion(3, rng)
     need = load_dynamics(cell).compute_torque(q, v, a)
     return t, q, v, need, need + 5.0 * np.sign(v) + 2.0 * v + 0.5 * rng.normal(size=q.shape)
 
 
-def seen(t: Array, q: Array, v: Array, tau: Array, cell_folder: Path) -> tuple[Recording, MotionSignals, Array]:
-    recording = recorded(t, q, v, tau)
+def prepare_signals(
+    t: Array, q: Array, v: Array, tau: Array, cell_folder: Path
+) -> tuple[Recording, MotionSignals, Array]:
+    recording = build_motion_recording(t, q, v, tau)
     m = build_motion_signals(recording, 3)
     return recording, m, load_dynamics(arm(cell_folder, 3, tool=8.0)).compute_torque(m.q, m.v, m.a)
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (1, 2), (0, 2)])
 def test_exchanged_torque_columns_are_corrected_and_reported(tmp_path: Path, pair: tuple[int, int]) -> None:
-    t, q, v, _, tau = moved(tmp_path, 3)
+    t, q, v, _, tau = simulate_motion(tmp_path, 3)
     swapped = tau.copy()
     swapped[:, pair] = tau[:, pair[::-1]]
-    mended, found = exchanged_torque_columns.correct_exchanged_torques(*seen(t, q, v, swapped, tmp_path))
+    mended, found = exchanged_torque_columns.correct_exchanged_torques(*prepare_signals(t, q, v, swapped, tmp_path))
     assert mended.torque is not None
     np.testing.assert_array_equal(mended.torque, tau)
     assert [(f.effect, f.location) for f in found] == [("columns", f"column:tau{pair[0] + 1}_Nm")]
@@ -47,17 +49,17 @@ def test_exchanged_torque_columns_are_corrected_and_reported(tmp_path: Path, pai
 
 def test_correct_torque_columns_remain(tmp_path: Path) -> None:
     """So they do where a balancer takes most of a joint's torque, or one joint's masses are a third off."""
-    t, q, v, need, tau = moved(tmp_path, 4)
+    t, q, v, need, tau = simulate_motion(tmp_path, 4)
     for given in (tau, tau + [0.0, -0.8, 0.0] * need, tau + [0.3, 0.0, -0.3] * need):
-        mended, found = exchanged_torque_columns.correct_exchanged_torques(*seen(t, q, v, given, tmp_path))
+        mended, found = exchanged_torque_columns.correct_exchanged_torques(*prepare_signals(t, q, v, given, tmp_path))
         assert not found
         assert mended.torque is given
 
 
 def test_motor_side_torque_of_one_joint_is_refused(tmp_path: Path) -> None:
-    t, q, v, _, tau = moved(tmp_path, 5)
+    t, q, v, _, tau = simulate_motion(tmp_path, 5)
     tau = tau / [1.0, 120.0, 1.0]
     with pytest.raises(InputError, match=r"tau2_Nm.*1:1[12]\d\?"):
         motion_channels.build_motion_problem(
-            recorded(t, q, v, tau), arm(tmp_path, 3, tool=8.0), "torque", np.random.default_rng(0)
+            build_motion_recording(t, q, v, tau), arm(tmp_path, 3, tool=8.0), "torque", np.random.default_rng(0)
         )

@@ -26,7 +26,7 @@ NOISE = 1e-5  # m
 PLANTED = KinematicCorrection("geometry", "joint:3", {"xyz_mm": [0.1, 0.15, 0.0], "turn_mrad": [0.3, 0.0, 0.2]})
 
 
-def built(found: tuple[KinematicCorrection, ...], q: Array) -> Array:
+def compute_as_built_tcp(found: tuple[KinematicCorrection, ...], q: Array) -> Array:
     """(N, 4, 4) TCP of the arm whose frames are off."""
     return np.asarray(
         UrdfKinematics(replace(arm()[0], kinematics=KinematicCorrections(found))).compute_configuration(q).tcp
@@ -60,7 +60,7 @@ def gains(y: Array) -> dict[str, tuple[float, Array]]:
     return out
 
 
-def least(h: EffectHypothesis) -> float:
+def compute_min_gain(h: EffectHypothesis) -> float:
     return thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (h.columns(()).shape[2] - 1)
 
 
@@ -72,7 +72,7 @@ def test_columns_equal_finite_differences_of_the_as_built_arm(place: str) -> Non
     h = 0.05
     for k in range(6):
         one, two = (
-            built((KinematicCorrection("geometry", place, {"xyz_mm": t[:3], "turn_mrad": t[3:]}),), q)
+            compute_as_built_tcp((KinematicCorrection("geometry", place, {"xyz_mm": t[:3], "turn_mrad": t[3:]}),), q)
             for t in (-h * np.eye(6)[k], h * np.eye(6)[k])
         )
         moved = (two - one)[:, :3, 3] / (2e-3 * h)
@@ -84,16 +84,18 @@ def test_columns_equal_finite_differences_of_the_as_built_arm(place: str) -> Non
 def test_axis_twist_is_found_and_its_file_removes_the_mismatch() -> None:
     q, (base, offered) = angles(), laws()
     rng = np.random.default_rng(2)
-    y = (built((PLANTED,), q) - UrdfKinematics(arm()[0]).compute_configuration(q).tcp)[:, :3, 3] + NOISE * rng.normal(
-        size=(len(q), 3)
-    )
+    y = (compute_as_built_tcp((PLANTED,), q) - UrdfKinematics(arm()[0]).compute_configuration(q).tcp)[
+        :, :3, 3
+    ] + NOISE * rng.normal(size=(len(q), 3))
     found = gains(y)
     assert max(found, key=lambda place: found[place][0]) == "joint:3"
     h = next(h for h in offered if h.location == "joint:3")
-    assert found["joint:3"][0] > least(h)
+    assert found["joint:3"][0] > compute_min_gain(h)
     correction = h.correction(found["joint:3"][1], ())
     assert isinstance(correction, KinematicCorrection)
-    rest = (built((PLANTED,), q) - built((correction,), q))[:, :3, 3]  # at most what frame and target take up
+    rest = (compute_as_built_tcp((PLANTED,), q) - compute_as_built_tcp((correction,), q))[
+        :, :3, 3
+    ]  # at most what frame and target take up
     x = np.linalg.lstsq(base.reshape(rest.size, -1), rest.reshape(-1), rcond=1e-12)[0]
     assert np.sqrt(np.mean((rest - base @ x) ** 2)) < NOISE
     first = next(iter(h.quantities(found["joint:3"][1], ()).values()))
@@ -104,7 +106,7 @@ def test_axis_twist_is_found_and_its_file_removes_the_mismatch() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_nothing_is_found_in_noise(seed: int) -> None:
     found = gains(NOISE * np.random.default_rng(seed).normal(size=(len(angles()), 3)))
-    assert all(found[h.location][0] < least(h) for h in laws()[1])
+    assert all(found[h.location][0] < compute_min_gain(h) for h in laws()[1])
 
 
 def test_only_geometry_independent_of_the_base_is_offered() -> None:

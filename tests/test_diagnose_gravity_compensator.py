@@ -38,7 +38,7 @@ def spring(q: Array) -> Array:
     return np.asarray((c * torque)[:, None] * absolute.unit(2))
 
 
-def diagnosed(delta: object) -> DiagnosisResult:
+def diagnose_angles(delta: object) -> DiagnosisResult:
     problem, catalogue = absolute.build(absolute.measure(delta=delta, noise=2e-5))  # type: ignore[arg-type]
     return selection_pipeline.diagnose_problem(
         problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
@@ -46,7 +46,7 @@ def diagnosed(delta: object) -> DiagnosisResult:
 
 
 def test_partial_wave_is_a_compensator_unless_the_data_exclude_it() -> None:
-    d = diagnosed(spring)
+    d = diagnose_angles(spring)
     assert [(f.effect, f.location) for f in d.findings] == [(BALANCER, PLACE)]
     assert (WAVE, PLACE) in d.findings[0].one_of
     low, high = d.findings[0].parameters["peak_torque"].ci95
@@ -57,6 +57,6 @@ def test_partial_wave_is_a_compensator_unless_the_data_exclude_it() -> None:
 
 
 def test_wave_over_whole_periods_remains_a_wave() -> None:
-    d = diagnosed(absolute.wave(2, 13.0, 40.0, 0.0))
+    d = diagnose_angles(absolute.wave(2, 13.0, 40.0, 0.0))
     assert [(f.effect, f.location) for f in d.findings] == [(WAVE, PLACE)]
     assert d.findings[0].parameters["order"].value == pytest.approx(13.0, abs=1.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording, diagnose_recording, shaken
 
 from machopt.data_types.cell import Cell, JointLimits
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
@@ -37,12 +37,12 @@ SECOND = np.pi / 648000.0  # rad
 def far_side(folder: Path, order: float, arcsec: float, sigma: float, size: float) -> tuple[Cell, Recording]:
     """Link-side encoder of one joint with a wave of its gear; it turns by ``size`` of 1.9 rad."""
     rng = np.random.default_rng(5)
-    t, q, v, a = excited(1, rng)
+    t, q, v, a = build_fourier_motion(1, rng)
     q, v, a = size * q, size * v, size * a
     cell = arm(folder, 1)
     wave = arcsec * SECOND * np.sin(order * q + 0.4)
     bent = q - load_dynamics(cell).compute_torque(q, v, a) / 2e6
-    return cell, recorded(t, q, v, q_secondary=bent + wave + sigma * rng.normal(size=q.shape))
+    return cell, build_motion_recording(t, q, v, q_secondary=bent + wave + sigma * rng.normal(size=q.shape))
 
 
 def wave_of(found: selection_pipeline.DiagnosisResult) -> Finding:
@@ -56,7 +56,7 @@ def test_order_is_determined_from_one_period_and_for_fractional_orders(
 ) -> None:
     """Seven waves a turn of which 0.8 are seen; an order between two whole ones."""
     cell, recording = far_side(tmp_path, order, 60.0, 2e-5, size)
-    found = wave_of(diagnosed(recording, cell, "link")[0]).parameters["order"]
+    found = wave_of(diagnose_recording(recording, cell, "link")[0]).parameters["order"]
     assert found.value == pytest.approx(order, rel=0.02)
     assert found.ci95[0] <= order <= found.ci95[1]
     assert found.ci95[1] > found.ci95[0]
@@ -65,7 +65,7 @@ def test_order_is_determined_from_one_period_and_for_fractional_orders(
 def test_undetermined_order_is_stated_as_a_range(tmp_path: Path) -> None:
     """The same wave in noise three times its size."""
     cell, recording = far_side(tmp_path, 7.0, 20.0, 1.5e-4, 0.4)
-    found = wave_of(diagnosed(recording, cell, "link")[0])
+    found = wave_of(diagnose_recording(recording, cell, "link")[0])
     low, high = found.parameters["order"].ci95
     assert low <= 7.0 <= high
     assert high - low > 1.0
@@ -77,14 +77,16 @@ def test_smooth_friction_reversal_is_no_low_speed_peak(tmp_path: Path, over: flo
     """Between the turn-overs of the grid; 0.25 N·m of noise under 6 N·m of friction."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau += 6.0 * (np.tanh(v / over) - np.sign(v))
-    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque"
+    )
     assert not found.findings
 
 
 def test_next_motion_respects_limits_and_separates_rivals(tmp_path: Path) -> None:
     """A wave that might be play: of motions of that joint the one is told in which they differ; poses are none."""
     cell, recording = far_side(tmp_path, 7.0, 60.0, 2e-5, 1.0)
-    found = diagnosed(recording, cell, "link")[0]
+    found = diagnose_recording(recording, cell, "link")[0]
     f = wave_of(found)
     cell = replace(
         cell, limits=JointLimits(np.array([-0.6]), np.array([0.9]), *(np.array([v]) for v in (0.8, 2.0, 9.0)))
@@ -112,7 +114,9 @@ def test_unknown_payload_is_no_time_delay(tmp_path: Path) -> None:
     heavy = arm(tmp_path, 2, tool=10.0)
     a = np.gradient(v, t, axis=0)
     more = load_dynamics(heavy).compute_torque(q, v, a) - load_dynamics(arm(tmp_path, 2)).compute_torque(q, v, a)
-    found, _, _ = diagnosed(recorded(t, q, v, tau + more + rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t, q, v, tau + more + rng.normal(size=q.shape)), cell, "torque"
+    )
     assert [f.effect for f in found.findings] == ["payload"]
 
 
@@ -120,7 +124,7 @@ def test_columns_of_one_joint_give_the_sums_of_all_rows(tmp_path: Path) -> None:
     """Rows of other joints left out: the same sums, gains and chances."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     tau[:, 1] += 3.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.1)
-    recording = recorded(t, q, v, tau + rng.normal(size=q.shape))
+    recording = build_motion_recording(t, q, v, tau + rng.normal(size=q.shape))
     problem, catalogue, _, _ = motion_channels.build_motion_problem(recording, cell, "torque", np.random.default_rng(0))
     used = np.ones(len(problem), bool)
     w = build_whitening(problem, replicate_noise.estimate_replicate_noise(problem, problem.y, used), used)
@@ -172,7 +176,7 @@ def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
     cell, recording = far_side(tmp_path, 5.0, 30.0, 1.5e-5, 1.0)
     assert recording.q_secondary is not None
     second = 20.0 * SECOND * np.sin(36.0 * recording.q + 1.1)
-    found = wave_of(diagnosed(replace(recording, q_secondary=recording.q_secondary + second), cell, "link")[0])
+    found = wave_of(diagnose_recording(replace(recording, q_secondary=recording.q_secondary + second), cell, "link")[0])
     assert found.law == "2 waves"
     for word, order, size in (("", 5.0, 30.0), ("second_", 36.0, 20.0)):
         assert found.parameters[f"{word}order"].value == pytest.approx(order, abs=0.05)
@@ -181,7 +185,7 @@ def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
     held = found.correction.parameters
     assert sorted(held["per_turn"]) == pytest.approx([5.0, 36.0], abs=0.05)
     # what is written is what was found: the cell with it leaves nothing
-    again = diagnosed(
+    again = diagnose_recording(
         replace(recording, q_secondary=recording.q_secondary + second),
         replace(cell, kinematics=KinematicCorrections((found.correction,))),
         "link",
@@ -193,8 +197,8 @@ def test_single_missing_samples_do_not_distort_time(tmp_path: Path) -> None:
     """One in a hundred left out of a record without velocities: no acceleration comes of it, and no clock is late."""
     rng, cell, t, q, _, tau = shaken(tmp_path, 2, 6)
     kept = np.sort(rng.permutation(len(t))[: int(0.99 * len(t))])
-    record = recorded(t[kept], q[kept], None, (tau + 0.25 * rng.normal(size=q.shape))[kept])
-    found, _, _ = diagnosed(record, cell, "torque")
+    record = build_motion_recording(t[kept], q[kept], None, (tau + 0.25 * rng.normal(size=q.shape))[kept])
+    found, _, _ = diagnose_recording(record, cell, "torque")
     assert not found.findings
     assert found.heldout_before < 0.4
 
@@ -202,7 +206,7 @@ def test_single_missing_samples_do_not_distort_time(tmp_path: Path) -> None:
 def test_fractional_delay_keeps_the_noise_level() -> None:
     """Straight lines between samples would take a third of it off, and any clock would look better than none."""
     t = np.arange(4000) / 100.0
-    one = recorded(t, np.sin(t)[:, None] + 0.01 * np.sin(2.0 * np.pi * 10.0 * t)[:, None], None)
+    one = build_motion_recording(t, np.sin(t)[:, None] + 0.01 * np.sin(2.0 * np.pi * 10.0 * t)[:, None], None)
     motion_ = build_motion_signals(one, 1)
     late = motion_.delay_cubic(motion_.q, 0.005)[500:-500, 0]
     true = np.sin(t - 0.005) + 0.01 * np.sin(2.0 * np.pi * 10.0 * (t - 0.005))
@@ -215,7 +219,7 @@ def test_overcompensating_balancer_is_no_wrong_sign(tmp_path: Path, sign: float)
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     still = load_dynamics(cell).compute_torque(q, np.zeros_like(q), np.zeros_like(q))
     tau[:, 1] -= 3.0 * still[:, 1]
-    record = recorded(t, q, v, sign * (tau + 0.25 * rng.normal(size=q.shape)))
+    record = build_motion_recording(t, q, v, sign * (tau + 0.25 * rng.normal(size=q.shape)))
     if sign > 0:
         motion_channels.build_motion_problem(record, cell, "torque", rng)
     else:
@@ -229,7 +233,9 @@ def test_implausible_link_masses_do_not_replace_a_payload(tmp_path: Path) -> Non
     assert cell.tool is not None
     heavier = replace(cell, tool=replace(cell.tool, mass=cell.tool.mass + 12.0))
     tau = tau + load_dynamics(heavier).compute_torque(q, v, q * 0.0) - load_dynamics(cell).compute_torque(q, v, q * 0.0)
-    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque"
+    )
     assert ("payload", "tool") in {(f.effect, f.location) for f in found.findings}
 
 
@@ -250,7 +256,7 @@ def test_orders_closer_than_the_resolution_are_one_wave(tmp_path: Path) -> None:
     q, other = recording.q, recording.q_secondary
     assert other is not None
     swelling = 30.0 * SECOND * (1.0 + 1.5 * q / np.ptp(q)) * np.sin(36.0 * q)
-    found = wave_of(diagnosed(replace(recording, q_secondary=other + swelling), cell, "link")[0])
+    found = wave_of(diagnose_recording(replace(recording, q_secondary=other + swelling), cell, "link")[0])
     orders = sorted(v.value for k, v in found.parameters.items() if k.endswith("order"))
     assert any(abs(n - 36.0) < 1.0 for n in orders)
     assert np.all(np.diff(orders) >= np.pi / np.ptp(q))
@@ -264,5 +270,7 @@ def test_massless_last_link_is_carried_as_payload(tmp_path: Path) -> None:
     at = text.rindex("<mass")
     bare = re.sub(r'(value|ixx|iyy|izz)="[^"]*"', r'\1="0"', text[at : text.index("</inertial>", at)])
     cell.urdf.write_text(text[:at] + bare + text[text.index("</inertial>", at) :], encoding="utf-8")
-    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t, q, v, tau + 0.25 * rng.normal(size=q.shape)), cell, "torque"
+    )
     assert [(f.effect, f.location) for f in found.findings] == [("payload", "tool")]

@@ -26,7 +26,7 @@ LEVEL = np.array([[1e-3, -2e-3], [4e-4, 3e-4], [-5e-4, 1e-4]])  # rad, each sess
 
 
 @cache
-def recorded(
+def simulate_recording(
     rocks: float = 0.0,
     zero: float = 0.0,
     noise: float = 0.0,
@@ -88,13 +88,13 @@ def left_over(problem: DiagnosisProblem, more: Array | None = None) -> Array:
 
 @pytest.mark.parametrize("link", [0, 2, 3, 6])
 def test_intact_arm_shows_springs_and_tilts_only(link: int) -> None:
-    problem, _ = problem_of(recorded(link=link))
+    problem, _ = problem_of(simulate_recording(link=link))
     assert problem.dimensions == 5
     assert left_over(problem).max() < 1e-9  # m, rad; sags are up to 1e-2
 
 
 def test_rocking_base_has_its_law_in_both_channels() -> None:
-    problem, offered = problem_of(recorded(rocks=ROCKS))
+    problem, offered = problem_of(simulate_recording(rocks=ROCKS))
     law = next(h for h in offered if h.effect == "base_compliance" and h.law == "tilts")
     alone = left_over(problem)
     assert alone[3:].max() > 1e-5
@@ -102,7 +102,7 @@ def test_rocking_base_has_its_law_in_both_channels() -> None:
 
 
 def test_bodies_behind_the_link_do_not_tilt_it() -> None:
-    _, offered = problem_of(recorded(link=3))
+    _, offered = problem_of(simulate_recording(link=3))
     tilted = {h.name: float(np.abs(h.columns(h.shapes[0])[:, 3:]).max()) for h in offered}
     behind = {("geometry", f"joint:{j}") for j in (4, 5, 6)} | {("link_compliance", f"link:{j}") for j in (4, 5)}
     behind |= {("joint_zero_offset", f"joint:{j}") for j in (4, 5)}
@@ -114,7 +114,7 @@ def test_bodies_behind_the_link_do_not_tilt_it() -> None:
 
 def test_inclinometer_sharpens_the_base_estimate() -> None:
     """1 sigma of the base's rocking, beside everything that is refitted, without and with the two equations."""
-    problem, offered = problem_of(recorded(rocks=ROCKS))
+    problem, offered = problem_of(simulate_recording(rocks=ROCKS))
     law = next(h for h in offered if h.effect == "base_compliance" and h.law == "tilts")
     A = np.concatenate([problem.base, law.columns(())], axis=2) / np.array([2e-5] * 3 + [1e-5] * 2)[:, None]
     sigma = []
@@ -127,8 +127,8 @@ def test_inclinometer_sharpens_the_base_estimate() -> None:
 
 
 @cache
-def diagnosed(rocks: float, *, tilts: bool = True, some: bool = False) -> DiagnosisResult:
-    recording = recorded(rocks=rocks, noise=3e-5, tilt_noise=1e-5)
+def diagnose_simulated(rocks: float, *, tilts: bool = True, some: bool = False) -> DiagnosisResult:
+    recording = simulate_recording(rocks=rocks, noise=3e-5, tilt_noise=1e-5)
     if not tilts:
         recording = replace(recording, tilt=None, tilt_link="")
     if some:
@@ -148,14 +148,14 @@ def diagnosis(recording: Recording) -> DiagnosisResult:
 
 
 def test_null_case_remains_a_null_case() -> None:
-    d = diagnosed(0.0)
+    d = diagnose_simulated(0.0)
     assert d.verdict == "consistent"
     assert not d.findings
 
 
 @pytest.mark.parametrize("some", [False, True])
 def test_rocking_base_is_named_in_its_own_family(some: bool) -> None:
-    d = diagnosed(ROCKS, some=some)
+    d = diagnose_simulated(ROCKS, some=some)
     assert [(f.effect, f.location) for f in d.findings] == [("base_compliance", "base")]
     assert d.verdict == "explained"
     said = next(n for n in d.notes if n.startswith("tilt,"))
@@ -166,13 +166,13 @@ def test_rocking_base_is_named_in_its_own_family(some: bool) -> None:
 
 
 def test_inclinometer_alone_separates_a_small_base_tilt_from_its_rivals() -> None:
-    with_it, without = diagnosed(0.3 * ROCKS), diagnosed(0.3 * ROCKS, tilts=False)
+    with_it, without = diagnose_simulated(0.3 * ROCKS), diagnose_simulated(0.3 * ROCKS, tilts=False)
     assert [f.one_of for f in with_it.findings] == [(("base_compliance", "base"),)]
     assert [len(f.one_of) > 3 for f in without.findings] == [True]
 
 
 def test_inclinometer_drift_is_reported_and_not_attributed_to_the_arm() -> None:
-    recording = recorded(noise=3e-5, tilt_noise=1e-5)
+    recording = simulate_recording(noise=3e-5, tilt_noise=1e-5)
     assert recording.tilt is not None
     strange = 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]])  # comes back, and no law says so
     d = diagnosis(replace(recording, tilt=recording.tilt + strange))
@@ -183,7 +183,7 @@ def test_inclinometer_drift_is_reported_and_not_attributed_to_the_arm() -> None:
 @pytest.mark.parametrize("fault", ["exchanged", "reversed", "axes of the link", "degrees"])
 def test_invalid_columns_are_refused(fault: str) -> None:
     _, robot, _ = arm()
-    recording = recorded(link=3, noise=3e-5, tilt_noise=1e-5)
+    recording = simulate_recording(link=3, noise=3e-5, tilt_noise=1e-5)
     tilt = recording.tilt
     assert tilt is not None
     if fault == "exchanged":

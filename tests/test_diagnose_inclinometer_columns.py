@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_diagnose_inclinometer import ROCKS, recorded
+from test_diagnose_inclinometer import ROCKS, simulate_recording
 from test_diagnose_tcp_poses import arm
 
 from machopt.data_types.measurements.recording import Recording
@@ -25,7 +25,7 @@ def read(recording: Recording, tilt: np.ndarray, *accept: str) -> tuple[Recordin
 
 @pytest.mark.parametrize("link", [0, 1, 3])
 def test_columns_in_other_conventions_are_corrected(link: int) -> None:
-    recording = recorded(rocks=ROCKS, noise=3e-5, tilt_noise=1e-5, link=link)
+    recording = simulate_recording(rocks=ROCKS, noise=3e-5, tilt_noise=1e-5, link=link)
     right = np.array(recording.tilt)
     assert read(recording, right)[1] == []
     ways = {
@@ -46,7 +46,7 @@ def test_columns_in_other_conventions_are_corrected(link: int) -> None:
 
 
 def test_tilts_not_caused_by_weight_are_left_to_the_search() -> None:
-    recording = recorded(noise=3e-5, tilt_noise=1e-5, link=1)
+    recording = simulate_recording(noise=3e-5, tilt_noise=1e-5, link=1)
     right = np.array(recording.tilt)
     assert read(recording, right)[1] == []  # noise alone
     assert read(recording, right + 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]]))[1] == []

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnose_multiple_effects import SIGMA, N, made, model
+from test_diagnose_multiple_effects import SIGMA, N, build_hypothesis, model
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import (
     BaseUnknown,
@@ -32,8 +32,8 @@ def certainty(alike: float, rest: float, seed: int) -> bool:
     own, other, left = rng.normal(size=(3, N, 3, 1))
     near = alike * own + np.sqrt(1.0 - alike**2) * other
     laws = [
-        made("joint_backlash", "joint:1", lambda s: own, ((),), "joint"),
-        made("joint_backlash", "joint:3", lambda s: near, ((),), "joint"),
+        build_hypothesis("joint_backlash", "joint:1", lambda s: own, ((),), "joint"),
+        build_hypothesis("joint_backlash", "joint:3", lambda s: near, ((),), "joint"),
     ]
     signal = 200.0 * SIGMA * (own + rest * left)[:, :, 0]
     changed = build_whitened_model(base.w, base.X, base.y + base.w.whiten(signal), base.fold, base.prior, base.rows)
@@ -60,7 +60,7 @@ def test_place_is_certain_where_it_explains_most_and_no_other_fits(alike: float,
     assert certainty(alike, rest, 31) is expected
 
 
-def repeated(by_cycle: bool) -> DiagnosisProblem:
+def build_repeated_stays(by_cycle: bool) -> DiagnosisProblem:
     """Eight readings of one stay at each of six poses, in two load cycles."""
     n = np.arange(96)
     pose, cycle = n // 16, n // 8
@@ -87,9 +87,9 @@ def test_deviations_repeated_in_the_next_cycle_are_no_outliers() -> None:
     off[[3, 11]] = True  # the same load in both cycles
     off[40] = True  # once only
     residual[[3, 11, 40], 0] = 1e-3
-    found = find_repeated_deviations(repeated(True), residual, off)
+    found = find_repeated_deviations(build_repeated_stays(True), residual, off)
     assert found.nonzero()[0].tolist() == [3, 11]
-    assert not find_repeated_deviations(repeated(False), residual, off).any()
+    assert not find_repeated_deviations(build_repeated_stays(False), residual, off).any()
 
 
 def test_no_offset_is_selected_where_a_body_law_leaves_as_much() -> None:
@@ -102,9 +102,9 @@ def test_no_offset_is_selected_where_a_body_law_leaves_as_much() -> None:
         return np.asarray(100.0 * SIGMA * (body + size * zero)[:, :, 0])
 
     laws = [
-        made("link_compliance", "link:2", lambda s: body, ((),), "body"),
-        replace(made("joint_zero_offset", "joint:2", lambda s: zero, ((),), "kinematic"), is_exact=True),
-        made("geometry", "joint:4", lambda s: rng.normal(size=(N, 3, 3)), ((),), "kinematic"),
+        build_hypothesis("link_compliance", "link:2", lambda s: body, ((),), "body"),
+        replace(build_hypothesis("joint_zero_offset", "joint:2", lambda s: zero, ((),), "kinematic"), is_exact=True),
+        build_hypothesis("geometry", "joint:4", lambda s: rng.normal(size=(N, 3, 3)), ((),), "kinematic"),
     ]
     for size, expected in ((0.1, {"link:2"}), (0.6, {"link:2", "joint:2"})):
         y = base.y + base.w.whiten(made_of(size))

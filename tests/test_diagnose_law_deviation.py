@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_diagnose_multiple_effects import SIGMA, N, made, model
+from test_diagnose_multiple_effects import SIGMA, N, build_hypothesis, model
 
 from machopt.measurement.diagnosis.model_selection.search import search_stages
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import (
@@ -26,9 +26,9 @@ def search(
     own, left, body, none = np.random.default_rng(62).normal(size=(4, N, 3, 1))
     left = alike * own + np.sqrt(1.0 - alike**2) * left
     laws = [
-        made("joint_backlash", "joint:1", lambda s: own, ((),), "joint"),
-        made("joint_nonlinear_stiffness", "joint:1", lambda s: left, ((),), "joint"),
-        made("tool_compliance", "tool", lambda s: body, ((),), "body"),
+        build_hypothesis("joint_backlash", "joint:1", lambda s: own, ((),), "joint"),
+        build_hypothesis("joint_nonlinear_stiffness", "joint:1", lambda s: left, ((),), "joint"),
+        build_hypothesis("tool_compliance", "tool", lambda s: body, ((),), "body"),
     ]
     signal = SIGMA * (LARGE * (own + bent * left) + tool * body + unknown * none)[:, :, 0]
     changed = build_whitened_model(base.w, base.X, base.y + base.w.whiten(signal), base.fold, base.prior, base.rows)

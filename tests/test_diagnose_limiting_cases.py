@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from test_diagnose_model_selection import build_synthetic_problem, law
-from test_diagnose_session_errors import CELL, CELLS, sound
+from test_diagnose_session_errors import CELL, CELLS, simulate_correct_sessions
 
 from machopt.cell.cell_reader import load_cell
 from machopt.kinematics.urdf_loading import load_masses, load_robot
@@ -23,7 +23,7 @@ from machopt.measurement.estimation.load_test_equations import build_load_test_e
 KNEE, STEP = "joint_nonlinear_stiffness", "joint_backlash"
 
 
-def mixed(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
+def mix_columns(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
     return np.asarray(share * one + np.sqrt(1.0 - share**2) * two)
 
 
@@ -50,7 +50,7 @@ def test_threshold_below_every_load_is_backlash_unless_excluded(
         shapes=((60.0,), (300.0,)),
         quantities=lambda x, shape: {"stiffness_change": Quantity(1e6 * float(x[0]), "µm")},
     )
-    step = law(mixed(column, noise, alike), STEP, "joint:2")
+    step = law(mix_columns(column, noise, alike), STEP, "joint:2")
     d = selection_pipeline.diagnose_problem(
         problem, HypothesisCatalogue((knees, step)), selection_pipeline.DiagnosisOptions(), rng
     )
@@ -95,7 +95,7 @@ def test_creep_without_decay_is_hysteresis(longest: bool) -> None:
     creep = replace(
         law(column, "joint_creep", "joint:3"), columns=lambda shape: at[shape[0]], shapes=((20.0, 0.0), (300.0, 0.0))
     )
-    loop = law(mixed(column, noise, 0.9999), "joint_hysteresis", "joint:3")
+    loop = law(mix_columns(column, noise, 0.9999), "joint_hysteresis", "joint:3")
     d = selection_pipeline.diagnose_problem(
         problem, HypothesisCatalogue((creep, loop)), selection_pipeline.DiagnosisOptions(), rng
     )
@@ -118,7 +118,7 @@ def test_drift_is_unnamed_where_days_differ_by_a_larger_effect() -> None:
     first = (problem.session == 0)[:, None, None]
     spoilt = replace(problem, y=problem.y + (60e-6 * column * first)[:, :, 0])
     drift = replace(
-        law(mixed(column * first, rng.standard_normal(column.shape), 0.6), "thermal_drift"), family="environment"
+        law(mix_columns(column * first, rng.standard_normal(column.shape), 0.6), "thermal_drift"), family="environment"
     )
     d = selection_pipeline.diagnose_problem(
         spoilt, HypothesisCatalogue((drift, law(column))), selection_pipeline.DiagnosisOptions(), rng
@@ -132,7 +132,7 @@ def test_drift_is_unnamed_where_days_differ_by_a_larger_effect() -> None:
 
 
 def test_compensator_torque_is_limited_by_the_weight() -> None:
-    cell, r = load_cell(CELLS / CELL), sound()
+    cell, r = load_cell(CELLS / CELL), simulate_correct_sessions()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     masses = load_masses(cell)
     _, tried, _ = load_test_channel.build_load_test_problem(
@@ -154,9 +154,9 @@ def laws_of_two_forms(one: float, two: float) -> DiagnosisResult:
     problem, column = build_synthetic_problem(24, extra=60e-6)
     rng = np.random.default_rng(2)
     a, b = (np.tile(rng.standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1)) for _ in range(2))
-    near = replace(law(mixed(column, a, one)), law="near")
+    near = replace(law(mix_columns(column, a, one)), law="near")
     far = replace(
-        law(mixed(column, b, two)),
+        law(mix_columns(column, b, two)),
         law="far",
         quantities=lambda x, shape: {"size": Quantity(2e6 * float(x[0]), "µm")},
     )

@@ -18,7 +18,7 @@ NOISE = 2e-5  # m
 TOOL = 25.0  # kg of an unknown payload at the flange
 
 
-def scaled(relative: NDArray[np.float64]) -> RobotMasses:
+def scale_link_masses(relative: NDArray[np.float64]) -> RobotMasses:
     """Masses of links 1 to 6 times 1 + ``relative`` (6,); the tool stays."""
     own = arm()[2]
     factor = np.ones(len(own.mass))
@@ -38,7 +38,7 @@ def with_payload(masses: RobotMasses) -> RobotMasses:
     )
 
 
-def diagnosed(masses: RobotMasses, *, inputs: bool = True) -> DiagnosisResult:
+def diagnose_with_masses(masses: RobotMasses, *, inputs: bool = True) -> DiagnosisResult:
     problem, catalogue = build(measure(masses=masses, noise=NOISE, registration="fixed"))
     if not inputs:
         catalogue = replace(catalogue, uncertain_inputs=None)
@@ -56,7 +56,7 @@ def test_columns_equal_finite_differences_of_a_link_mass() -> None:
         assert link in range(1, 6)
         step = np.zeros(6)
         step[link - 1] = 0.02
-        seen, plain = measure(masses=scaled(step)).position, measure().position
+        seen, plain = measure(masses=scale_link_masses(step)).position, measure().position
         assert seen is not None
         assert plain is not None
         moved = (seen - plain) / 0.02
@@ -68,21 +68,21 @@ def test_masses_within_their_uncertainty_are_not_named() -> None:
     off = np.random.default_rng(3).normal(0.0, prior_scales.LINK_MASS.scale, 6)
     off[1:3] = np.sign(off[1:3]) * 0.06  # upper arm and forearm always show
     off[5] = 0.0
-    assert diagnosed(scaled(off), inputs=False).findings
-    found = diagnosed(scaled(off))
+    assert diagnose_with_masses(scale_link_masses(off), inputs=False).findings
+    found = diagnose_with_masses(scale_link_masses(off))
     assert not found.findings
     assert found.verdict == "consistent"
 
 
 def test_payload_beside_mass_uncertainty_has_a_covering_interval() -> None:
-    found = diagnosed(with_payload(scaled(np.array([0.0, 0.05, -0.05, 0.04, -0.04, 0.0]))))
+    found = diagnose_with_masses(with_payload(scale_link_masses(np.array([0.0, 0.05, -0.05, 0.04, -0.04, 0.0]))))
     assert [f.effect for f in found.findings] == ["payload"]
     low, high = found.findings[0].parameters["mass"].ci95
     assert low <= TOOL <= high
 
 
 def test_masses_far_outside_the_uncertainty_are_a_mismatch() -> None:
-    found = diagnosed(scaled(np.array([0.0, 0.5, -0.5, 0.0, 0.0, 0.0])))
+    found = diagnose_with_masses(scale_link_masses(np.array([0.0, 0.5, -0.5, 0.0, 0.0, 0.0])))
     assert found.verdict != "consistent"
 
 

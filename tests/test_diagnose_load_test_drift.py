@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from test_effects import load_test, posed
+from test_effects import build_posed_problem, load_test
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue
 from machopt.measurement.diagnosis.data_types.static_readings import StaticReadings
@@ -14,7 +14,7 @@ from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.numerics.array_types import Array
 
 
-def timed() -> tuple[StaticReadings, Array, Array]:
+def build_timed_readings() -> tuple[StaticReadings, Array, Array]:
     """Four readings a cycle, 20 s apart; when (N,) each was taken and when its cycle stood unloaded."""
     r, _ = load_test()
     cycle = np.arange(len(r)) // 4
@@ -25,7 +25,7 @@ def timed() -> tuple[StaticReadings, Array, Array]:
 
 
 def test_drifting_tracker_is_named_and_not_an_instrument() -> None:
-    r, time, zero = timed()
+    r, time, zero = build_timed_readings()
     start = np.where(r.session == 0, 0.0, zero[r.session == 1].min())
     way = np.array([0.4, -0.2, 0.9, 0.0, 0.0, 0.0])
     drift = 2e-4 * (np.exp(-(zero - start) / 1500.0) - np.exp(-(time - start) / 1500.0))[:, None] * way
@@ -33,25 +33,25 @@ def test_drifting_tracker_is_named_and_not_an_instrument() -> None:
         (*thermal_drift.build_thermal_hypotheses(r), *sensor_errors.build_load_test_sensor_hypotheses(r))
     )
     found = selection_pipeline.diagnose_problem(
-        posed(r, drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
     assert [(f.effect, f.location) for f in found.findings] == [("thermal_drift", "environment")]
     assert found.findings[0].law.startswith("the stand shifts")  # it was an arm that grows by ten µm a minute
     low, high = found.findings[0].parameters["drift"].ci95
     assert low < 1e3 * float(np.linalg.norm(drift, axis=1).max()) < high
     louder = selection_pipeline.diagnose_problem(
-        posed(r, 3.0 * drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, 3.0 * drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
     size = louder.findings[0].parameters["drift"].value
     assert 0.8 < size / (3e3 * float(np.linalg.norm(drift, axis=1).max())) < 1.25
     still = selection_pipeline.diagnose_problem(
-        posed(r, 0.0 * drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, 0.0 * drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
     assert not still.findings
 
 
 def test_drift_is_relative_to_the_unloaded_state_and_requires_time() -> None:
-    r, time, zero = timed()
+    r, time, zero = build_timed_readings()
     even = next(
         h for h in thermal_drift.build_thermal_hypotheses(r) if h.law == "the stand shifts evenly over a session"
     )
@@ -66,7 +66,7 @@ def test_drift_is_relative_to_the_unloaded_state_and_requires_time() -> None:
 
 
 def test_thermal_growth_needs_more_than_a_minute() -> None:
-    r, time, _zero = timed()
+    r, time, _zero = build_timed_readings()
     said = {h.law for h in thermal_drift.build_thermal_hypotheses(r)}
     assert any("stand" in law for law in said)
     assert not any("grow" in law for law in said)

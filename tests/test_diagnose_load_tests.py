@@ -36,9 +36,12 @@ from machopt.stiffness.arm_stiffness import ArmElasticity
 
 FORCES = {"kr240_drilling": 1500.0, "kr500_milling": 2500.0, "irb6700_drilling": 300.0, "cutting_cobot": 60.0}
 FEW = {"poses": 14, "sessions": 2, "loads": 3, "directions": 2}
+DEFAULT_NOISE = NoiseLevels()
 
 
-def made(cell: str, seed: int, truth=None, *, rotations=False, frame="base", dirt=NoiseLevels(), **design):  # noqa: B008
+def simulate_load_test(
+    cell: str, seed: int, truth=None, *, rotations=False, frame="base", dirt=DEFAULT_NOISE, **design
+):
     """A recording, with springs up to a third off the cell's."""
     rng = np.random.default_rng([11, seed])
     a = arm(cell)
@@ -48,7 +51,7 @@ def made(cell: str, seed: int, truth=None, *, rotations=False, frame="base", dir
     return load_tests(a, made_up, plan, rng, dirt, rotations=rotations, frame=frame), made_up, plan
 
 
-def diagnosed(tmp_path: Path, cell: str, recording: Recording):
+def diagnose_recording(tmp_path: Path, cell: str, recording: Recording):
     return diagnose_in_memory(CELLS / cell, recording, tmp_path / "recording").diagnosis
 
 
@@ -89,8 +92,8 @@ def test_simulator_agrees_with_forward_kinematics(cell: str) -> None:
     ],
 )
 def test_nothing_is_named_in_an_intact_arm(tmp_path: Path, cell: str, seed: int, rotations: bool, frame: str) -> None:
-    recording, _, _ = made(cell, seed, rotations=rotations, frame=frame)
-    d = diagnosed(tmp_path, cell, recording)
+    recording, _, _ = simulate_load_test(cell, seed, rotations=rotations, frame=frame)
+    d = diagnose_recording(tmp_path, cell, recording)
     assert names(d) == []
     assert d.verdict == ("explained" if d.findings else "consistent")
     assert d.heldout_after < 1.15 * d.noise_floor  # fourteen poses for seven unknowns cost a few per cent
@@ -98,26 +101,28 @@ def test_nothing_is_named_in_an_intact_arm(tmp_path: Path, cell: str, seed: int,
 
 @pytest.mark.parametrize("left_out", [("session",), ("pose", "cycle", "session")])
 def test_nothing_is_named_without_labels(tmp_path: Path, left_out: tuple[str, ...]) -> None:
-    recording, _, _ = made("irb6700_drilling", 5)
+    recording, _, _ = simulate_load_test("irb6700_drilling", 5)
     N = len(recording)
     plain = {"session": np.zeros(N, np.int64), "cycle": np.arange(N), "pose": recording.pose}
     changed = {k: plain[k] for k in left_out}
     recording = replace(
         recording, **changed, stated_labels=recording.stated_labels - set(left_out), time=None, branch=None
     )
-    d = diagnosed(tmp_path, "irb6700_drilling", recording)
+    d = diagnose_recording(tmp_path, "irb6700_drilling", recording)
     assert (names(d), d.verdict) == ([], "consistent")
 
 
 def test_sagging_arm_is_no_rotated_sensor(tmp_path: Path) -> None:
     """Weight turns the tool by milliradians against the encoders; a wrench in tool axes turns with it."""
     cell = "kr240_drilling"
-    recording, truth, plan = made(cell, 6, frame="tool", poses=24, dirt=NoiseLevels(4e-6, 2e-6, 3e-6, 1e-3, 1e-3, 0.0))
+    recording, truth, plan = simulate_load_test(
+        cell, 6, frame="tool", poses=24, dirt=NoiseLevels(4e-6, 2e-6, 3e-6, 1e-3, 1e-3, 0.0)
+    )
     _, sagged, _, _ = solve_equilibrium(arm(cell), HiddenEffects(truth.stiffness), plan)
     _, straight, _, _ = solve_equilibrium(arm(cell), HiddenEffects(np.full(6, 1e15)), plan)
     turn = np.linalg.norm(sagged - straight, axis=(1, 2)) / np.sqrt(2)
     assert np.median(turn) > 3e-3  # rad: else nothing is tested
-    d = diagnosed(tmp_path, cell, recording)
+    d = diagnose_recording(tmp_path, cell, recording)
     assert [n for n in names(d) if n[1].startswith("sensor")] == []
 
 
@@ -186,11 +191,11 @@ def _pair(c: float) -> np.ndarray:
 def test_single_effect_is_named_at_its_place(
     tmp_path: Path, cell: str, effect: str, where: str, truth, rotations: bool
 ) -> None:
-    recording, made_up, plan = made(cell, 20, truth, rotations=rotations, poses=18, loads=4)
+    recording, made_up, plan = simulate_load_test(cell, 20, truth, rotations=rotations, poses=18, loads=4)
     assert (
         compute_unmodelled_rms(arm(cell), made_up, plan) > 12e-6
     )  # m left by a perfect refit: it is there to be found
-    d = diagnosed(tmp_path, cell, recording)
+    d = diagnose_recording(tmp_path, cell, recording)
     assert names(d)[0] == (effect, where)
     f = next(x for x in d.findings if x.effect == effect)
     assert f.one_of[0] == (effect, where)
@@ -202,13 +207,13 @@ def test_single_effect_is_named_at_its_place(
 @pytest.mark.slow
 def test_backlash_width_lies_in_its_interval(tmp_path: Path) -> None:
     width = 0.4
-    recording, _, _ = made(
+    recording, _, _ = simulate_load_test(
         "kr500_milling",
         31,
         lambda a, k, p: HiddenEffects(k, {0: build_rough_backlash(width * ARCMIN, 0.01 * _largest(a, k, p, 0))}),
         poses=20,
     )
-    d = diagnosed(tmp_path, "kr500_milling", recording)
+    d = diagnose_recording(tmp_path, "kr500_milling", recording)
     found = next(f for f in d.findings if f.effect == "joint_backlash").parameters["width"]
     assert found.unit == "arcmin"
     assert found.ci95[0] <= width <= found.ci95[1]
@@ -219,14 +224,14 @@ def test_backlash_width_lies_in_its_interval(tmp_path: Path) -> None:
 def test_hysteresis_is_found(tmp_path: Path) -> None:
     """Iwan elements on the load's own torque: joint 1 bears no weight."""
     cell = "irb6700_drilling"
-    recording, _, _ = made(
+    recording, _, _ = simulate_load_test(
         cell,
         33,
         lambda a, k, p: HiddenEffects(k, {0: build_iwan_law(0.6 / k[0], 0.7 * _largest(a, k, p, 0))}),
         poses=18,
         loads=5,
     )
-    d = diagnosed(tmp_path, cell, recording)
+    d = diagnose_recording(tmp_path, cell, recording)
     assert names(d)[0] == ("joint_hysteresis", "joint:1")
 
 
@@ -237,8 +242,8 @@ def test_effect_outside_the_catalogue_is_a_mismatch(tmp_path: Path) -> None:
         side = np.tanh(4.0 * plan.q[:, 3])
         return HiddenEffects(k, {0: lambda tau, q, time: 0.5 / k[0] * tau * side})
 
-    recording, _, _ = made("kr240_drilling", 35, truth, poses=20)
-    d = diagnosed(tmp_path, "kr240_drilling", recording)
+    recording, _, _ = simulate_load_test("kr240_drilling", 35, truth, poses=20)
+    d = diagnose_recording(tmp_path, "kr240_drilling", recording)
     assert d.verdict in ("unexplained", "partly_explained")
     assert d.repeatable > d.noise_floor
     assert d.next_experiment
@@ -250,15 +255,15 @@ def test_two_effects_are_both_named(tmp_path: Path) -> None:
         knee = sine_knee(1.4 / k[3], 0.4 * _largest(a, k, plan, 3))
         return HiddenEffects(k, {3: knee}, hinges={0: np.diag([1.0, 1.3, 0.3]) * 0.06 / k[1]})
 
-    recording, _, _ = made("kr240_drilling", 36, truth, poses=20, loads=4)
-    d = diagnosed(tmp_path, "kr240_drilling", recording)
+    recording, _, _ = simulate_load_test("kr240_drilling", 36, truth, poses=20, loads=4)
+    d = diagnose_recording(tmp_path, "kr240_drilling", recording)
     assert set(names(d)) == {("joint_nonlinear_stiffness", "joint:4"), ("base_compliance", "base")}
 
 
 def test_refitted_springs_equal_the_true_ones(tmp_path: Path) -> None:
     cell = "kr240_drilling"
-    recording, truth, _ = made(cell, 37, dirt=NoiseLevels(gain_session=0.0, gain_cycle=0.0))
-    d = diagnosed(tmp_path, cell, recording)
+    recording, truth, _ = simulate_load_test(cell, 37, dirt=NoiseLevels(gain_session=0.0, gain_cycle=0.0))
+    d = diagnose_recording(tmp_path, cell, recording)
     for c, k in zip([c for c in d.coefficients if c.unknown.name.startswith("joint ")], truth.stiffness, strict=True):
         assert abs(c.value - 1.0 / k) < 4.0 * c.sigma + 0.02 / k  # the common gain of all forces is not among sigma
 
@@ -277,7 +282,7 @@ def test_displacements_equal_springs_in_series() -> None:
 
 
 def test_sensor_errors_act_through_springs_and_bodies() -> None:
-    recording, truth, _ = made("irb6700_drilling", 31, rotations=True)
+    recording, truth, _ = simulate_load_test("irb6700_drilling", 31, rotations=True)
     robot, T, masses = model("irb6700_drilling")
     tests = build_load_test_experiment(recording, robot, T)
     soft = StiffnessTerm(

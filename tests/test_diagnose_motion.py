@@ -72,7 +72,9 @@ def arm(folder: Path, joints: int = 1, kind: str = "revolute", tool: float = 0.0
     )
 
 
-def excited(joints: int, rng: np.random.Generator, *, periods: int = 4, rate: float = 100.0, period: float = 6.0):
+def build_fourier_motion(
+    joints: int, rng: np.random.Generator, *, periods: int = 4, rate: float = 100.0, period: float = 6.0
+):
     """Time, q, q̇, q̈ of a Fourier series that repeats."""
     t = np.arange(int(periods * period * rate)) / rate
     q, v, a = (np.zeros((len(t), joints)) for _ in range(3))
@@ -85,7 +87,7 @@ def excited(joints: int, rng: np.random.Generator, *, periods: int = 4, rate: fl
     return t, q, v, a
 
 
-def recorded(t, q, v, tau=None, **more) -> Recording:
+def build_motion_recording(t, q, v, tau=None, **more) -> Recording:
     zeros = np.zeros(len(t), np.int64)
     return Recording(
         kind="motion",
@@ -102,7 +104,7 @@ def recorded(t, q, v, tau=None, **more) -> Recording:
     )
 
 
-def diagnosed(recording: Recording, cell: Cell, channel):
+def diagnose_recording(recording: Recording, cell: Cell, channel):
     problem, catalogue, notes, first = motion_channels.build_motion_problem(
         recording, cell, channel, np.random.default_rng(0)
     )
@@ -125,7 +127,7 @@ def test_torque_of_a_pendulum(tmp_path: Path) -> None:
 def test_regressor_columns_equal_changes_of_the_tool(tmp_path: Path) -> None:
     """More mass at the tool's centre changes torques by the first payload column, exactly linear."""
     rng = np.random.default_rng(1)
-    _, q, v, a = excited(3, rng, periods=1, rate=5.0)
+    _, q, v, a = build_fourier_motion(3, rng, periods=1, rate=5.0)
     light, heavy = (load_dynamics(arm(tmp_path, 3, tool=m)) for m in (5.0, 7.5))
     P, _, L = light.compute_regressors(q, v, a)
     assert 2.5 * P[:, :, 0] == pytest.approx(
@@ -208,8 +210,8 @@ def test_lag_and_spring_agree_with_closed_forms() -> None:
 
 def test_periods_groups_and_replicates_of_a_repeating_motion(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
-    t, q, v, a = excited(1, rng)
-    m = build_motion_signals(recorded(t, q, v), 1)
+    t, q, v, a = build_fourier_motion(1, rng)
+    m = build_motion_signals(build_motion_recording(t, q, v), 1)
     assert m.length == pytest.approx(6.0, abs=0.011)  # one sample
     assert len(np.unique(m.group)) >= 6
     # twins stand at the same joint angle and in other periods
@@ -227,55 +229,57 @@ def test_periods_groups_and_replicates_of_a_repeating_motion(tmp_path: Path) -> 
 
 def test_offset_in_one_period_is_not_physics(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
-    t, q, v, _ = excited(1, rng)
-    m = build_motion_signals(recorded(t, q, v), 1)
+    t, q, v, _ = build_fourier_motion(1, rng)
+    m = build_motion_signals(build_motion_recording(t, q, v), 1)
     x = 3.0 + m.select_block_labels(m.period).astype(float)
     assert m.subtract_period_mean(x[:, None]) == pytest.approx(np.full((len(m), 1), x.mean()), abs=1e-9)
 
 
 def test_gaps_split_and_short_recordings_are_refused() -> None:
     rng = np.random.default_rng(2)
-    t, q, v, _ = excited(1, rng)
+    t, q, v, _ = build_fourier_motion(1, rng)
     keep = (t < 10.0) | (t > 11.0)
-    m = build_motion_signals(recorded(t[keep], q[keep], v[keep]), 1)
+    m = build_motion_signals(build_motion_recording(t[keep], q[keep], v[keep]), 1)
     assert len(m.segments()) == 2
     assert any("gap" in n for n in m.notes)
     with pytest.raises(InputError, match="no stretch"):
-        build_motion_signals(recorded(t[:20], q[:20], v[:20]), 1)
+        build_motion_signals(build_motion_recording(t[:20], q[:20], v[:20]), 1)
     twice = t.copy()
     twice[7] = twice[6]
     with pytest.raises(InputError, match="time does not advance"):
-        build_motion_signals(recorded(twice, q, v), 1)
+        build_motion_signals(build_motion_recording(twice, q, v), 1)
 
 
 def test_speeds_in_radians_are_corrected_and_reported() -> None:
     rng = np.random.default_rng(3)
-    t, q, v, _ = excited(2, rng)
-    fixed, found = motion_record_checks.correct_motion_units(recorded(t, 20 * q, 20 * v * np.pi / 180.0), 2)
+    t, q, v, _ = build_fourier_motion(2, rng)
+    fixed, found = motion_record_checks.correct_motion_units(
+        build_motion_recording(t, 20 * q, 20 * v * np.pi / 180.0), 2
+    )
     assert [(f.effect, f.location) for f in found] == [("units", "column:qd1_deg_s")]
     assert fixed.velocity == pytest.approx(20 * v, rel=1e-12)
-    _, none = motion_record_checks.correct_motion_units(recorded(t, q, v), 2)
+    _, none = motion_record_checks.correct_motion_units(build_motion_recording(t, q, v), 2)
     assert not none
     with pytest.raises(InputError, match="runs against"):
-        motion_record_checks.correct_motion_units(recorded(t, q, -v), 2)
+        motion_record_checks.correct_motion_units(build_motion_recording(t, q, -v), 2)
 
 
 def test_motor_side_torque_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 2)
-    t, q, v, a = excited(2, rng)
+    t, q, v, a = build_fourier_motion(2, rng)
     tau = load_dynamics(cell).compute_torque(q, v, a) / np.array([120.0, 90.0])
     with pytest.raises(InputError, match="before their gears"):
-        motion_channels.build_motion_problem(recorded(t, q, v, tau), cell, "torque", rng)
+        motion_channels.build_motion_problem(build_motion_recording(t, q, v, tau), cell, "torque", rng)
 
 
 def test_channels_follow_the_recorded_signals(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 1)
-    t, q, v, _ = excited(1, rng)
-    assert motion_channels.list_testable_channels(recorded(t, q, v, q), cell) == ("torque",)
-    assert motion_channels.list_testable_channels(recorded(t, q, v, q, q_secondary=q), cell)[0] == "link"
-    assert motion_channels.list_testable_channels(recorded(t, q, v), cell) == ()
+    t, q, v, _ = build_fourier_motion(1, rng)
+    assert motion_channels.list_testable_channels(build_motion_recording(t, q, v, q), cell) == ("torque",)
+    assert motion_channels.list_testable_channels(build_motion_recording(t, q, v, q, q_secondary=q), cell)[0] == "link"
+    assert motion_channels.list_testable_channels(build_motion_recording(t, q, v), cell) == ()
 
 
 @pytest.mark.parametrize("late", [-0.0043, 0.0, 0.0121])
@@ -283,11 +287,13 @@ def test_torque_delay_is_found_to_one_millisecond(tmp_path: Path, late: float) -
     """Friction must be late together with the rigid bodies; samples every 10 ms, 0.5 N·m of noise on 140."""
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
-    t, q, v, _ = excited(1, rng)
-    fine, qf, vf, af = excited(1, np.random.default_rng(4), rate=2000.0)
+    t, q, v, _ = build_fourier_motion(1, rng)
+    fine, qf, vf, af = build_fourier_motion(1, np.random.default_rng(4), rate=2000.0)
     tau = load_dynamics(cell).compute_torque(qf, vf, af)[:, 0] + 8.0 * np.tanh(vf[:, 0] / 0.05) + 3.0 * vf[:, 0]
     seen = np.interp(t - late, fine, tau)[:, None] + 0.5 * rng.normal(size=(len(t), 1))
-    _, catalogue, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, seen), cell, "torque", rng)
+    _, catalogue, _, _ = motion_channels.build_motion_problem(
+        build_motion_recording(t, q, v, seen), cell, "torque", rng
+    )
     clock = next(h for h in catalogue.hypotheses if h.effect == "time_skew")
     assert clock.shapes[0][0] == pytest.approx(late, abs=1e-3)
 
@@ -295,7 +301,7 @@ def test_torque_delay_is_found_to_one_millisecond(tmp_path: Path, late: float) -
 def shaken(tmp_path: Path, joints: int, seed: int):
     rng = np.random.default_rng(seed)
     cell = arm(tmp_path, joints, tool=5.0)
-    t, q, v, a = excited(joints, rng, periods=5)
+    t, q, v, a = build_fourier_motion(joints, rng, periods=5)
     tau = load_dynamics(cell).compute_torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
     return rng, cell, t, q, v, tau
 
@@ -305,10 +311,12 @@ def test_interpolation_of_the_recorder_is_part_of_the_delay(tmp_path: Path, late
     """Half a step of friction stood between two samples, where no late step does: delays came out 14 to 22 % long."""
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
-    t, q, v, a = excited(1, rng)
+    t, q, v, a = build_fourier_motion(1, rng)
     tau = load_dynamics(cell).compute_torque(q, v, a)[:, 0] + 8.0 * np.sign(v[:, 0]) + 3.0 * v[:, 0]
     seen = np.interp(t - late, t, tau)[:, None] + 0.2 * rng.normal(size=(len(t), 1))
-    problem, catalogue, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, seen), cell, "torque", rng)
+    problem, catalogue, _, _ = motion_channels.build_motion_problem(
+        build_motion_recording(t, q, v, seen), cell, "torque", rng
+    )
     clock = next(h for h in catalogue.hypotheses if h.effect == "time_skew")
     X = np.concatenate([problem.base, clock.columns(clock.shapes[0])], axis=2)[:, 0]
     left, x = fit_least_squares(problem.y[:, 0], X)
@@ -318,7 +326,9 @@ def test_interpolation_of_the_recorder_is_part_of_the_delay(tmp_path: Path, late
 
 def test_nothing_is_named_without_an_effect(tmp_path: Path) -> None:
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
-    found, notes, first = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
+    found, notes, first = diagnose_recording(
+        build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque"
+    )
     assert found.verdict == "consistent"
     assert not found.findings
     assert not first
@@ -329,7 +339,7 @@ def test_stribeck_friction_is_named_at_its_joint(tmp_path: Path) -> None:
     """A Stribeck peak of 6 N·m in 1 N·m of noise; a hyperbola here, an exponential in the catalogue."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
-    found, _, _ = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
     assert [(f.effect, f.location) for f in found.findings] == [("joint_friction", "joint:2")]
     assert found.heldout_after < found.heldout_before
     # within a fifth of the noise of a reading (two samples averaged at most): the law is not the very same
@@ -346,7 +356,7 @@ def test_backlash_is_named_from_link_side_encoders(tmp_path: Path) -> None:
     tau = load_dynamics(cell).compute_torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
     load = -(tau - 6.0 * np.sign(v) - 2.0 * v)
     other = q + load / 2e6 + 5e-5 * np.tanh(load / 2.0) + 2e-5 * rng.normal(size=q.shape)
-    found, _, _ = diagnosed(recorded(t, q, v, tau, q_secondary=other), cell, "link")
+    found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau, q_secondary=other), cell, "link")
     assert [(f.effect, f.location) for f in found.findings] == [("joint_backlash", "joint:1")]
     width = found.findings[0].parameters["width"]
     assert width.value == pytest.approx(1e-4 * 10800 / np.pi, rel=0.1)  # arcmin; the knee is tanh here, a ramp there
@@ -358,7 +368,9 @@ def test_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None
     tau = load_dynamics(cell).compute_torque(q, v, np.gradient(v[:, 0], t)[:, None])
     other = CubicSpline(t, q - tau / 2e4)(t - 0.008) + 2e-6 * rng.normal(size=q.shape)
     keep = slice(10, -10)
-    found, _, _ = diagnosed(recorded(t[keep], q[keep], v[keep], tau[keep], q_secondary=other[keep]), cell, "link")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t[keep], q[keep], v[keep], tau[keep], q_secondary=other[keep]), cell, "link"
+    )
     assert [(f.effect, f.location) for f in found.findings] == [("time_skew", "sensor:qse")]
     assert found.findings[0].parameters["late"].value == pytest.approx(8.0, abs=0.01)  # ms
 
@@ -366,12 +378,12 @@ def test_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None
 def test_encoders_behind_their_command_are_reported(tmp_path: Path) -> None:
     rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
     asked = q + 0.012 * v
-    late = recorded(t, q, v, tau, q_command=asked)
+    late = build_motion_recording(t, q, v, tau, q_command=asked)
     lags = servo_lag.find_servo_lag(late, build_motion_signals(late, 2))
     assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
     assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command
     assert lags[0].p_value < 1e-6  # better on all of 24 stretches: a coin does so once in 17 million
-    close = recorded(t, q, v, tau, q_command=q + 1e-6 * rng.normal(size=q.shape))
+    close = build_motion_recording(t, q, v, tau, q_command=q + 1e-6 * rng.normal(size=q.shape))
     assert not servo_lag.find_servo_lag(close, build_motion_signals(close, 2))
 
 
@@ -379,16 +391,16 @@ def test_prismatic_joint_is_a_valid_chain(tmp_path: Path) -> None:
     """One prismatic joint: force, not torque, and nothing asks for six joints."""
     rng = np.random.default_rng(9)
     cell = arm(tmp_path, 1, "prismatic")
-    t, q, v, a = excited(1, rng)
+    t, q, v, a = build_fourier_motion(1, rng)
     force = MASS * a + 5.0 * np.sign(v) + 0.2 * rng.normal(size=q.shape)
-    problem, _, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, force), cell, "torque", rng)
+    problem, _, _, _ = motion_channels.build_motion_problem(build_motion_recording(t, q, v, force), cell, "torque", rng)
     assert problem.families[0].unit == "N"
     x = np.linalg.lstsq(problem.base[:, 0], problem.y[:, 0], rcond=None)[0]
     coulomb = next(k for k, u in enumerate(problem.unknowns) if u.name.startswith("Coulomb"))
     assert x[coulomb] == pytest.approx(5.0, abs=0.1)  # noise 0.2 N over a thousand readings
 
 
-def bench(folder: Path, data: str, urdf: str) -> tuple[Path, Path]:
+def write_prismatic_bench(folder: Path, data: str, urdf: str) -> tuple[Path, Path]:
     """Cell and recording folders of one slide, without tool, workpiece or stiffness."""
     cell, record = folder / "cell", folder / "rec"
     cell.mkdir()
@@ -406,12 +418,12 @@ def bench(folder: Path, data: str, urdf: str) -> tuple[Path, Path]:
 
 def slide(folder: Path, force: str = "tau1_N", q: str = "q1_mm") -> tuple[Path, Path]:
     rng = np.random.default_rng(11)
-    t, x, v, a = excited(1, rng, periods=3)
+    t, x, v, a = build_fourier_motion(1, rng, periods=3)
     f = MASS * a + 5.0 * np.sign(v) + 0.2 * rng.normal(size=x.shape)
     rows = np.column_stack([t, 1e3 * x, 1e3 * v, f])
     head = f"time_s,{q},{q.replace('q', 'qd')}_s,{force}"
     text = "\n".join([head, *(",".join(f"{n:.9g}" for n in r) for r in rows.tolist()), ""])
-    return bench(folder, text, arm(folder, 1, "prismatic").urdf.read_text(encoding="utf-8"))
+    return write_prismatic_bench(folder, text, arm(folder, 1, "prismatic").urdf.read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("force", ["tau1_N", "tau1_Nm"])
@@ -438,14 +450,14 @@ def test_joints_of_cell_and_recording_must_agree(tmp_path: Path) -> None:
     (record / "data.csv").write_text(data.replace("q1_deg", "q1_mm", 1), encoding="utf-8")
     with pytest.raises(InputError, match="found column qd1_deg_s; joint 1 slides"):
         load_recording(record)
-    t, q, v, a = excited(2, np.random.default_rng(0), periods=1)
+    t, q, v, a = build_fourier_motion(2, np.random.default_rng(0), periods=1)
     with pytest.raises(InputError, match="has 2 joints, the cell's arm 1"):
-        motion_channels.check_joint_names(recorded(t, q, v, a), loaded)
+        motion_channels.check_joint_names(build_motion_recording(t, q, v, a), loaded)
 
 
 def test_prismatic_joints_are_written_and_read_back(tmp_path: Path) -> None:
-    t, q, v, a = excited(2, np.random.default_rng(1), periods=1)
-    before = replace(recorded(t, q, v, a, q_secondary=q), prismatic=(False, True))
+    t, q, v, a = build_fourier_motion(2, np.random.default_rng(1), periods=1)
+    before = replace(build_motion_recording(t, q, v, a, q_secondary=q), prismatic=(False, True))
     write_recording(tmp_path / "r", before)
     names = (tmp_path / "r" / "data.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert {"q1_deg", "q2_mm", "qd2_mm_s", "qse2_mm", "tau1_Nm", "tau2_N"} <= set(names)
@@ -466,9 +478,9 @@ def test_friction_reversal_at_a_sample_is_no_delay() -> None:
 def test_lost_samples_do_not_bias_velocities() -> None:
     """Three in ten samples are missing: filters that took the rest as even would be far off."""
     rng = np.random.default_rng(12)
-    t, q, v, a = excited(1, rng, rate=250.0, periods=2)
+    t, q, v, a = build_fourier_motion(1, rng, rate=250.0, periods=2)
     keep = np.sort(rng.choice(len(t), int(0.7 * len(t)), replace=False))
-    m = build_motion_signals(recorded(t[keep], q[keep], v[keep]), 1)
+    m = build_motion_signals(build_motion_recording(t[keep], q[keep], v[keep]), 1)
     assert any("even grid" in n for n in m.notes)
     inside = slice(100, -100)
     assert np.abs(m.a[inside, 0] - a[keep][m.index][inside, 0]).max() < 0.02 * np.ptp(a)
@@ -476,16 +488,16 @@ def test_lost_samples_do_not_bias_velocities() -> None:
 
 def test_recordings_without_motion_are_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(13)
-    t, q, v, a = excited(2, rng, periods=2)
+    t, q, v, a = build_fourier_motion(2, rng, periods=2)
     cell = arm(tmp_path, 2)
     tau = load_dynamics(cell).compute_torque(q, v, a) + rng.normal(size=q.shape)
     with pytest.raises(InputError, match="no joint moves"):
-        motion_channels.build_motion_problem(recorded(t, 0 * q, 0 * v, tau), cell, "torque", rng)
+        motion_channels.build_motion_problem(build_motion_recording(t, 0 * q, 0 * v, tau), cell, "torque", rng)
     with pytest.raises(InputError, match="tau2_Nm never changes"):
-        motion_channels.build_motion_problem(recorded(t, q, v, tau * [1, 0]), cell, "torque", rng)
+        motion_channels.build_motion_problem(build_motion_recording(t, q, v, tau * [1, 0]), cell, "torque", rng)
     with pytest.raises(InputError, match="tau2_Nm runs against"):
-        motion_channels.build_motion_problem(recorded(t, q, v, tau * [1, -1]), cell, "torque", rng)
-    fixed, words = motion_record_checks.check_channel_quality(recorded(t, q, v * [1, 0], tau), 2)
+        motion_channels.build_motion_problem(build_motion_recording(t, q, v, tau * [1, -1]), cell, "torque", rng)
+    fixed, words = motion_record_checks.check_channel_quality(build_motion_recording(t, q, v * [1, 0], tau), 2)
     assert fixed.velocity is None
     assert "qd2_deg_s never changes" in words[0]
 
@@ -493,11 +505,11 @@ def test_recordings_without_motion_are_refused(tmp_path: Path) -> None:
 def test_clock_in_milliseconds_and_torques_in_kilo_units_are_corrected(tmp_path: Path) -> None:
     rng = np.random.default_rng(14)
     cell = arm(tmp_path, 2)
-    t, q, v, a = excited(2, rng)
+    t, q, v, a = build_fourier_motion(2, rng)
     tau = load_dynamics(cell).compute_torque(q, v, a) + 6.0 * np.sign(v) + rng.normal(size=q.shape)
     for record, where in (
-        (recorded(100.0 * 1e3 * t, q, 1e-2 * v, tau), "column:time_s"),
-        (recorded(t, q, v, tau / 1e3), "column:tau1_Nm"),
+        (build_motion_recording(100.0 * 1e3 * t, q, 1e-2 * v, tau), "column:time_s"),
+        (build_motion_recording(t, q, v, tau / 1e3), "column:tau1_Nm"),
     ):
         _, _, _, found = motion_channels.build_motion_problem(record, cell, "torque", rng)
         assert [(f.effect, f.location) for f in found] == [("units", where)]

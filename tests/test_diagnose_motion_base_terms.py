@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording, diagnose_recording, shaken
 
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.measurement import thresholds
@@ -36,8 +36,10 @@ def test_rotor_inertia_missing_in_the_urdf_is_reported_with_its_joint(tmp_path: 
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     a = np.gradient(v, t, axis=0)
     noise = rng.normal(size=q.shape)
-    plain, _, _ = diagnosed(recorded(t, q, v, tau + noise), cell, "torque")
-    found, _, _ = diagnosed(recorded(t, q, v, tau + noise + np.array([0.0, 4.0]) * a), cell, "torque")
+    plain, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + noise), cell, "torque")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t, q, v, tau + noise + np.array([0.0, 4.0]) * a), cell, "torque"
+    )
     assert (plain.verdict, found.verdict) == ("consistent", "consistent")
     assert "stated nowhere" not in plain.sentence
     assert "motor inertia" in found.sentence
@@ -50,7 +52,9 @@ def test_gradual_friction_reversal_is_reported(tmp_path: Path) -> None:
     """Over 0.08 rad/s at joint 1, as honey does; samples every 10 ms, between which it turns by some 0.01 rad/s."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     tau[:, 0] += 6.0 * (np.tanh(v[:, 0] / 0.08) - np.sign(v[:, 0]))
-    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque"
+    )
     assert found.verdict == "consistent"
     assert "turns over gradually" in found.sentence
     assert "(joint 2)" not in found.sentence
@@ -64,13 +68,15 @@ def test_delay_is_used_only_where_significant(tmp_path: Path, monkeypatch: pytes
         joint_torque_channel, "estimate_torque_delay", lambda *given: seen.append(clock(*given)) or seen[-1]
     )
     cell = arm(tmp_path, 1, tool=5.0)
-    fine, qf, vf, af = excited(1, np.random.default_rng(4), rate=2000.0)
+    fine, qf, vf, af = build_fourier_motion(1, np.random.default_rng(4), rate=2000.0)
     tau = load_dynamics(cell).compute_torque(qf, vf, af) + 6.0 * np.sign(vf) + 2.0 * vf
-    t, q, v, _ = excited(1, np.random.default_rng(4))
+    t, q, v, _ = build_fourier_motion(1, np.random.default_rng(4))
     moved = np.stack([np.interp(t - late, fine, x) for x in tau.T], axis=1)
     for seed in range(6):
         noise = np.random.default_rng(seed).normal(size=q.shape)
-        motion_channels.build_motion_problem(recorded(t, q, v, moved + noise), cell, "torque", np.random.default_rng(0))
+        motion_channels.build_motion_problem(
+            build_motion_recording(t, q, v, moved + noise), cell, "torque", np.random.default_rng(0)
+        )
     assert [shared for _, shared, _ in seen] == [late > 0.0] * 6
 
 
@@ -79,13 +85,13 @@ def test_load_at_twice_its_detection_limit_is_named(tmp_path: Path) -> None:
     load and moment, of which they take up little."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
     noise = 3.0 * rng.normal(size=q.shape)
-    plain, _, _ = diagnosed(recorded(t, q, v, tau + noise), cell, "torque")
+    plain, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + noise), cell, "torque")
     limit = next(x for x in plain.limits if x.effect == "payload")
     assert limit.unit == "kg"
     heavier = replace(cell, tool=replace(cell.tool, mass=cell.tool.mass + 2.0 * limit.value))
     a = np.gradient(v, t, axis=0)
     more = load_dynamics(heavier).compute_torque(q, v, a) - load_dynamics(cell).compute_torque(q, v, a)
-    found, _, _ = diagnosed(recorded(t, q, v, tau + more + noise), cell, "torque")
+    found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + more + noise), cell, "torque")
     assert [(f.effect, f.location) for f in found.findings] == [("payload", "tool")]
     mass = found.findings[0].parameters["mass"]
     assert mass.ci95[0] < 2.0 * limit.value < mass.ci95[1]
@@ -95,7 +101,7 @@ def test_torque_repeated_in_every_period_is_no_outlier(tmp_path: Path) -> None:
     """Late friction stands in single samples about each reversal: as gross ones they hid clocks and small shafts."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     problem, _, _, _ = motion_channels.build_motion_problem(
-        recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque", rng
+        build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque", rng
     )
     left = rng.normal(size=problem.y.shape)
     again = problem.replicate == problem.replicate[400]
@@ -145,7 +151,7 @@ def test_drive_gain_and_payload_are_reported_together(tmp_path: Path) -> None:
     heavier = replace(cell, tool=replace(cell.tool, mass=11.0))
     tau = tau + load_dynamics(heavier).compute_torque(q, v, a) - load_dynamics(cell).compute_torque(q, v, a)
     tau[:, 1] *= 0.5
-    found, _, _ = diagnosed(recorded(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
     said = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}
     assert set(said) == {("payload", "tool"), ("units", "column:tau2_Nm")}
     assert said["payload", "tool"].value == pytest.approx(6.0, rel=0.05)
@@ -157,7 +163,9 @@ def test_speed_of_a_friction_peak_has_an_interval(tmp_path: Path) -> None:
     """Laws of several numbers were looked at on their grid alone, and the interval was one point of it."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.07) + 0.02 * np.sign(v[:, 1]) * np.abs(tau[:, 1])
-    found, _, _ = diagnosed(recorded(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")
+    found, _, _ = diagnose_recording(
+        build_motion_recording(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque"
+    )
     speed = found.findings[0].parameters["stribeck_speed"]
     assert speed.ci95[0] < speed.value < speed.ci95[1]
     assert speed.ci95[0] < np.degrees(0.07) < speed.ci95[1]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, excited, recorded
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording
 
 from machopt.cell.cell_reader import load_cell
 from machopt.data_types.cell import Cell
@@ -32,13 +32,13 @@ from machopt.measurement.diagnosis.motion_data.motion_signals import build_motio
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 
 
-def moved(joints: int = 1, seed: int = 3, **more) -> Recording:
-    t, q, v, _ = excited(joints, np.random.default_rng(seed), **more)
-    return recorded(t, q, v)
+def simulate_joint_motion(joints: int = 1, seed: int = 3, **more) -> Recording:
+    t, q, v, _ = build_fourier_motion(joints, np.random.default_rng(seed), **more)
+    return build_motion_recording(t, q, v)
 
 
 def test_recording_without_a_running_clock_is_refused() -> None:
-    r = moved(periods=2)
+    r = simulate_joint_motion(periods=2)
     assert r.time is not None
     still, lone = r.time.copy(), np.arange(len(r.time))
     still[700] = still[699]
@@ -54,9 +54,9 @@ def test_recording_without_a_running_clock_is_refused() -> None:
 
 def test_short_segments_are_left_out_and_positions_differentiated() -> None:
     """The last half second behind a gap is no stretch; q̇ of encoders alone is that of the motion."""
-    t, q, v, _ = excited(1, np.random.default_rng(4), periods=2)
+    t, q, v, _ = build_fourier_motion(1, np.random.default_rng(4), periods=2)
     late = t + 3.0 * (np.arange(len(t)) >= len(t) - 20)
-    m = build_motion_signals(replace(recorded(late, q, v), velocity=None), 1)
+    m = build_motion_signals(replace(build_motion_recording(late, q, v), velocity=None), 1)
     assert len(m.q) == len(t) - 20
     assert any("20 samples in stretches shorter than" in n for n in m.notes)
     assert any("velocity differentiated" in n for n in m.notes)
@@ -65,7 +65,7 @@ def test_short_segments_are_left_out_and_positions_differentiated() -> None:
 
 @pytest.mark.parametrize("by", [0.0, 0.03, -0.017, 0.2, -0.2, 1e3, -1e3])
 def test_delays_shift_by_fractional_samples_with_constant_ends(by: float) -> None:
-    r = moved(2, periods=2)
+    r = simulate_joint_motion(2, periods=2)
     m = build_motion_signals(r, 2)
     x = np.stack([np.sin(0.7 * m.time), np.cos(0.4 * m.time)], axis=1)
     late = m.delay_cubic(x, by)
@@ -79,7 +79,7 @@ def test_delays_shift_by_fractional_samples_with_constant_ends(by: float) -> Non
 
 def test_periods_follow_repeating_labels() -> None:
     """Labels name the period; those that do not come back, or are uneven, are no periods and the shape decides."""
-    r, each = moved(periods=4), 600
+    r, each = simulate_joint_motion(periods=4), 600
     label = np.arange(len(r)) // each
     named = build_motion_signals(replace(r, cycle=label, stated_labels=frozenset({"cycle"})), 1)
     assert named.length == pytest.approx(6.0)
@@ -93,7 +93,7 @@ def test_periods_follow_repeating_labels() -> None:
 
 
 def test_missing_channel_is_refused_with_its_requirements(tmp_path: Path) -> None:
-    cell, r = arm(tmp_path, 2), moved(2)
+    cell, r = arm(tmp_path, 2), simulate_joint_motion(2)
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match=r"qse1_deg … are needed for the channel link"):
         motion_channels.build_motion_problem(r, cell, "link", rng)
@@ -138,10 +138,10 @@ def massless(folder: Path) -> Cell:
 
 def test_link_side_encoders_without_inertias_use_the_recorded_torque(tmp_path: Path) -> None:
     """Springs of 1e-6 and 2e-6 rad/(N·m) are found from the torque, whose friction has columns of its own."""
-    t, q, v, a = excited(2, np.random.default_rng(6))
+    t, q, v, a = build_fourier_motion(2, np.random.default_rng(6))
     tau = load_dynamics(arm(tmp_path, 2)).compute_torque(q, v, a)
     cell = massless(tmp_path)
-    r = replace(recorded(t, q, v, tau), q_secondary=q - tau * [1e-6, 2e-6] + 1e-9)
+    r = replace(build_motion_recording(t, q, v, tau), q_secondary=q - tau * [1e-6, 2e-6] + 1e-9)
     problem, catalogue, notes, _ = motion_channels.build_motion_problem(r, cell, "link", np.random.default_rng(0))
     names = [u.name for u in problem.unknowns]
     assert any("recorded torque, smoothed" in n for n in notes)
@@ -163,7 +163,7 @@ def test_link_side_encoders_without_inertias_use_the_recorded_torque(tmp_path: P
 
 
 def test_lost_or_constant_second_encoder_is_ignored(tmp_path: Path) -> None:
-    cell, r = massless(tmp_path), moved(2)
+    cell, r = massless(tmp_path), simulate_joint_motion(2)
     lost = np.column_stack([r.q[:, 0], np.full(len(r), np.nan)])
     problem, *_ = motion_channels.build_motion_problem(
         replace(r, q_secondary=lost), cell, "link", np.random.default_rng(0)
@@ -182,9 +182,9 @@ def test_tracked_tcp_without_known_loads_has_no_base_compliance(tmp_path: Path) 
     urdf = tmp_path / "bare.urdf"
     urdf.write_text(re.sub("(?s)<inertial>.*?</inertial>", "", cell.urdf.read_text()))
     cell, robot = replace(cell, urdf=urdf), load_robot(cell)
-    t, q, v, _ = excited(6, np.random.default_rng(9), periods=2, rate=50.0)
+    t, q, v, _ = build_fourier_motion(6, np.random.default_rng(9), periods=2, rate=50.0)
     q = 0.5 * q + cell.home[:6]
-    r = replace(recorded(t, q, 0.5 * v), position=robot.compute_fk(q, cell.tool.T_flange_tcp)[:, :3, 3])
+    r = replace(build_motion_recording(t, q, 0.5 * v), position=robot.compute_fk(q, cell.tool.T_flange_tcp)[:, :3, 3])
     problem, catalogue, *_ = motion_channels.build_motion_problem(r, cell, "tip", np.random.default_rng(0))
     assert not any("compliance" in u.name for u in problem.unknowns)
     assert {"joint_backlash", "servo_lag"} <= {u.effect for u in catalogue.untestable}
@@ -193,7 +193,7 @@ def test_tracked_tcp_without_known_loads_has_no_base_compliance(tmp_path: Path) 
 
 
 def test_warming_follows_the_recorded_temperature_or_time(tmp_path: Path) -> None:
-    cell, r = massless(tmp_path), moved(2)
+    cell, r = massless(tmp_path), simulate_joint_motion(2)
     m = build_motion_signals(r, 2)
     warm_one = np.linspace(20.0, 30.0, len(r))
     for temperature, shapes in ((None, ((15.0,),)), (np.full(len(r), 20.5), ((15.0,),)), (warm_one, ((0.0,),))):
@@ -213,9 +213,9 @@ def test_warming_follows_the_recorded_temperature_or_time(tmp_path: Path) -> Non
 
 def test_constant_command_has_no_lag(tmp_path: Path) -> None:
     """One joint 20 ms behind is said; the one that is never asked to move is not."""
-    t, q, v, _ = excited(2, np.random.default_rng(7))
+    t, q, v, _ = build_fourier_motion(2, np.random.default_rng(7))
     asked = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
-    r = recorded(t, q * [1.0, 0.0], v * [1.0, 0.0])
+    r = build_motion_recording(t, q * [1.0, 0.0], v * [1.0, 0.0])
     assert find_servo_lag(r, build_motion_signals(r, 2)) == []
     (found,) = find_servo_lag(replace(r, q_command=asked), build_motion_signals(r, 2))
     assert found.effect == "servo_lag"

@@ -33,14 +33,16 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Recording]:
     return load_cell(cell), load_recording(recording)
 
 
-def built(cell: Cell, recording: Recording) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[Finding, ...]]:
+def build_problem(
+    cell: Cell, recording: Recording
+) -> tuple[DiagnosisProblem, HypothesisCatalogue, tuple[Finding, ...]]:
     problem, catalogue, _, found = motion_channels.build_motion_problem(
         recording, cell, "tip", np.random.default_rng(0)
     )
     return problem, catalogue, found
 
 
-def solved(problem: DiagnosisProblem, *more: np.ndarray) -> np.ndarray:
+def solve_least_squares(problem: DiagnosisProblem, *more: np.ndarray) -> np.ndarray:
     """Coefficients of the base and of further columns (M, 3, 1), least squares."""
     A = np.concatenate([problem.base, *more], axis=2)
     A = A.reshape(-1, A.shape[2])
@@ -57,13 +59,13 @@ def test_base_model_contains_the_compliances_of_the_arm(driven: tuple[Cell, Reco
 
     The target lies on axis 6, which therefore is not seen.
     """
-    problem, catalogue, found = built(*driven)
+    problem, catalogue, found = build_problem(*driven)
     assert problem.channel == "position"
     names = [u.name for u in problem.unknowns]
     assert names[9:] == [f"compliance {j}" for j in range(1, 7)]
-    np.testing.assert_allclose(solved(problem)[9:14], COMPLIANCE[:5], rtol=0.05)
+    np.testing.assert_allclose(solve_least_squares(problem)[9:14], COMPLIANCE[:5], rtol=0.05)
     assert np.abs(problem.base[:, :, 14]).max() < 1e-9
-    assert np.abs(solved(problem)[:3]).max() < 1e-4  # m: the tracker stands in the base's frame
+    assert np.abs(solve_least_squares(problem)[:3]).max() < 1e-4  # m: the tracker stands in the base's frame
     assert found == ()
     assert lags(catalogue) == {}
     assert ("servo_lag", "the commanded joints are not recorded") in {
@@ -75,9 +77,9 @@ def test_arm_behind_its_command_is_offered_as_in_the_encoders(driven: tuple[Cell
     cell, recording = driven
     assert recording.velocity is not None
     asked = recording.q + LATE * recording.velocity  # the TCP is where the encoders are
-    problem, catalogue, found = built(cell, replace(recording, q_command=asked))
+    problem, catalogue, found = build_problem(cell, replace(recording, q_command=asked))
     shown = lags(catalogue)["as the encoders show it"]
-    x = solved(problem, shown.columns(()))[-1:]
+    x = solve_least_squares(problem, shown.columns(()))[-1:]
     assert x[0] == pytest.approx(1.0, abs=0.02)
     assert shown.quantities(x, ())["delay"].value == pytest.approx(1e3 * LATE, rel=0.03)  # ms
     one = lags(catalogue)["one delay of all joints"]
@@ -89,7 +91,7 @@ def test_encoder_delay_and_arm_delay_are_separated(driven: tuple[Cell, Recording
     cell, recording = driven
     assert recording.velocity is not None
     told = replace(recording, q=recording.q - LATE * recording.velocity, q_command=recording.q)
-    _, _, found = built(cell, told)
+    _, _, found = build_problem(cell, told)
     (late,) = (f for f in found if f.effect == "time_skew")
     assert late.location == "sensor:q"
     assert late.parameters["late"].value == pytest.approx(1e3 * LATE, rel=0.03)  # ms
@@ -99,4 +101,4 @@ def test_encoder_delay_and_arm_delay_are_separated(driven: tuple[Cell, Recording
 def test_channel_requires_a_tracked_position(driven: tuple[Cell, Recording]) -> None:
     cell, recording = driven
     with pytest.raises(InputError, match="the channel tip needs x_mm, y_mm, z_mm"):
-        built(cell, replace(recording, position=None))
+        build_problem(cell, replace(recording, position=None))

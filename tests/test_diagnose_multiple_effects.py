@@ -50,7 +50,7 @@ MANY: Planted = {
 }
 
 
-def again(columns: Array) -> Array:
+def repeat_for_visits(columns: Array) -> Array:
     """The same at every visit of a pose."""
     return np.tile(columns, (VISITS, 1, 1))
 
@@ -63,16 +63,21 @@ def hypotheses(rng: np.random.Generator) -> list[EffectHypothesis]:
     def waves(j: int) -> EffectHypothesis:
         def columns(shape: tuple[float, ...]) -> Array:
             parts = [f(n * q[:, None, j]) * lever[:, :, j] for n in shape for f in (np.cos, np.sin)]
-            return again(np.stack(parts, axis=2))
+            return repeat_for_visits(np.stack(parts, axis=2))
 
-        return replace(made("transmission_error", f"joint:{j + 1}", columns, ORDERS, "kinematic"), sum_name="waves")
+        return replace(
+            build_hypothesis("transmission_error", f"joint:{j + 1}", columns, ORDERS, "kinematic"), sum_name="waves"
+        )
 
     found = [waves(j) for j in range(6)]
-    found += [made("geometry", f"joint:{j + 1}", lambda s, j=j: again(frames[j]), ((),), "kinematic") for j in range(6)]
-    return [*found, made("payload", "tool", lambda s: again(mass), ((),), "body")]
+    found += [
+        build_hypothesis("geometry", f"joint:{j + 1}", lambda s, j=j: repeat_for_visits(frames[j]), ((),), "kinematic")
+        for j in range(6)
+    ]
+    return [*found, build_hypothesis("payload", "tool", lambda s: repeat_for_visits(mass), ((),), "body")]
 
 
-def made(
+def build_hypothesis(
     effect: str, where: str, columns: object, shapes: tuple[tuple[float, ...], ...], family: str
 ) -> EffectHypothesis:
     def size(x: Array, shape: tuple[float, ...]) -> dict[str, Quantity]:
@@ -94,7 +99,7 @@ def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[WhitenedModel
     """Two base unknowns, 540 coordinates; what is planted has ``size`` times the noise a column."""
     rng = np.random.default_rng(seed)
     laws = hypotheses(rng)
-    base = again(rng.normal(size=(POSES, 3, 2)))
+    base = repeat_for_visits(rng.normal(size=(POSES, 3, 2)))
     y = SIGMA * rng.normal(size=(N, 3)) + base @ np.array([1e-4, -2e-4])
     for h in laws:
         if h.name in planted:
@@ -233,7 +238,7 @@ def test_laws_of_weight_without_a_clear_gain_are_not_leading() -> None:
         other *= np.linalg.norm(signal) / np.linalg.norm(other) * np.sqrt(1.0 / share - 1.0)
         column = np.zeros((N, 3, 1))
         column[base.w.index, :, 0] = (signal + other).reshape(-1, 3)
-        crowd.append(made("base_compliance", f"base:{k}", lambda s, c=column: c, ((),), "body"))
+        crowd.append(build_hypothesis("base_compliance", f"base:{k}", lambda s, c=column: c, ((),), "body"))
     whole = normal_equation_sums.CachedSums(
         base, whiten_hypotheses(base, [*(t.hypothesis for t in among), *crowd])
     ).sum_all
@@ -263,10 +268,10 @@ def offsets_in_frames(
     own = [rng.normal(size=(POSES, 3, 1)) for _ in range(6)]
     offered = []
     for j in range(6):
-        frame = again(np.concatenate([turns[j], turns[j + 1], own[j]], axis=2))
-        offered.append(made("geometry", f"joint:{j + 1}", lambda s, c=frame: c, ((),), "kinematic"))
-        turn = again(turns[j])
-        offered.append(made("joint_zero_offset", f"joint:{j + 1}", lambda s, c=turn: c, ((),), "kinematic"))
+        frame = repeat_for_visits(np.concatenate([turns[j], turns[j + 1], own[j]], axis=2))
+        offered.append(build_hypothesis("geometry", f"joint:{j + 1}", lambda s, c=frame: c, ((),), "kinematic"))
+        turn = repeat_for_visits(turns[j])
+        offered.append(build_hypothesis("joint_zero_offset", f"joint:{j + 1}", lambda s, c=turn: c, ((),), "kinematic"))
     known = whiten_hypotheses(base, offered)
     y = base.y.copy()
     for t in known:
@@ -301,11 +306,11 @@ def test_coefficient_is_judged_by_the_noise_not_by_the_effect_size(varies: float
     """Five standard deviations of a second number seemed nothing by what a law ten times the noise leaves unfitted."""
     rng = np.random.default_rng(4)
     base, _ = model({}, 4)
-    constant, part = (again(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
+    constant, part = (repeat_for_visits(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
     both = np.concatenate([constant, part], axis=2)
     offered = [
-        made("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
-        made("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
+        build_hypothesis("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
+        build_hypothesis("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
     ]
     y = base.y + whiten_hypotheses(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
     loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
@@ -317,13 +322,15 @@ def test_coefficient_is_judged_by_the_noise_not_by_the_effect_size(varies: float
 def test_offset_explained_better_by_a_joint_torque_is_that_torque(varies: float, named: str) -> None:
     rng = np.random.default_rng(4)
     base, _ = model({}, 4)
-    constant, part = (again(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
+    constant, part = (repeat_for_visits(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
     both = np.concatenate([constant, part], axis=2)
     offered = [
-        made("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
-        made("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
-        made("gravity_compensator", "joint:3", lambda s: both, ((),), "joint"),  # elsewhere: no part of this
-        made("unnamed", "joint:2", lambda s: both, ((),), "unnamed"),  # as good, and no name
+        build_hypothesis("joint_zero_offset", "joint:2", lambda s: constant, ((),), "kinematic"),
+        build_hypothesis("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
+        build_hypothesis(
+            "gravity_compensator", "joint:3", lambda s: both, ((),), "joint"
+        ),  # elsewhere: no part of this
+        build_hypothesis("unnamed", "joint:2", lambda s: both, ((),), "unnamed"),  # as good, and no name
     ]
     y = base.y + whiten_hypotheses(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
     loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
@@ -341,8 +348,13 @@ def test_offset_explained_better_by_a_joint_torque_is_that_torque(varies: float,
 
 def test_unnamed_forms_are_built_once_and_have_few_coefficients(monkeypatch: pytest.MonkeyPatch) -> None:
     base, laws = model({}, 3)
-    forms, calls = [made("unnamed", "tool", lambda s, p=p: np.ones((N, 3, p)), ((),), "unnamed") for p in (3, 12)], []
-    wide = whiten_hypotheses(base, [made("geometry", "joint:3", lambda s: np.ones((N, 3, 6)), ((1.0,),), "kinematic")])
+    forms, calls = (
+        [build_hypothesis("unnamed", "tool", lambda s, p=p: np.ones((N, 3, p)), ((),), "unnamed") for p in (3, 12)],
+        [],
+    )
+    wide = whiten_hypotheses(
+        base, [build_hypothesis("geometry", "joint:3", lambda s: np.ones((N, 3, 6)), ((1.0,),), "kinematic")]
+    )
     chosen = tuple(SelectedEffect(score_hypotheses(base, [t])[0], 0.002) for t in (*wide, *wide, laws[-1]))
     monkeypatch.setattr(
         uncatalogued_form_guard,
@@ -361,11 +373,13 @@ def test_sum_of_waves_and_its_groups_keep_their_coefficients() -> None:
     q, lever = np.random.default_rng(9).uniform(-2.5, 2.5, (2, POSES, 1))
 
     def waves(*orders: float) -> Array:
-        return again(np.stack([f(n * q) * lever * np.arange(1.0, 4.0) for n in orders for f in (np.cos, np.sin)], 2))
+        return repeat_for_visits(
+            np.stack([f(n * q) * lever * np.arange(1.0, 4.0) for n in orders for f in (np.cos, np.sin)], 2)
+        )
 
     name = ("transmission_error", "joint:1")
-    double = made(*name, lambda s: waves(s[0], 2.0 * s[0]), ORDERS, "kinematic")
-    summed = replace(made(*name, lambda s: waves(*s), ORDERS, "kinematic"), sum_name="waves")
+    double = build_hypothesis(*name, lambda s: waves(s[0], 2.0 * s[0]), ORDERS, "kinematic")
+    summed = replace(build_hypothesis(*name, lambda s: waves(*s), ORDERS, "kinematic"), sum_name="waves")
     offered = [double, summed, *(t.hypothesis for t in laws)]
     at_two = whiten_hypotheses(base, [double])[0].columns_at(1)
     base = grams_model(base.w, base.X, base.y + at_two @ np.full(4, 6.0), base.fold, base.prior, base.rows)
@@ -386,10 +400,10 @@ def soft(body: tuple[str, str], other: EffectHypothesis, strength: float, seed: 
     """A body whose law takes 400 of the noise's power, and another law that takes some of what it leaves."""
     rng = np.random.default_rng(seed)
     base, _ = model({}, seed)
-    shape, frame = (again(rng.normal(size=(POSES, 3, p))) for p in (1, 3))
+    shape, frame = (repeat_for_visits(rng.normal(size=(POSES, 3, p))) for p in (1, 3))
     offered = [
-        made(*body, lambda s: shape, ((),), "body"),
-        made("geometry", "joint:6", lambda s: frame, ((),), "kinematic"),
+        build_hypothesis(*body, lambda s: shape, ((),), "body"),
+        build_hypothesis("geometry", "joint:6", lambda s: frame, ((),), "kinematic"),
         other,
     ]
     known = whiten_hypotheses(base, offered)
@@ -419,8 +433,8 @@ LINK, BASE = ("link_compliance", "link:2"), ("base_compliance", "base")
 def test_law_error_of_a_soft_body_is_no_second_effect(
     body: tuple[str, str], effect: str, where: str, gain: float, named: bool
 ) -> None:
-    columns = again(np.random.default_rng(11).normal(size=(POSES, 3, 1)))
-    found = soft(body, made(effect, where, lambda s: columns, ((),), "environment"), gain)
+    columns = repeat_for_visits(np.random.default_rng(11).normal(size=(POSES, 3, 1)))
+    found = soft(body, build_hypothesis(effect, where, lambda s: columns, ((),), "environment"), gain)
     assert body in {c.whitened.hypothesis.name for c in found}
     assert ((effect, where) in {c.whitened.hypothesis.name for c in found}) == named
 

@@ -20,7 +20,7 @@ ANGLES = {"radians": np.degrees(1.0), "turns": 360.0, "gon": 0.9}
 LENGTHS = {"metres": 1e3, "inches": 25.4}
 
 
-def sound(*, fit: bool) -> Recording:
+def simulate_correct_poses(*, fit: bool) -> Recording:
     """From a tracker somewhere in the hall, or in base_link; 30 µm, links longer than drawn."""
     r = measure(noise=3e-5, grow=np.full((180, 3), 5e-4), registration="fit" if fit else "fixed")
     if not fit:
@@ -37,7 +37,7 @@ def sound(*, fit: bool) -> Recording:
 def test_unit_is_identified_by_the_best_fit(fit: bool, hit: tuple[int, ...], angle: str, length: str) -> None:
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
-    right = sound(fit=fit)
+    right = simulate_correct_poses(fit=fit)
     rows = np.isin(right.session, hit)
     q, x = right.q.copy(), np.array(right.position)
     q[rows] /= ANGLES.get(angle, 1.0)
@@ -62,7 +62,7 @@ def test_unit_is_identified_by_the_best_fit(fit: bool, hit: tuple[int, ...], ang
 @pytest.mark.parametrize(("joint", "angle"), [(4, "radians"), (0, "radians"), (3, "turns")])
 def test_single_joint_with_another_unit_is_identified(fit: bool, hit: tuple[int, ...], joint: int, angle: str) -> None:
     cell, robot, _ = arm()
-    right = sound(fit=fit)
+    right = simulate_correct_poses(fit=fit)
     q = right.q.copy()
     q[np.isin(right.session, hit), joint] /= ANGLES[angle]
     read, (finding,) = pose_units.correct_pose_units(replace(right, q=q), robot, cell.tool.T_flange_tcp)
@@ -76,13 +76,13 @@ def test_correct_recording_and_wrong_tcp_remain() -> None:
     T = cell.tool.T_flange_tcp.copy()
     for wrong in (0.0, 0.15):
         T[:3, 3] += wrong
-        right = sound(fit=True)
+        right = simulate_correct_poses(fit=True)
         assert pose_units.correct_pose_units(right, robot, T) == (right, [])
 
 
 def test_residual_pose_errors_are_written_with_their_joint_ranges() -> None:
     """Of readings that took part; a coordinate; nothing of too few poses."""
-    r = sound(fit=False)
+    r = simulate_correct_poses(fit=False)
     used = np.arange(len(r)) != 7
     left = np.full((len(r), 3), 2e-5)
     left[7] = 1.0

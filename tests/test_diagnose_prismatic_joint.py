@@ -81,7 +81,7 @@ def angles(rng: np.random.Generator, n: int) -> np.ndarray:
     return rng.uniform(low, high, (n, 6))
 
 
-def stands(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+def compute_loaded_tcp(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
     """(3,) m, the TCP where weight has bent the springs."""
     theta = q
     for _ in range(6):
@@ -98,7 +98,7 @@ def record(folder: Path, rng: np.random.Generator, *, moved: np.ndarray | None =
     rows = ["pose,session,q1_mm,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm"]
     for pose, q in enumerate(angles(rng, 30)):
         for session in range(2):
-            at = 1e3 * stands(model, data, q) + rng.normal(0.0, 0.03, 3)
+            at = 1e3 * compute_loaded_tcp(model, data, q) + rng.normal(0.0, 0.03, 3)
             values = [slide * q[0], *np.degrees(q[1:]), *at]
             rows.append(f"{pose},{session}," + ",".join(f"{v:.7f}" for v in values))
     (folder / "data.csv").write_text("\n".join(rows) + "\n")
@@ -109,7 +109,7 @@ def record(folder: Path, rng: np.random.Generator, *, moved: np.ndarray | None =
     return folder
 
 
-def diagnosed(cell: Path, recording: Path, out: Path) -> dict:
+def diagnose_command(cell: Path, recording: Path, out: Path) -> dict:
     assert main(["diagnose", str(cell), str(recording), "-o", str(out), "--quiet"]) == 0
     return json.loads((out / "diagnosis.json").read_text())
 
@@ -139,7 +139,7 @@ def test_poses_derivatives_and_weights_equal_pinocchio(cell: Path) -> None:
 
 def test_shifted_frame_behind_a_prismatic_joint_is_found_and_corrected(cell: Path, tmp_path: Path) -> None:
     recording = record(tmp_path / "recording", np.random.default_rng(2), moved=TWIST)
-    said = diagnosed(cell, recording, tmp_path / "out")
+    said = diagnose_command(cell, recording, tmp_path / "out")
     (finding,) = said["findings"]
     assert said["verdict"] == "explained"
     assert (finding["effect"], finding["location"]) == ("geometry", "joint:4")
@@ -148,19 +148,19 @@ def test_shifted_frame_behind_a_prismatic_joint_is_found_and_corrected(cell: Pat
     assert said["model"] is None  # no stiffness.yaml holds a joint that slides
     (cell / "kinematics.yaml").write_text((tmp_path / "out" / "kinematics.yaml").read_text())
     (cell / "cell.yaml").write_text(CELL + "kinematics: kinematics.yaml\n")
-    again = diagnosed(cell, recording, tmp_path / "again")
+    again = diagnose_command(cell, recording, tmp_path / "again")
     assert again["verdict"] == "consistent"
     assert not again["findings"]
 
 
 def test_nothing_is_named_where_only_springs_deflect(cell: Path, tmp_path: Path) -> None:
-    said = diagnosed(cell, record(tmp_path / "recording", np.random.default_rng(3)), tmp_path / "out")
+    said = diagnose_command(cell, record(tmp_path / "recording", np.random.default_rng(3)), tmp_path / "out")
     assert said["verdict"] == "consistent"
     assert not said["findings"]
 
 
 def test_prismatic_joint_in_metres_is_a_wrong_unit(cell: Path, tmp_path: Path) -> None:
-    said = diagnosed(cell, record(tmp_path / "recording", np.random.default_rng(4), slide=1.0), tmp_path / "out")
+    said = diagnose_command(cell, record(tmp_path / "recording", np.random.default_rng(4), slide=1.0), tmp_path / "out")
     assert [(f["effect"], f["location"]) for f in said["findings"]] == [("units", "column:q1_mm")]
 
 

@@ -44,7 +44,9 @@ def robot(cell: str = CELL) -> tuple[Robot, np.ndarray, np.ndarray]:
 
 
 @cache
-def sound(rotations: bool = False, frame: str = "base", cell: str = CELL, force: float = 1500.0) -> Recording:
+def simulate_correct_recording(
+    rotations: bool = False, frame: str = "base", cell: str = CELL, force: float = 1500.0
+) -> Recording:
     """Forces of 1.5 kN; with rotations moments of 200 N·m beside them."""
     rng = np.random.default_rng(3)
     a = arm(cell)
@@ -53,7 +55,7 @@ def sound(rotations: bool = False, frame: str = "base", cell: str = CELL, force:
     return load_tests(a, truth, plan, rng, NoiseLevels(outliers=0.0), rotations=rotations, frame=frame)
 
 
-def scaled(r: Recording, group: str, factor: float) -> Recording:
+def scale_columns(r: Recording, group: str, factor: float) -> Recording:
     """One group of columns read in another unit."""
     assert r.wrench is not None
     assert r.displacement is not None
@@ -76,7 +78,11 @@ def mend(r: Recording, cell: str = CELL, **options) -> tuple[Recording, list[Fin
 
 
 def test_correct_recording_remains_unchanged() -> None:
-    for r in (sound(), sound(rotations=True), sound(frame="tool")):
+    for r in (
+        simulate_correct_recording(),
+        simulate_correct_recording(rotations=True),
+        simulate_correct_recording(frame="tool"),
+    ):
         mended, findings, _ = mend(r)
         assert findings == []
         assert mended is r
@@ -106,8 +112,8 @@ UNITS = [
 
 @pytest.mark.parametrize(("group", "factor", "rotations"), UNITS)
 def test_wrong_unit_is_named_by_its_columns_and_corrected(group: str, factor: float, rotations: bool) -> None:
-    r = sound(rotations)
-    mended, findings, _ = mend(scaled(r, group, factor))
+    r = simulate_correct_recording(rotations)
+    mended, findings, _ = mend(scale_columns(r, group, factor))
     assert [(f.effect, f.location) for f in findings] == [("units", f"column:{group}")]
     assert findings[0].parameters["factor"].value == pytest.approx(factor, rel=1e-9)
     assert findings[0].record
@@ -116,16 +122,16 @@ def test_wrong_unit_is_named_by_its_columns_and_corrected(group: str, factor: fl
 
 
 def test_kilograms_in_all_rows_are_corrected_in_all() -> None:
-    r = sound(rotations=True)
-    kilograms = scaled(scaled(r, "fx_N", 1 / 9.80665), "mx_Nm", 1 / 9.80665)
+    r = simulate_correct_recording(rotations=True)
+    kilograms = scale_columns(scale_columns(r, "fx_N", 1 / 9.80665), "mx_Nm", 1 / 9.80665)
     mended, findings, _ = mend(kilograms)
     assert [f.location for f in findings] == ["column:fx_N"]
     assert np.allclose(mended.wrench, r.wrench)  # type: ignore[arg-type]
 
 
 def test_factor_of_a_million_is_one_finding() -> None:
-    r = sound()
-    mended, findings, _ = mend(scaled(r, "dx_mm", 1e6))
+    r = simulate_correct_recording()
+    mended, findings, _ = mend(scale_columns(r, "dx_mm", 1e6))
     assert [f.location for f in findings] == ["column:dx_mm"]
     assert findings[0].parameters["factor"].value == pytest.approx(1e6)
     assert np.allclose(mended.displacement, r.displacement)  # type: ignore[arg-type]
@@ -134,7 +140,7 @@ def test_factor_of_a_million_is_one_finding() -> None:
 @pytest.mark.parametrize("factor", [0.3, 3.0])
 def test_springs_three_times_off_the_cell_are_no_unit_error(factor: float) -> None:
     arm_, T, prior = robot()
-    r = sound()
+    r = simulate_correct_recording()
     mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, prior * factor)
     assert findings == []
     assert mended is r
@@ -143,7 +149,7 @@ def test_springs_three_times_off_the_cell_are_no_unit_error(factor: float) -> No
 def test_joint_ten_times_softer_is_no_unit_error() -> None:
     """The displacement per load is many times the cell's then, too, and most joints are as they should be."""
     arm_, T, prior = robot()
-    r = sound()
+    r = simulate_correct_recording()
     for joint in range(3):
         soft = prior * np.where(np.arange(6) == joint, 40.0, 1.0)  # of the cell; the arm has a fortieth of it
         mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, soft)
@@ -154,7 +160,7 @@ def test_joint_ten_times_softer_is_no_unit_error() -> None:
 def test_displacements_with_the_stated_scatter_have_the_stated_unit() -> None:
     """An arm seven times stiffer than its cell says looks like centimetres, but its tracker is no ten times better."""
     arm_, T, prior = robot()
-    r = sound()
+    r = simulate_correct_recording()
     stiff = replace(r, displacement=r.displacement / 7.0)  # type: ignore[operator]
     assert [f.effect for f in static_record_correction.correct_static_record(stiff, arm_, T, prior)[1]] == [
         "units"
@@ -172,26 +178,26 @@ def test_displacements_with_the_stated_scatter_have_the_stated_unit() -> None:
 
 def test_estimated_stiffness_does_not_separate_pounds_from_a_soft_arm() -> None:
     arm_, T, prior = robot()
-    pounds = scaled(sound(), "fx_N", 1 / 4.44822)
+    pounds = scale_columns(simulate_correct_recording(), "fx_N", 1 / 4.44822)
     assert [f.location for f in static_record_correction.correct_static_record(pounds, arm_, T, prior)[1]] == [
         "column:fx_N"
     ]
     assert static_record_correction.correct_static_record(pounds, arm_, T, prior, estimated=True)[1] == []
-    kilograms = scaled(sound(), "fx_N", 1 / 9.80665)
+    kilograms = scale_columns(simulate_correct_recording(), "fx_N", 1 / 9.80665)
     assert [
         f.location for f in static_record_correction.correct_static_record(kilograms, arm_, T, prior, estimated=True)[1]
     ] == ["column:fx_N"]
 
 
 def test_accepted_values_are_not_corrected() -> None:
-    r = scaled(sound(), "dx_mm", 1 / 25.4)
+    r = scale_columns(simulate_correct_recording(), "dx_mm", 1 / 25.4)
     mended, findings, _ = mend(r, accept=("units",))
     assert findings == []
     assert mended is r
 
 
 def test_wrong_frames_and_signs_are_named_and_corrected() -> None:
-    r, tool = sound(), sound(frame="tool")
+    r, tool = simulate_correct_recording(), simulate_correct_recording(frame="tool")
     assert r.wrench is not None
     cases = [
         (replace(tool, wrench_frame="base"), "force_sensor_frame", "sensor:force", tool.wrench, "tool"),
@@ -207,7 +213,7 @@ def test_wrong_frames_and_signs_are_named_and_corrected() -> None:
 
 
 def test_moments_about_the_flange_are_named_and_corrected() -> None:
-    r = sound(rotations=True)
+    r = simulate_correct_recording(rotations=True)
     arm_, T, _ = robot()
     assert r.wrench is not None
     lever = arm_.compute_fk(r.q, T)[:, :3, 3] - arm_.compute_fk(r.q)[:, :3, 3]
@@ -220,7 +226,7 @@ def test_moments_about_the_flange_are_named_and_corrected() -> None:
 
 
 def test_duplicates_are_separated_from_replicates() -> None:
-    r = sound()
+    r = simulate_correct_recording()
     assert r.displacement is not None
     assert not outlier_rows.find_copied_rows(r).any()
     d = r.displacement.copy()
@@ -234,7 +240,7 @@ def test_duplicates_are_separated_from_replicates() -> None:
 def test_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     """The simulator's sensor stands where weight puts it; the encoders do not know."""
     arm_, T, _ = robot()
-    base, tool = sound(), sound(frame="tool")
+    base, tool = simulate_correct_recording(), simulate_correct_recording(frame="tool")
     masses = load_masses(load_cell(CELLS / CELL))
     true = build_load_test_experiment(base, arm_, T).wrench
     tests = build_load_test_experiment(tool, arm_, T)
@@ -272,7 +278,7 @@ def test_displacements_in_sagged_tool_axes_are_corrected(weight_only: bool) -> N
 def test_force_offset_does_not_hide_the_tool_sag(offset_N: tuple[float, float, float]) -> None:
     """K_C and a zero are as large as what the sag turns; a turned sensor was then named as axes of the tracker."""
     arm_, T, _ = robot()
-    tool = sound(frame="tool")
+    tool = simulate_correct_recording(frame="tool")
     assert tool.wrench is not None
     off = replace(tool, wrench=tool.wrench + np.array([*offset_N, 0.0, 0.0, 0.0]))
     tests = build_load_test_experiment(off, arm_, T)
@@ -287,7 +293,7 @@ def test_force_offset_does_not_hide_the_tool_sag(offset_N: tuple[float, float, f
 def test_weights_in_encoder_tool_axes_remain() -> None:
     """The springs tell it from a sensor that sags with the arm."""
     arm_, T, _ = robot()
-    base = sound()
+    base = simulate_correct_recording()
     assert base.wrench is not None
     R = arm_.compute_fk(base.q, T)[:, :3, :3]
     w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
@@ -319,7 +325,7 @@ def test_every_check_has_its_correction_or_none() -> None:
     """What a check says goes through :func:`static_record_correction._mended`; what it has no rule for is left and
     said."""
     arm_, T, _ = robot()
-    r = sound(rotations=True)
+    r = simulate_correct_recording(rotations=True)
     assert r.wrench is not None
     at_base = r.wrench.copy()
     p = arm_.compute_fk(r.q, T)[:, :3, 3]
@@ -339,7 +345,7 @@ def test_every_check_has_its_correction_or_none() -> None:
     assert put_right("moment_at_base", replace(r, wrench=at_base, wrench_frame="tool")) is None
     assert put_right("units", r) is None  # no column to scale
     assert put_right("something new", r) is None
-    scaled_back = put_right("moment_units", scaled(r, "mx_Nm", 1e3), "mx_Nm", 1e-3)
+    scaled_back = put_right("moment_units", scale_columns(r, "mx_Nm", 1e3), "mx_Nm", 1e-3)
     assert scaled_back is not None
     np.testing.assert_allclose(scaled_back.wrench, r.wrench, rtol=1e-12)
 
@@ -348,7 +354,7 @@ def test_uncorrectable_error_is_reported_first(monkeypatch: pytest.MonkeyPatch) 
     arm_, T, prior = robot()
     odd = Problem(code="something new", severity="error", message="nobody has seen this before")
     monkeypatch.setattr(static_record_correction, "check_experiment", lambda *_: [odd])
-    r = sound()
+    r = simulate_correct_recording()
     mended, findings, warnings = static_record_correction.correct_static_record(r, arm_, T, prior)
     assert mended is r
     assert findings == []
@@ -359,7 +365,7 @@ def test_uncorrectable_error_is_reported_first(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_no_measurement_is_no_duplicate() -> None:
-    r = sound()
+    r = simulate_correct_recording()
     assert not outlier_rows.find_copied_rows(replace(r, displacement=None)).any()
     arm_, T, _ = robot()
     poses = replace(r, kind="absolute", displacement=None, wrench=None, position=None)

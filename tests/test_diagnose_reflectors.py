@@ -32,7 +32,7 @@ STANDS = (
 )
 
 
-def recorded(*, wrong: Array | None = None, noise: float = 0.0, stands: int = 2) -> Recording:
+def simulate_three_reflectors(*, wrong: Array | None = None, noise: float = 0.0, stands: int = 2) -> Recording:
     """Three reflectors at each visit, BESIDE their nominal places; the tracker moved before the last session."""
     cell = arm()[0]
     tip = cell.tool.T_flange_tcp[:3, 3]
@@ -70,7 +70,7 @@ def recorded(*, wrong: Array | None = None, noise: float = 0.0, stands: int = 2)
     )
 
 
-def first(recording: Recording) -> tuple[NominalPoseModel, Array]:
+def fit_first_frame(recording: Recording) -> tuple[NominalPoseModel, Array]:
     cell, robot, masses = arm()
     brought, _ = reflectors_and_tracker_frames.transform_to_base(recording, robot, cell.tool.T_flange_tcp)
     model = NominalPoseModel(brought, cell, robot, masses, frozenset())
@@ -80,14 +80,16 @@ def first(recording: Recording) -> tuple[NominalPoseModel, Array]:
 
 
 def test_tracker_stations_and_reflector_places_are_recovered() -> None:
-    _, found = first(recorded())
+    _, found = fit_first_frame(simulate_three_reflectors())
     np.testing.assert_allclose(found[:3], BESIDE, atol=2e-6)  # the prior of nominal places holds next to nothing
     assert found[3].max() < 1e-6  # m: nothing else is left
 
 
 def test_base_and_notes_contain_every_frame_and_place() -> None:
     cell, robot, masses = arm()
-    recording, said = reflectors_and_tracker_frames.transform_to_base(recorded(), robot, cell.tool.T_flange_tcp)
+    recording, said = reflectors_and_tracker_frames.transform_to_base(
+        simulate_three_reflectors(), robot, cell.tool.T_flange_tcp
+    )
     problem, catalogue, notes = measured_pose_channel.build_measured_pose_problem(
         recording, cell, robot, masses, np.random.default_rng(0)
     )
@@ -111,10 +113,15 @@ def _fit(problem: measured_pose_channel.DiagnosisProblem) -> Array:
 def test_three_reflectors_observe_axis_rotations_better_than_one() -> None:
     """1 sigma of each joint's turn, all frames of joints fitted beside the base, maker's priors on them."""
     cell, robot, masses = arm()
-    whole, _ = reflectors_and_tracker_frames.transform_to_base(recorded(stands=1), robot, cell.tool.T_flange_tcp)
+    whole, _ = reflectors_and_tracker_frames.transform_to_base(
+        simulate_three_reflectors(stands=1), robot, cell.tool.T_flange_tcp
+    )
     assert whole.target is not None
     few = (whole.pose < 12) & (whole.session == 0)
-    three, one = _of(whole, few), replace(_of(whole, few & (whole.target == 0)), targets=whole.targets[:1])
+    three, one = (
+        _select_rows(whole, few),
+        replace(_select_rows(whole, few & (whole.target == 0)), targets=whole.targets[:1]),
+    )
     sigma = []
     for recording in (one, three):
         model = NominalPoseModel(recording, cell, robot, masses, frozenset())
@@ -138,7 +145,7 @@ def test_three_reflectors_observe_axis_rotations_better_than_one() -> None:
     assert (sigma[1] < 1.001 * sigma[0]).all()
 
 
-def _of(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
+def _select_rows(recording: Recording, rows: NDArray[np.bool_]) -> Recording:
     names = ("q", "pose", "cycle", "session", "line", "position", "target", "frame")
     return replace(recording, **{name: getattr(recording, name)[rows] for name in names})
 
@@ -147,7 +154,9 @@ def test_wrong_reflector_place_is_a_record_fault() -> None:
     cell, robot, masses = arm()
     wrong = np.zeros((3, 3))
     wrong[1] = [0.02, -0.01, 0.015]
-    recording, _ = reflectors_and_tracker_frames.transform_to_base(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
+    recording, _ = reflectors_and_tracker_frames.transform_to_base(
+        simulate_three_reflectors(wrong=wrong), robot, cell.tool.T_flange_tcp
+    )
     mended, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
     assert (finding.effect, finding.location, finding.record) == ("columns", "column:target", True)
     assert "target 2" in finding.note
@@ -159,7 +168,9 @@ def test_wrong_reflector_place_is_a_record_fault() -> None:
 def test_exchanged_reflector_names_are_corrected() -> None:
     cell, robot, masses = arm()
     wrong = PLACES[[1, 0, 2]] - PLACES
-    recording, _ = reflectors_and_tracker_frames.transform_to_base(recorded(wrong=wrong), robot, cell.tool.T_flange_tcp)
+    recording, _ = reflectors_and_tracker_frames.transform_to_base(
+        simulate_three_reflectors(wrong=wrong), robot, cell.tool.T_flange_tcp
+    )
     mended, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
     assert "exchanged" in finding.note
     np.testing.assert_allclose([t.place for t in mended.targets], PLACES)
@@ -169,14 +180,14 @@ def test_reflector_plate_rotated_as_a_whole_is_no_fault() -> None:
     cell, robot, masses = arm()
     turned = PLACES @ convert_vector_to_rotation(np.array([0.0, 0.0, 0.3])).T
     recording, _ = reflectors_and_tracker_frames.transform_to_base(
-        recorded(wrong=turned - PLACES), robot, cell.tool.T_flange_tcp
+        simulate_three_reflectors(wrong=turned - PLACES), robot, cell.tool.T_flange_tcp
     )
     assert misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)[1] == []
 
 
 def test_station_without_enough_points_is_refused() -> None:
     cell, robot, _ = arm()
-    recording = recorded()
+    recording = simulate_three_reflectors()
     assert recording.frame is not None
     frame = recording.frame.copy()
     frame[:2] = 7
@@ -194,7 +205,7 @@ def test_single_frame_near_the_base_is_left_to_the_fit() -> None:
 def test_three_poses_of_three_reflectors_are_too_few() -> None:
     """Their places are refitted too: nine readings of three poses hold them and the frame, and nothing else."""
     cell, _, _ = arm()
-    few = recorded(stands=1)
+    few = simulate_three_reflectors(stands=1)
     rows = few.session == few.session[0]
     rows[np.flatnonzero(rows)[9:]] = False
     parts = {k: v[rows] for k, v in vars(few).items() if isinstance(v, np.ndarray) and len(v) == len(few)}

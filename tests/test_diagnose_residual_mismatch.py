@@ -14,7 +14,7 @@ from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.verdict import data_sufficiency
 
 
-def nearest(like: float, extra: float = 40e-6) -> DiagnosisResult:
+def diagnose_similar_mismatch(like: float, extra: float = 40e-6) -> DiagnosisResult:
     """Of a mismatch that the only law of the catalogue is alike by a cosine."""
     rng = np.random.default_rng(5)
     problem, column = build_synthetic_problem(400, extra=extra)
@@ -27,7 +27,7 @@ def nearest(like: float, extra: float = 40e-6) -> DiagnosisResult:
 
 @pytest.mark.parametrize(("like", "named"), [(0.97, True), (0.6, False)])
 def test_nearest_law_is_named_only_where_it_exceeds_the_residual(like: float, named: bool) -> None:
-    d = nearest(like)
+    d = diagnose_similar_mismatch(like)
     assert [f.effect for f in d.findings] == (["wind"] if named else [])
     assert (d.verdict == "unexplained") is not named
     assert any("something at arm looks like" in n for n in d.notes) is not named
@@ -39,7 +39,7 @@ def test_nearest_law_is_named_only_where_it_exceeds_the_residual(like: float, na
 @pytest.mark.parametrize(("like", "said"), [(0.985, False), (0.92, True)])
 def test_repeatable_residual_beside_an_explanation_is_reported(like: float, said: bool) -> None:
     """Two thirds of the noise came back without a word: a hose that passed for a balancer, say."""
-    d = nearest(like)
+    d = diagnose_similar_mismatch(like)
     assert ([f.effect for f in d.findings], d.verdict) == (["wind"], "explained")
     assert ("still comes back in repeats" in d.sentence) is said
 

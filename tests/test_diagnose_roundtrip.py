@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, excited, recorded
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording
 from test_diagnose_tcp_poses import arm as six_joints
 from test_diagnose_tcp_poses import measure, poses
 from test_diagnose_tcp_poses import readings as at_rest
@@ -101,20 +101,20 @@ def test_pose_finding_equals_the_written_stiffness_term() -> None:
     }
 
 
-def upright(folder: Path) -> tuple[Recording, Array, object]:
+def simulate_vertical_joint(folder: Path) -> tuple[Recording, Array, object]:
     """One joint without weight, swung by a series; its load, and the cell."""
     rng = np.random.default_rng(7)
     turned = np.eye(4)
     turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     cell = replace(arm(folder, 1, tool=5.0), T_world_base=turned)
-    t, q, v, a = excited(1, rng, periods=5)
+    t, q, v, a = build_fourier_motion(1, rng, periods=5)
     load = -load_dynamics(cell).compute_torque(q, v, a)
-    return recorded(t, q, v), load, cell
+    return build_motion_recording(t, q, v), load, cell
 
 
 def test_motion_finding_equals_the_written_stiffness_term(tmp_path: Path) -> None:
     """Every law of one joint's torque, memory included."""
-    recording, load, cell = upright(tmp_path)
+    recording, load, cell = simulate_vertical_joint(tmp_path)
     other = replace(recording, q_secondary=recording.q + load / 2e6)
     problem, catalogue, _, _ = motion_channels.build_motion_problem(other, cell, "link", np.random.default_rng(0))  # type: ignore[arg-type]
     seen = set()
@@ -136,7 +136,7 @@ def test_motion_finding_equals_the_written_stiffness_term(tmp_path: Path) -> Non
 
 def test_user_effect_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
     """From link-side encoders, written as a term, and known it leaves nothing."""
-    recording, load, cell = upright(tmp_path)
+    recording, load, cell = simulate_vertical_joint(tmp_path)
     law, shape = TOY.joint_laws[0], np.array([0.3 * np.abs(load).max()])
     more = 2e-6 * law.columns(shape, JointLoading(load[:, 0]))
     noise = 5e-6 * np.random.default_rng(2).normal(size=load.shape)
@@ -198,13 +198,13 @@ def moving() -> Recording:
     """All that a motion can show of the shipped arm, without any effect: joints, their far sides, torques, the TCP."""
     cell, rng = load_cell(CELL), np.random.default_rng(11)
     assert cell.stiffness is not None
-    t, q, v, a = excited(6, rng, periods=2, rate=50.0)
+    t, q, v, a = build_fourier_motion(6, rng, periods=2, rate=50.0)
     q, v, a = 0.9 * q + np.radians([0, -90, 100, 0, 60, 0]), 0.9 * v, 0.9 * a
     tau = load_dynamics(cell).compute_torque(q, v, a)
     bent = q - tau / cell.stiffness.joints
     tip = load_robot(cell).compute_fk(bent, cell.tool.T_flange_tcp)[:, :3, 3]
     noisy = tau + 0.01 * np.abs(tau).max(axis=0) * rng.normal(size=tau.shape)
-    return recorded(t, q, v, noisy, q_secondary=bent, position=tip)
+    return build_motion_recording(t, q, v, noisy, q_secondary=bent, position=tip)
 
 
 @pytest.mark.parametrize("channel", ["link", "tip", "torque"])
@@ -245,7 +245,7 @@ def test_motion_findings_are_compensated_by_a_cell_that_contains_them(channel: m
 # --- whole commands -----------------------------------------------------------------------------------------
 
 
-def angled() -> Recording:
+def simulate_one_sided_joint() -> Recording:
     """Poses of an arm whose joint 3 is softer on one side: a cos q₃ τ₃ under weight; noise 20 µm."""
     cell, robot, masses = six_joints()
     assert cell.stiffness is not None
@@ -260,12 +260,12 @@ def angled() -> Recording:
     return measure(delta=delta, noise=2e-5)
 
 
-def swung() -> Recording:
+def simulate_backlash_motion() -> Recording:
     """Link-side encoders of an arm in motion with play at joint 1, which no weight holds to one side; noise 50 µrad."""
     cell = load_cell(CELL)
     assert cell.stiffness is not None
     rng = np.random.default_rng(3)
-    t, q, v, a = excited(6, rng, periods=4)
+    t, q, v, a = build_fourier_motion(6, rng, periods=4)
     q = 0.5 * q + np.radians([0, -90, 100, 0, 60, 0])
     load = -load_dynamics(cell).compute_torque(q, 0.5 * v, 0.5 * a)
     law = registry.EFFECTS["joint_hysteresis"].joint_laws[0]
@@ -276,12 +276,16 @@ def swung() -> Recording:
     twist[:, 0] += (
         2.0 / cell.stiffness.joints[0] * law.columns(shape, JointLoading(load[:, 0], segment_start=first))[:, 0]
     )
-    return recorded(t, q, 0.5 * v, q_secondary=q + twist + 5e-5 * rng.normal(size=q.shape))
+    return build_motion_recording(t, q, 0.5 * v, q_secondary=q + twist + 5e-5 * rng.normal(size=q.shape))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("make", "cell", "found"), [(angled, TRACKED, "joint_pose_dependent_stiffness"), (swung, CELL, "joint_hysteresis")]
+    ("make", "cell", "found"),
+    [
+        (simulate_one_sided_joint, TRACKED, "joint_pose_dependent_stiffness"),
+        (simulate_backlash_motion, CELL, "joint_hysteresis"),
+    ],
 )
 def test_written_finding_in_the_cell_leaves_nothing(make: object, cell: Path, found: str, tmp_path: Path) -> None:
     """Through the commands: diagnose, its stiffness.yaml into the cell, map takes it, diagnose names nothing more."""

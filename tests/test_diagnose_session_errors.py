@@ -39,7 +39,9 @@ CELL = "kr240_drilling"
 
 
 @cache
-def sound(sessions: int = 2, frame: str = "base", moment: float = 0.0, concealed: bool = True) -> Recording:
+def simulate_correct_sessions(
+    sessions: int = 2, frame: str = "base", moment: float = 0.0, concealed: bool = True
+) -> Recording:
     """Forces of 1.5 kN at 10 poses; a backlash of half an arcmin that no spring explains."""
     rng = np.random.default_rng(5)
     a = arm(CELL)
@@ -50,7 +52,7 @@ def sound(sessions: int = 2, frame: str = "base", moment: float = 0.0, concealed
     return load_tests(a, truth, plan, rng, NoiseLevels(outliers=0.01), frame=frame)
 
 
-def mended(r: Recording, accept: tuple[str, ...] = ()) -> tuple[Recording, list[Finding]]:
+def correct_sessions(r: Recording, accept: tuple[str, ...] = ()) -> tuple[Recording, list[Finding]]:
     cell = load_cell(CELLS / CELL)
     assert cell.stiffness is not None
     return session_corrections.correct_sessions_and_poses(
@@ -90,9 +92,9 @@ FAULTS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], str, str]] = {
 def test_session_in_another_convention_is_corrected(name: str) -> None:
     column, change, effect, where = FAULTS[name]
     for frame in ("base", "tool") if effect == "columns" else ("base",):
-        r = sound(frame=frame)
+        r = simulate_correct_sessions(frame=frame)
         bad = spoilt(r, column, change, r.session == 1)
-        out, findings = mended(bad)
+        out, findings = correct_sessions(bad)
         assert [(f.effect, f.location) for f in findings] == [(effect, f"column:{where}")]
         assert np.allclose(getattr(out, column), getattr(r, column), rtol=1e-9, atol=1e-12)
         assert findings[0].record
@@ -103,10 +105,10 @@ def test_session_in_another_convention_is_corrected(name: str) -> None:
 @pytest.mark.parametrize(("length", "force"), [(25.4, 4.44822), (10.0, 4.44822)])
 def test_session_in_other_length_and_force_units_is_corrected(length: float, force: float) -> None:
     """An imperial lab writes inches and pounds: neither alone brings the session to the others."""
-    r = sound(concealed=False)
+    r = simulate_correct_sessions(concealed=False)
     rows = r.session == 1
     bad = spoilt(spoilt(r, "displacement", lambda v: v / length, rows), "wrench", lambda v: forces(v, 1 / force), rows)
-    out, findings = mended(bad)
+    out, findings = correct_sessions(bad)
     assert [(f.effect, f.location) for f in findings] == [("units", "column:dx_mm"), ("units", "column:fx_N")]
     assert [f.parameters["factor"].value for f in findings] == pytest.approx([1 / length, 1 / force])
     for name in ("displacement", "wrench"):
@@ -117,7 +119,7 @@ def test_session_in_other_length_and_force_units_is_corrected(length: float, for
 def test_session_with_a_force_gain_is_reported_with_its_size(share: float, said: bool) -> None:
     """12 % passed for scatter of the force, in silence: "consistent", "explained"."""
     cell = load_cell(CELLS / CELL)
-    r = sound(concealed=False)
+    r = simulate_correct_sessions(concealed=False)
     bad = spoilt(r, "wrench", lambda v: forces(v, share), r.session == r.session.max())
     d = diagnose_static_recording(cell, bad, selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0).diagnosis
     found = [f for f in d.findings if f.effect == "force_sensor_gain"]
@@ -132,32 +134,35 @@ def test_session_with_a_force_gain_is_reported_with_its_size(share: float, said:
 @pytest.mark.parametrize("frame", ["base", "tool"])
 @pytest.mark.parametrize("concealed", [False, True])
 def test_correct_sessions_remain_unchanged(frame: str, concealed: bool) -> None:
-    for r in (sound(frame=frame, concealed=concealed), sound(3, concealed=concealed)):
-        out, findings = mended(r)
+    for r in (
+        simulate_correct_sessions(frame=frame, concealed=concealed),
+        simulate_correct_sessions(3, concealed=concealed),
+    ):
+        out, findings = correct_sessions(r)
         assert findings == []
         assert out is r
 
 
 def test_fault_in_the_whole_recording_is_not_a_session_fault() -> None:
-    r = sound()
+    r = simulate_correct_sessions()
     assert r.displacement is not None
-    _, findings = mended(replace(r, displacement=r.displacement / 25.4))
+    _, findings = correct_sessions(replace(r, displacement=r.displacement / 25.4))
     assert findings == []
 
 
 def test_two_of_three_sessions_are_corrected_and_accepted_ones_are_not() -> None:
-    r = sound(3)
+    r = simulate_correct_sessions(3)
     bad = spoilt(r, "displacement", lambda v: v / 25.4, r.session == 2)
     bad = spoilt(bad, "wrench", lambda v: v * [1, 1, -1, 1, 1, -1], r.session == 0)
-    out, findings = mended(bad)
+    out, findings = correct_sessions(bad)
     assert {(f.effect, f.parameters["session"].value) for f in findings} == {("units", 2.0), ("columns", 0.0)}
     assert np.allclose(out.displacement, r.displacement)  # type: ignore[arg-type]
-    assert {f.effect for f in mended(bad, ("units",))[1]} <= {"columns"}
+    assert {f.effect for f in correct_sessions(bad, ("units",))[1]} <= {"columns"}
 
 
 def test_single_pose_in_inches_is_corrected() -> None:
-    r = sound()
-    out, findings = mended(spoilt(r, "displacement", lambda v: v / 25.4, r.pose == 3))
+    r = simulate_correct_sessions()
+    out, findings = correct_sessions(spoilt(r, "displacement", lambda v: v / 25.4, r.pose == 3))
     assert [(f.effect, f.location) for f in findings] == [("units", "column:dx_mm")]
     assert findings[0].parameters["pose"].value == 3.0
     assert np.allclose(out.displacement, r.displacement)  # type: ignore[arg-type]
@@ -200,7 +205,7 @@ THROUGHOUT: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], str]] = {
 @pytest.mark.parametrize("name", THROUGHOUT)
 def test_columns_exchanged_in_the_whole_recording_are_corrected(name: str) -> None:
     column, change, where = THROUGHOUT[name]
-    cell, r = load_cell(CELLS / CELL), sound()
+    cell, r = load_cell(CELLS / CELL), simulate_correct_sessions()
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     assert swapped_columns.correct_swapped_columns(r, robot, T) == (r, [])
     bad = spoilt(r, column, change, np.ones(len(r), bool))
@@ -229,7 +234,7 @@ def test_far_rotated_tracker_is_a_frame_and_a_mirrored_one_is_not() -> None:
 # outliers ------------------------------------------------------------------------------------------------------
 
 
-def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) -> DiagnosisProblem:
+def build_small_problem(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) -> DiagnosisProblem:
     """Six poses, twice a session, two sessions; every reading has twins."""
     pose = np.tile(np.repeat(np.arange(N // 4), 2), 2)
     session = np.repeat([0, 1], N // 2)
@@ -254,7 +259,7 @@ def small(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) 
 
 
 def test_few_rows_are_outliers_but_repeated_deviations_are_not() -> None:
-    p, rng = small(), np.random.default_rng(0)
+    p, rng = build_small_problem(), np.random.default_rng(0)
     e = 1e-5 * rng.standard_normal((24, 3))
     assert outlier_rejection.find_inlier_readings(p, e).all()
     one = e.copy()
@@ -276,7 +281,7 @@ def test_few_rows_are_outliers_but_repeated_deviations_are_not() -> None:
 
 def test_load_columns_of_noise_count_as_zero() -> None:
     rng = np.random.default_rng(1)
-    r = sound(moment=200.0)
+    r = simulate_correct_sessions(moment=200.0)
     assert r.wrench is not None
     stated = replace(r, uncertainty=StandardUncertainty(displacement=15e-6, rotation=None, force=5.0, moment=2.0))
     assert load_resolution.discard_noise_components(stated) == (stated, [])
@@ -306,7 +311,7 @@ def test_load_columns_of_noise_count_as_zero() -> None:
 def test_sideways_noise_of_a_hanging_weight_is_no_load() -> None:
     """Without a stated uncertainty the repeats of a pose show that nothing but noise stands in a column."""
     rng = np.random.default_rng(2)
-    r = sound()
+    r = simulate_correct_sessions()
     assert r.wrench is not None
     w = np.zeros_like(r.wrench)
     w[:, 2] = -np.abs(r.wrench[:, 2]).max() * (0.5 + 0.5 * (np.arange(len(r)) % 2))
@@ -331,7 +336,7 @@ def test_loads_within_sensor_noise_are_equal() -> None:
 
 
 def test_impossible_instrument_readings_are_reported() -> None:
-    p, used = small(), np.ones(24, bool)
+    p, used = build_small_problem(), np.ones(24, bool)
     noise = ReplicateNoise(np.array([1e-5]), np.zeros(1), np.zeros(1), 0.0, True)
     fine, poor = np.full((24, 3), 3e-5), np.full((24, 3), 5e-4)
     assert instrument_uncertainty_check.check_stated_uncertainty(p, fine, noise, used) is None
@@ -347,9 +352,13 @@ def test_impossible_instrument_readings_are_reported() -> None:
     assert "50 times" in left
     loud = replace(noise, reading=np.array([1e-3]))
     assert instrument_uncertainty_check.check_stated_uncertainty(p, fine, loud, used) is not None
-    assert instrument_uncertainty_check.check_stated_uncertainty(small(stated=None), poor, loud, used) is None
     assert (
-        instrument_uncertainty_check.check_stated_uncertainty(small(scale=0.05), poor, noise, used) is None
+        instrument_uncertainty_check.check_stated_uncertainty(build_small_problem(stated=None), poor, loud, used)
+        is None
+    )
+    assert (
+        instrument_uncertainty_check.check_stated_uncertainty(build_small_problem(scale=0.05), poor, noise, used)
+        is None
     )  # a soft arm: 1 % of 50 mm
 
 

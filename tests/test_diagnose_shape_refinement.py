@@ -43,13 +43,13 @@ GRID: tuple[Shape, ...] = ((0.5,), (0.75,), (1.1,), (1.6,))
 SIGMA = 1e-3
 
 
-def settled(x: Array, true: float, seed: int, size: float = 8.0) -> tuple[float, EstimatedValue]:
+def estimate_step(x: Array, true: float, seed: int, size: float = 8.0) -> tuple[float, EstimatedValue]:
     """A step of readings (N,) at x beyond ``true``: where it is said to lie, and its interval."""
-    base, found = stepped(x, true, seed, size)
+    base, found = fit_step(x, true, seed, size)
     return found.whitened.shapes[found.scored.shape][0], estimate_parameters(base, [found], 0, [found.whitened])["at"]
 
 
-def stepped(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedModel, SelectedEffect]:
+def fit_step(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedModel, SelectedEffect]:
     """The base, and a step of ``size`` times the noise as it is settled beside that."""
     rng, n = np.random.default_rng(seed), len(x)
     at = np.arange(n)
@@ -96,7 +96,7 @@ def stepped(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedMode
 def test_interval_of_a_step_reaches_both_neighbouring_readings(true: float) -> None:
     """Readings stand at every twentieth: of what lies between two of them nothing says more."""
     x = np.repeat(np.arange(0.0, 2.0, 0.05), 30)
-    value, said = settled(x, true, 1)
+    value, said = estimate_step(x, true, 1)
     low, high = (0.05 * f(true / 0.05) for f in (np.floor, np.ceil))
     assert said.ci95[0] == pytest.approx(low, abs=1e-3)
     assert said.ci95[1] == pytest.approx(high, abs=1e-3)
@@ -106,7 +106,7 @@ def test_interval_of_a_step_reaches_both_neighbouring_readings(true: float) -> N
 def test_interval_of_a_smooth_shape_ends_at_equal_likelihood() -> None:
     """Readings everywhere: the interval is as wide as a reading or two, the truth in it."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
-    _, said = settled(x, 0.9, 2)
+    _, said = estimate_step(x, 0.9, 2)
     assert said.ci95[0] <= 0.9 <= said.ci95[1]
     assert said.ci95[1] - said.ci95[0] < 0.02
 
@@ -116,7 +116,7 @@ def test_interval_ends_by_likelihood_not_by_the_grid(true: float) -> None:
     """Of a step of four tenths of the noise hardly anything is known to better than a step of the grid."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 400)
     for seed in range(30):
-        base, found = stepped(x, true, seed, 0.4)
+        base, found = fit_step(x, true, seed, 0.4)
         law, h = found.whitened, found.whitened.hypothesis
         assert h.refinement is not None
         if CUT_INTERVAL_NOTE in h.note:
@@ -138,7 +138,7 @@ def test_interval_ends_by_likelihood_not_by_the_grid(true: float) -> None:
 def test_interval_truncated_by_the_law_range_is_marked() -> None:
     """No reading lies below a third of the largest x: of what is beyond nothing tells."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
-    _, found = stepped(np.where(x < 0.7, 0.2, x), 0.4, 1, 8.0)
+    _, found = fit_step(np.where(x < 0.7, 0.2, x), 0.4, 1, 8.0)
     assert CUT_INTERVAL_NOTE in found.whitened.hypothesis.note
     assert min(found.whitened.shapes)[0] == pytest.approx(0.5 / 1.5)
 

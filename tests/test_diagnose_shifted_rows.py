@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_hidden_effects import CELLS
-from test_diagnose_session_errors import CELL, sound
+from test_diagnose_session_errors import CELL, simulate_correct_sessions
 from test_diagnose_tcp_poses import arm as measured_arm
 from test_diagnose_tcp_poses import measure
 
@@ -27,7 +27,7 @@ def at_arm(
     return mend(r, load_robot(cell), cell.tool.T_flange_tcp, accept)
 
 
-def moved(r: Recording, first: int, last: int, by: int) -> Recording:
+def shift_rows(r: Recording, first: int, last: int, by: int) -> Recording:
     """Rows first … last − 1 with the displacement of the row before or after them."""
     values = r.displacement.copy()
     values[first:last] = r.displacement[first - by : last - by]
@@ -36,8 +36,8 @@ def moved(r: Recording, first: int, last: int, by: int) -> Recording:
 
 @pytest.mark.parametrize(("first", "last", "by"), [(70, 110, 1), (95, 115, -1), (4, 40, 1)])
 def test_shifted_rows_are_corrected_and_listed(first: int, last: int, by: int) -> None:
-    r = sound()
-    out, (finding,) = at_arm(moved(r, first, last, by))
+    r = simulate_correct_sessions()
+    out, (finding,) = at_arm(shift_rows(r, first, last, by))
     assert (finding.effect, finding.location) == ("columns", "column:dx_mm")
     at = [round(finding.parameters[name].value) for name in ("first row", "last row")]
     assert abs(at[0] - (first + 1)) <= 2
@@ -54,7 +54,7 @@ def test_shifted_rows_are_corrected_and_listed(first: int, last: int, by: int) -
 @pytest.mark.parametrize("deleted", [5, 20, 60, 90])
 def test_deleted_cell_shifts_all_following_rows(sessions: int, deleted: int) -> None:
     """Most rows are wrong then, and only the moved record says what fits."""
-    r = sound(sessions=sessions)
+    r = simulate_correct_sessions(sessions=sessions)
     values = r.displacement.copy()
     values[deleted:] = np.roll(r.displacement[deleted:], -1, axis=0)
     out, (finding,) = at_arm(replace(r, displacement=values))
@@ -69,7 +69,7 @@ def test_deleted_cell_shifts_all_following_rows(sessions: int, deleted: int) -> 
 
 
 def test_shift_over_two_sessions_is_reported_by_rows() -> None:
-    r = sound()
+    r = simulate_correct_sessions()
     values = r.displacement.copy()
     values[120:] = np.roll(r.displacement[120:], -1, axis=0)
     cell = load_cell(CELLS / CELL)
@@ -91,7 +91,7 @@ def test_shift_over_two_sessions_is_reported_by_rows() -> None:
 
 
 def test_deleted_cell_does_not_lead_to_a_named_effect() -> None:
-    r = sound(sessions=1, concealed=False)
+    r = simulate_correct_sessions(sessions=1, concealed=False)
     values = r.displacement.copy()
     values[20:] = np.roll(r.displacement[20:], -1, axis=0)
     cell = load_cell(CELLS / CELL)
@@ -113,9 +113,9 @@ def test_shifted_rows_of_measured_poses_are_corrected() -> None:
 
 
 def test_correct_records_with_backlash_and_accepted_ones_remain() -> None:
-    r = sound()
+    r = simulate_correct_sessions()
     assert at_arm(r)[0] is r
-    wrong = moved(r, 70, 110, 1)
+    wrong = shift_rows(r, 70, 110, 1)
     assert at_arm(wrong, accept=("columns",))[0] is wrong
     cell, robot, _ = measured_arm()
     poses = measure(noise=25e-6, registration="fit")
@@ -123,7 +123,7 @@ def test_correct_records_with_backlash_and_accepted_ones_remain() -> None:
 
 
 def test_different_load_in_every_row_is_no_shift() -> None:
-    r = sound()
+    r = simulate_correct_sessions()
     rng = np.random.default_rng(3)
     noisy = replace(r, displacement=r.displacement * (1.0 + rng.normal(0.0, 0.5, (len(r), 1))))
     assert at_arm(noisy)[0] is noisy
@@ -131,7 +131,7 @@ def test_different_load_in_every_row_is_no_shift() -> None:
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN·m"), (1.0 / 9.80665, "kgf·m")])
 def test_moments_in_another_unit_than_forces_are_corrected(factor: float, unit: str) -> None:
-    r = sound(moment=400.0)
+    r = simulate_correct_sessions(moment=400.0)
     wrench = r.wrench.copy()
     wrench[:, 3:] *= factor
     told = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
@@ -142,9 +142,9 @@ def test_moments_in_another_unit_than_forces_are_corrected(factor: float, unit: 
 
 
 def test_stated_moments_and_moments_of_noise_remain() -> None:
-    r = sound(moment=400.0)
+    r = simulate_correct_sessions(moment=400.0)
     assert at_arm(r, swapped_columns.correct_moment_units)[0] is r
-    plain = sound()
+    plain = simulate_correct_sessions()
     wrench = plain.wrench.copy()
     wrench[:, 3:] = np.random.default_rng(1).normal(0.0, 1.0, (len(plain), 3))
     noise = replace(plain, wrench=wrench)

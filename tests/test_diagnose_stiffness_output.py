@@ -31,7 +31,7 @@ CELL = load_cell(ROOT / "cells" / "kr240_drilling")
 LINK = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 1e7})
 
 
-def diagnosed(joints: dict[int, float], terms: tuple[StiffnessTerm, ...], sigma: float = 0.1) -> DiagnosisResult:
+def build_diagnosis(joints: dict[int, float], terms: tuple[StiffnessTerm, ...], sigma: float = 0.1) -> DiagnosisResult:
     """Only what is looked at: compliances under the names of a motion's channel, and findings."""
     other = BaseCoefficient(BaseUnknown(name="offset 1", unit="rad", location="joint:1"), 0.0, 1e-3, 1e-5)
     springs = [
@@ -55,7 +55,7 @@ def diagnosed(joints: dict[int, float], terms: tuple[StiffnessTerm, ...], sigma:
 
 def test_observed_joints_are_written_and_the_others_come_from_the_cell() -> None:
     assert CELL.stiffness is not None
-    made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (LINK,)))
+    made = build_extended_stiffness(CELL, build_diagnosis({2: 1e-6, 3: 2e-6}, (LINK,)))
     before, after = made.before, made.after
     assert before is not None
     assert after is not None
@@ -66,7 +66,7 @@ def test_observed_joints_are_written_and_the_others_come_from_the_cell() -> None
     np.testing.assert_allclose(before.joints, expected, rtol=1e-12)
     assert after.terms == (LINK,)
     assert before.terms == ()
-    unsure = build_extended_stiffness(CELL, diagnosed({2: 1e-6}, (), sigma=0.9)).after
+    unsure = build_extended_stiffness(CELL, build_diagnosis({2: 1e-6}, (), sigma=0.9)).after
     assert unsure is not None
     np.testing.assert_array_equal(unsure.joints, CELL.stiffness.joints)
 
@@ -78,7 +78,7 @@ def test_stiffness_of_external_joints_is_preserved(joints: dict[int, float]) -> 
         joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3), mass=900.0
     )
     cell = replace(CELL, stiffness=replace(CELL.stiffness, external=(rail,)))
-    made = build_extended_stiffness(cell, diagnosed(joints, (LINK,)))
+    made = build_extended_stiffness(cell, build_diagnosis(joints, (LINK,)))
     assert made.after is not None
     assert made.after.external == (rail,)
     assert made.before is None or made.before.external == (rail,)
@@ -88,14 +88,14 @@ def test_term_is_written_without_an_observed_joint_and_replaces_the_old_one() ->
     assert CELL.stiffness is not None
     old = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 5e7})
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(old,)))
-    made = build_extended_stiffness(cell, diagnosed({}, (LINK,)))
+    made = build_extended_stiffness(cell, build_diagnosis({}, (LINK,)))
     before, after = made.before, made.after
     assert before is cell.stiffness
     assert after is not None
     assert after.terms == (LINK,)
-    assert build_extended_stiffness(replace(CELL, stiffness=None), diagnosed({2: 1e-6}, (LINK,))) == ExtendedStiffness(
-        None, None
-    )
+    assert build_extended_stiffness(
+        replace(CELL, stiffness=None), build_diagnosis({2: 1e-6}, (LINK,))
+    ) == ExtendedStiffness(None, None)
 
 
 def test_keys_name_single_joints() -> None:
@@ -127,7 +127,7 @@ DRAG = StiffnessTerm(
 @pytest.mark.parametrize("soft", [KNEE, DRAG], ids=lambda t: str(t.parameters["law"]))
 def test_finding_that_moves_against_its_load_is_not_written(soft: StiffnessTerm) -> None:
     """What is written the planner takes: the joint keeps the spring that fits without it, other findings stay."""
-    made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (soft, LINK)))
+    made = build_extended_stiffness(CELL, build_diagnosis({2: 1e-6, 3: 2e-6}, (soft, LINK)))
     assert made.after is not None
     assert made.after.terms == (LINK,)
     assert made.after.joints[1:3] == pytest.approx([1e6, 2.5e5])  # of joint 3 the fit without it
@@ -140,7 +140,7 @@ def test_finding_that_moves_against_its_load_is_not_written(soft: StiffnessTerm)
     fits = replace(
         soft, parameters={**soft.parameters, **({"extra_rad_per_Nm": -1e-6} if soft is KNEE else {"drag_arcmin": 0.5})}
     )
-    made = build_extended_stiffness(CELL, diagnosed({2: 1e-6, 3: 2e-6}, (fits,)))
+    made = build_extended_stiffness(CELL, build_diagnosis({2: 1e-6, 3: 2e-6}, (fits,)))
     assert made.after is not None
     assert (made.after.terms, made.withheld) == ((fits,), ())
 
@@ -152,7 +152,7 @@ def test_matrix_with_a_negative_eigenvalue_is_not_written() -> None:
     own = replace(wrong, parameters={"compliance": np.diag([1e-9] * 3 + [1e-7] * 3).tolist()})
     assert CELL.stiffness is not None
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(own,)))
-    made = build_extended_stiffness(cell, diagnosed({2: 1e-6}, (wrong, LINK)))
+    made = build_extended_stiffness(cell, build_diagnosis({2: 1e-6}, (wrong, LINK)))
     assert made.after is not None
     assert made.after.terms == (own, LINK)
     assert made.after.joints[1] == pytest.approx(5e5)  # fitted without it, not beside it
@@ -166,12 +166,12 @@ def test_terms_with_negative_total_compliance_are_not_written_together() -> None
     """Two findings at a joint, then one beside a term of the cell's own, which stays."""
     half = replace(KNEE, parameters={**KNEE.parameters, "extra_rad_per_Nm": -1.5e-6})
     drag = replace(DRAG, parameters={**DRAG.parameters, "drag_arcmin": 0.5})
-    made = build_extended_stiffness(CELL, diagnosed({3: 2e-6}, (half, drag)))
+    made = build_extended_stiffness(CELL, build_diagnosis({3: 2e-6}, (half, drag)))
     assert made.after is not None
     assert len(made.after.terms) == len(made.withheld) == 1
     assert CELL.stiffness is not None
     cell = replace(CELL, stiffness=replace(CELL.stiffness, terms=(half,)))
-    made = build_extended_stiffness(cell, diagnosed({3: 2e-6}, (drag,)))
+    made = build_extended_stiffness(cell, build_diagnosis({3: 2e-6}, (drag,)))
     assert made.after is not None
     assert made.after.terms == (half,)
     assert len(made.withheld) == 1
@@ -204,11 +204,11 @@ def test_unwritten_finding_remains_in_the_diagnosis() -> None:
 def test_unobserved_joint_stiffness_comes_from_the_cell() -> None:
     """Weight hardly turns joint 6: whatever its fit, the cell's value stands; without one the softest that is read."""
     assert CELL.stiffness is not None
-    made = build_extended_stiffness(CELL, diagnosed({6: 0.09}, ()))
+    made = build_extended_stiffness(CELL, build_diagnosis({6: 0.09}, ()))
     assert made.after is not None
     np.testing.assert_array_equal(made.after.joints, CELL.stiffness.joints)
     alone = build_extended_stiffness(
-        replace(CELL, stiffness=None), diagnosed({j: 0.09 if j == 6 else 1e-6 for j in range(1, 7)}, ())
+        replace(CELL, stiffness=None), build_diagnosis({j: 0.09 if j == 6 else 1e-6 for j in range(1, 7)}, ())
     )
     assert alone.after is not None
     assert alone.after.joints == pytest.approx([1e6] * 5 + [1e2])
@@ -218,7 +218,7 @@ def test_implausible_spring_from_poses_without_load_is_not_written() -> None:
     """Joint 4 thirty times softer is geometry that is left; joint 2 within a factor of two is a spring."""
     assert CELL.stiffness is not None
     k = CELL.stiffness.joints
-    d = diagnosed({2: 1.4 / k[1], 4: 30.0 / k[3]}, ())
+    d = build_diagnosis({2: 1.4 / k[1], 4: 30.0 / k[3]}, ())
     alone, loaded = build_extended_stiffness(CELL, d, weight_alone=True), build_extended_stiffness(CELL, d)
     assert alone.before is not None
     assert alone.after is not None

@@ -20,7 +20,7 @@ CELL = "kr240_drilling"
 TIMES, WHITE, FORCE = 3, 15e-6, 4.0  # readings of a load; m and N, 1 sigma
 
 
-def held(crept: float) -> Recording:
+def simulate_sustained_loads(crept: float) -> Recording:
     """Each load read three times, a minute apart; ``crept`` m more along it each time."""
     rng = np.random.default_rng(11)
     a = arm(CELL)
@@ -54,7 +54,7 @@ def split(r: Recording) -> tuple[replicate_noise.ReplicateNoise, DiagnosisProble
 
 
 def test_constant_load_shows_no_gain_error() -> None:
-    found, problem = split(held(0.0))
+    found, problem = split(simulate_sustained_loads(0.0))
     moved = float(np.abs(problem.y).max())
     assert found.replicated
     assert found.gain < 0.05
@@ -63,8 +63,8 @@ def test_constant_load_shows_no_gain_error() -> None:
 
 
 def test_creep_at_constant_load_is_no_noise() -> None:
-    still, _ = split(held(0.0))
-    crept, problem = split(held(6.0 * WHITE))
+    still, _ = split(simulate_sustained_loads(0.0))
+    crept, problem = split(simulate_sustained_loads(6.0 * WHITE))
     assert crept.reading[0] < 1.5 * still.reading[0]
     # a first reading is a twin of first ones
     turn = np.tile(np.arange(TIMES), len(problem) // TIMES)

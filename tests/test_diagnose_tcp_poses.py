@@ -135,7 +135,7 @@ def build(recording: Recording, **changes: object) -> tuple[DiagnosisProblem, Hy
     return found[0], found[1]
 
 
-def fitted(problem: DiagnosisProblem, columns: Array | None = None) -> tuple[Array, Array]:
+def solve_least_squares(problem: DiagnosisProblem, columns: Array | None = None) -> tuple[Array, Array]:
     """(coefficients, residual (N, D)) of plain least squares; rotations count as shifts 0.5 m away."""
     A = problem.base if columns is None else np.concatenate([problem.base, columns], axis=2)
     w = np.array([1.0] * 3 + [0.5] * 3)[: problem.dimensions]
@@ -151,12 +151,12 @@ def only(catalogue: HypothesisCatalogue, effect: str, where: str, law: str = "")
 
 def gains(problem: DiagnosisProblem, catalogue: HypothesisCatalogue) -> dict[tuple[str, str], float]:
     """Fall of the residual's squares per coefficient, each name's best law and shape."""
-    before = float(np.sum(fitted(problem)[1] ** 2))
+    before = float(np.sum(solve_least_squares(problem)[1] ** 2))
     out: dict[tuple[str, str], float] = {}
     for h in catalogue.hypotheses:
         for shape in h.shapes:
             columns = h.columns(shape)
-            after = float(np.sum(fitted(problem, columns)[1] ** 2))
+            after = float(np.sum(solve_least_squares(problem, columns)[1] ** 2))
             out[h.name] = max(out.get(h.name, 0.0), (before - after) / columns.shape[2])
     return out
 
@@ -171,7 +171,7 @@ def test_base_model_contains_springs_frame_and_target_exactly(six: bool) -> None
     assert cell.stiffness is not None
     frame = np.array([2e-3, -3e-3, 1e-3]), np.array([5e-4, -1e-3, 2e-4]), np.array([1e-3, 2e-3, -5e-4])
     problem, _ = build(measure(six=six, frame=frame))
-    x, rest = fitted(problem)
+    x, rest = solve_least_squares(problem)
     assert np.abs(rest).max() < 2e-7
     found = {u.name: v for u, v in zip(problem.unknowns, x, strict=True)}
     for j in (2, 3, 5):  # weight turns these; 1 not at all, 4 and 6 hardly
@@ -199,8 +199,8 @@ def test_outliers_and_a_wrong_unit_do_not_break_the_first_fit() -> None:
 def test_known_corrections_of_the_cell_are_applied() -> None:
     known = KinematicCorrections((KinematicCorrection("joint_zero_offset", "joint:3", {"offset_deg": 0.05}),))
     recording = measure(delta=lambda q: np.radians(0.05) * np.eye(6)[2] + 0 * q)
-    assert np.abs(fitted(build(recording)[0])[1]).max() > 2e-5
-    assert np.abs(fitted(build(recording, kinematics=known)[0])[1]).max() < 2e-7
+    assert np.abs(solve_least_squares(build(recording)[0])[1]).max() > 2e-5
+    assert np.abs(solve_least_squares(build(recording, kinematics=known)[0])[1]).max() < 2e-7
 
 
 def test_arrival_directions_and_replicates_are_labelled() -> None:
@@ -353,7 +353,7 @@ def wave(joint: int, order: float, cos: float, sin: float) -> Callable[[Array], 
     )
 
 
-def warmed() -> Array:
+def compute_thermal_growth() -> Array:
     temperature = measure().temperature
     assert temperature is not None
     return np.asarray((temperature - 21.0)[:, None] * 1.2e-5 * np.array([1.0, 1.0, 1.0]))
@@ -393,11 +393,11 @@ def test_true_law_is_found_with_its_size(case: Case) -> None:
     if "masses" in put:
         put["masses"] = heavier(8.0, np.array([0.02, 0.0, 0.15]))
     if "grow" in put:
-        put["grow"] = warmed()
+        put["grow"] = compute_thermal_growth()
     problem, catalogue = build(measure(**put))  # type: ignore[arg-type]
-    base = fitted(problem)[1]
+    base = solve_least_squares(problem)[1]
     h = only(catalogue, effect, where, law)
-    x, rest = fitted(problem, h.columns(shape))
+    x, rest = solve_least_squares(problem, h.columns(shape))
     own = x[problem.base.shape[2] :]
     # a payload's columns lean on springs of the first fit, which took part of it up: a few percent
     most, close = (0.1, 0.1) if effect == "payload" else (0.03, 0.02)
@@ -434,15 +434,15 @@ def test_written_findings_compensate_the_planted_effect() -> None:
     delta = wave(5, 3.0, 9.0, -4.0)
     problem, catalogue = build(measure(delta=delta))
     h = only(catalogue, "transmission_error", "joint:5", "one")
-    x, _ = fitted(problem, h.columns((3.0,)))
+    x, _ = solve_least_squares(problem, h.columns((3.0,)))
     found = h.correction(x[problem.base.shape[2] :], (3.0,))
     assert isinstance(found, KinematicCorrection)
     assert found.parameters["per_turn"] == 3.0
     assert found.parameters["cos_arcsec"] == pytest.approx(9.0, rel=0.01)
     assert found.parameters["sin_arcsec"] == pytest.approx(-4.0, rel=0.02)
     known = KinematicCorrections((KinematicCorrection(found.effect, found.location, found.parameters),))
-    before = np.abs(fitted(problem)[1]).max()
-    assert np.abs(fitted(build(measure(delta=delta), kinematics=known)[0])[1]).max() < 0.02 * before
+    before = np.abs(solve_least_squares(problem)[1]).max()
+    assert np.abs(solve_least_squares(build(measure(delta=delta), kinematics=known)[0])[1]).max() < 0.02 * before
 
 
 def test_compensator_deflects_joint_2_by_its_angle() -> None:
@@ -459,13 +459,13 @@ def test_compensator_deflects_joint_2_by_its_angle() -> None:
 
     problem, catalogue = build(measure(delta=delta))
     rest = {
-        (h.name, h.law): min(float(np.sum(fitted(problem, h.columns(s))[1] ** 2)) for s in h.shapes)
+        (h.name, h.law): min(float(np.sum(solve_least_squares(problem, h.columns(s))[1] ** 2)) for s in h.shapes)
         for h in catalogue.hypotheses
         if h.columns(h.shapes[0]).shape[2] <= 2
     }
     best = min(rest, key=lambda name: rest[name])
     assert best == (("gravity_compensator", "joint:2"), "spring between two pivots")
-    assert rest[best] < 0.02 * np.sum(fitted(problem)[1] ** 2)
+    assert rest[best] < 0.02 * np.sum(solve_least_squares(problem)[1] ** 2)
 
 
 # weight on bodies -----------------------------------------------------------------------------------------------
@@ -574,7 +574,7 @@ def test_orientations_are_in_base_axes() -> None:
     recording = measure(six=True, registration="fixed", frame=(np.zeros(3), np.array([0, 0, 1e-3]), np.zeros(3)))
     problem, catalogue = build(recording)
     h = only(catalogue, "displacement_frame", "sensor:displacement")
-    x, rest = fitted(problem, h.columns(()))
+    x, rest = solve_least_squares(problem, h.columns(()))
     np.testing.assert_allclose(x[problem.base.shape[2] + 3 :], [0.0, 0.0, 1e-3], atol=2e-6)  # rest: 1 mrad squared
     assert np.abs(rest).max() < 3e-6  # m, 1 mrad² over 2 m
     assert dict(h.quantities(x[problem.base.shape[2] :], ()))["angle"].value == pytest.approx(

@@ -11,7 +11,7 @@ from simulated_hidden_effects import HiddenEffects, load_tests, plan_load_tests
 from simulated_hidden_effects import arm as loaded_arm
 from test_diagnose_model_selection import build_synthetic_problem, law
 from test_diagnose_motion import arm as moved_arm
-from test_diagnose_motion import excited, recorded
+from test_diagnose_motion import build_fourier_motion, build_motion_recording
 from test_diagnose_tcp_poses import arm as posed_arm
 from test_diagnose_tcp_poses import measure
 
@@ -61,7 +61,7 @@ def test_few_groups_suffice_where_the_error_falls_by_half(left: float, better: b
     assert bool(holdout_residuals._is_family_better(problem, before, after, used, problem.families[0])) is better
 
 
-def hung(share: float) -> Recording:
+def simulate_weights_recorded_upwards(share: float) -> Recording:
     """Weights recorded as pulling up, of which a share of the poses moved as weights move."""
     a = loaded_arm("kr240_drilling")
     rng = np.random.default_rng(3)
@@ -77,7 +77,9 @@ def hung(share: float) -> Recording:
 def test_displacement_against_the_load_is_reported_for_a_large_majority(share: float, said: bool) -> None:
     """Most readings oppose their load with either sign of it."""
     cell = load_cell(CELLS / "kr240_drilling")
-    _, found = correct_inconsistent_loads(hung(share), load_robot(cell), cell.tool.T_flange_tcp)
+    _, found = correct_inconsistent_loads(
+        simulate_weights_recorded_upwards(share), load_robot(cell), cell.tool.T_flange_tcp
+    )
     assert [f.effect for f in found] == ["load_geometry"]
     assert ("move against their load" in found[0].note) is said
 
@@ -89,10 +91,10 @@ def test_balancer_may_exceed_the_masses_where_friction_has_the_correct_sign(
     """Without friction, torque that opposes the masses has the wrong sign."""
     cell = moved_arm(tmp_path, 1)
     rng = np.random.default_rng(6)
-    t, q, v, a = excited(1, rng, period=60.0, rate=20.0)
+    t, q, v, a = build_fourier_motion(1, rng, period=60.0, rate=20.0)
     dynamics = load_dynamics(cell)
     needed, weight = dynamics.compute_torque(q, v, a), dynamics.compute_torque(q, 0.0 * v, 0.0 * a)
-    r = recorded(t, q, v, needed - 2.0 * weight + rubs * np.sign(v) + 0.5 * rng.standard_normal(q.shape))
+    r = build_motion_recording(t, q, v, needed - 2.0 * weight + rubs * np.sign(v) + 0.5 * rng.standard_normal(q.shape))
     motion = build_motion_signals(r, 1)
     if accepted:
         assert correct_torque_side(r, motion, needed[motion.index])[1] == []
@@ -104,9 +106,9 @@ def test_balancer_may_exceed_the_masses_where_friction_has_the_correct_sign(
 @pytest.mark.parametrize(("size", "column"), [(1e-3, "q"), (1.0, "velocity")])
 def test_prismatic_values_within_a_few_millimetres_were_metres(size: float, column: str) -> None:
     """Of two columns with a ratio of 1000, the one within a few millimetres is wrong."""
-    t, q, v, a = excited(1, np.random.default_rng(1))
+    t, q, v, a = build_fourier_motion(1, np.random.default_rng(1))
     scale = size / np.abs(q).max()
-    r = replace(recorded(t, scale * q, 1e3 * scale * v, a), prismatic=(True,))
+    r = replace(build_motion_recording(t, scale * q, 1e3 * scale * v, a), prismatic=(True,))
     found = motion_record_checks.correct_motion_units(r, 1)[1]
     assert [f.location for f in found] == [f"column:{motion_record_checks.format_column_name(r, column, 0)}"]
 

@@ -24,7 +24,7 @@ from machopt.numerics.array_types import Array
 GRID = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 3) for w in (0.2, 0.4))
 
 
-def told(family: str, share: float, *, nearly: bool = False) -> dict[str, EstimatedValue]:
+def estimate_sizes(family: str, share: float, *, nearly: bool = False) -> dict[str, EstimatedValue]:
     """Sizes of a law of two numbers, the second of which moves readings by ``share`` of what the first does.
 
     ``nearly``: readings in which the second comes out as next to nothing.
@@ -34,11 +34,11 @@ def told(family: str, share: float, *, nearly: bool = False) -> dict[str, Estima
     y = 5.0 * SIGMA * np.exp(-0.5 * (x / 0.4) ** 2) + SIGMA * rng.normal(size=len(x))
     columns = np.stack([np.exp(-0.5 * (x / 0.4) ** 2), share * np.cos(3.0 * x)], axis=1)[:, None, :]
     if nearly:
-        y = y - (1.0 - 1e-6) * fitted(x, y, columns, "joint", float)["tilt"].value * columns[:, 0, 1]
-    return fitted(x, y, columns, family, abs)
+        y = y - (1.0 - 1e-6) * estimate_law_sizes(x, y, columns, "joint", float)["tilt"].value * columns[:, 0, 1]
+    return estimate_law_sizes(x, y, columns, family, abs)
 
 
-def fitted(
+def estimate_law_sizes(
     x: Array, y: Array, columns: Array, family: str, size: Callable[[float], float]
 ) -> dict[str, EstimatedValue]:
     """The two numbers of a law as told, each by its ``size``."""
@@ -58,7 +58,7 @@ def fitted(
 
 
 def test_unobserved_compliance_has_no_upper_bound_and_is_not_negative() -> None:
-    said = told("body", 1e-9, nearly=True)
+    said = estimate_sizes("body", 1e-9, nearly=True)
     assert np.isfinite(said["shift"].ci95).all()
     assert np.isinf(said["tilt"].ci95[1])
     assert said["shift"].ci95[0] > 0.0
@@ -67,9 +67,9 @@ def test_unobserved_compliance_has_no_upper_bound_and_is_not_negative() -> None:
 
 
 def test_observed_compliance_keeps_its_bounds() -> None:
-    both = told("body", 1.0)
+    both = estimate_sizes("body", 1.0)
     assert all(np.isfinite(e.ci95).all() for e in both.values())
-    signed = told("joint", 1.0)
+    signed = estimate_sizes("joint", 1.0)
     assert signed["shift"].ci95 == both["shift"].ci95
 
 

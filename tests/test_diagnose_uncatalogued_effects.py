@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnose_load_test_drift import timed
-from test_effects import posed
+from test_diagnose_load_test_drift import build_timed_readings
+from test_effects import build_posed_problem
 
 from machopt.effects.joint import angle_dependent_stiffness
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import HypothesisCatalogue, Quantity
@@ -33,12 +33,12 @@ def catalogue(r: StaticReadings) -> HypothesisCatalogue:
     "law", [unmodelled_slip_and_external_forces.SLIP_LAW, unmodelled_slip_and_external_forces.JUMP_LAW]
 )
 def test_unnamed_effect_is_reported_with_its_place(law: str) -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     true = next(h for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r) if h.law == law)
     size = np.eye(9)[2] if law == unmodelled_slip_and_external_forces.JUMP_LAW else np.ones(1)
     moved = true.columns((0.6,)) @ (8e-5 * size)
     found = selection_pipeline.diagnose_problem(
-        posed(r, moved), catalogue(r), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, moved), catalogue(r), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
     assert not found.findings
     assert found.verdict == "unexplained"
@@ -48,7 +48,7 @@ def test_unnamed_effect_is_reported_with_its_place(law: str) -> None:
 
 
 def test_catalogue_effect_is_named_beside_an_unnamed_one() -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     turned = next(h for h in sensor_errors.build_load_test_sensor_hypotheses(r) if h.effect == "force_sensor_offset")
     slips = next(
         h
@@ -57,7 +57,7 @@ def test_catalogue_effect_is_named_beside_an_unnamed_one() -> None:
     )
     moved = turned.columns(turned.shapes[0]) @ np.full(3, 60.0) + slips.columns((0.6,)) @ np.full(1, 8e-5)
     found = selection_pipeline.diagnose_problem(
-        posed(r, moved), catalogue(r), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, moved), catalogue(r), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
     assert [f.effect for f in found.findings] == ["force_sensor_offset"]
     assert found.verdict == "partly_explained"
@@ -79,7 +79,9 @@ def test_friction_of_a_jack_delays_unloading() -> None:
     )
 
 
-def rest(r: StaticReadings, wrench: np.ndarray, pull: np.ndarray, spring: float, at: np.ndarray) -> np.ndarray:
+def compute_rest_position(
+    r: StaticReadings, wrench: np.ndarray, pull: np.ndarray, spring: float, at: np.ndarray
+) -> np.ndarray:
     """(N, 3) m where the TCP rests under a load and a hose at the flange, f₀ − k (p − at), joints giving way."""
     theta = np.zeros_like(r.state.q)
     back = r.T_flange_tcp[:3, :3].T @ r.T_flange_tcp[:3, 3]
@@ -93,7 +95,7 @@ def rest(r: StaticReadings, wrench: np.ndarray, pull: np.ndarray, spring: float,
 
 
 def test_external_pull_changes_displacements_as_in_equilibrium() -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     pulled = next(
         h
         for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
@@ -101,8 +103,8 @@ def test_external_pull_changes_displacements_as_in_equilibrium() -> None:
     )
     at, none = unmodelled_slip_and_external_forces._compute_flange_positions(r).mean(axis=0), np.zeros_like(r.wrench)
     pull, spring, small = np.array([30.0, -20.0, 50.0]), 25.0, 0.05 * r.wrench
-    moved = rest(r, small, pull, spring, at) - rest(r, none, pull, spring, at)
-    alone = rest(r, small, np.zeros(3), 0.0, at) - rest(r, none, np.zeros(3), 0.0, at)
+    moved = compute_rest_position(r, small, pull, spring, at) - compute_rest_position(r, none, pull, spring, at)
+    alone = compute_rest_position(r, small, np.zeros(3), 0.0, at) - compute_rest_position(r, none, np.zeros(3), 0.0, at)
     true = (moved - alone) / 0.05
     first = (pulled.columns(()) @ [*pull, spring])[:, :3]
     assert np.abs(first - true).max() < 0.03 * np.abs(true).max()
@@ -110,7 +112,7 @@ def test_external_pull_changes_displacements_as_in_equilibrium() -> None:
 
 @pytest.mark.parametrize("where", ["link:4", "tool"])
 def test_hose_is_located_and_is_no_gear_or_compensator(where: str) -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     pulled = next(
         h
         for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
@@ -126,7 +128,7 @@ def test_hose_is_located_and_is_no_gear_or_compensator(where: str) -> None:
     for j in range(6):
         known += joint_torque.build_joint_hypotheses(r, j, angle_dependent_stiffness.EFFECT)[0]
     found = selection_pipeline.diagnose_problem(
-        posed(r, moved),
+        build_posed_problem(r, moved),
         HypothesisCatalogue(tuple(known)),
         selection_pipeline.DiagnosisOptions(),
         np.random.default_rng(0),
@@ -137,7 +139,7 @@ def test_hose_is_located_and_is_no_gear_or_compensator(where: str) -> None:
 
 
 def test_sinking_floor_on_one_day_is_no_thermal_drift() -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     share = np.linalg.norm(r.wrench[:, :3], axis=1)
     moved = np.zeros((len(r), 6))
     moved[:, 2] = -5e-5 * (share / share.max()) ** 2 * (r.session == r.session.max())
@@ -149,7 +151,7 @@ def test_sinking_floor_on_one_day_is_no_thermal_drift() -> None:
         )
     )
     found = selection_pipeline.diagnose_problem(
-        posed(r, moved), known, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
+        build_posed_problem(r, moved), known, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
     assert (found.findings, found.verdict) == ((), "unexplained")
     assert [n for n in found.notes if "in one session" in n]
@@ -157,7 +159,7 @@ def test_sinking_floor_on_one_day_is_no_thermal_drift() -> None:
 
 def test_named_effect_beside_an_unnamed_form_must_be_large() -> None:
     """A hose hangs loose in some poses: what the form left there was a joint's stiffness by its angle."""
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     forms = {
         h.law: h for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r) if h.location == "tool"
     }
@@ -178,7 +180,7 @@ def test_named_effect_beside_an_unnamed_form_must_be_large() -> None:
 
 
 def test_hose_slack_in_some_poses_is_no_joint_effect() -> None:
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     pulled = next(
         h
         for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
@@ -195,7 +197,7 @@ def test_hose_slack_in_some_poses_is_no_joint_effect() -> None:
     for j in range(6):
         known += joint_torque.build_joint_hypotheses(r, j, angle_dependent_stiffness.EFFECT)[0]
     found = selection_pipeline.diagnose_problem(
-        posed(r, moved),
+        build_posed_problem(r, moved),
         HypothesisCatalogue(tuple(known)),
         selection_pipeline.DiagnosisOptions(),
         np.random.default_rng(0),
@@ -206,7 +208,7 @@ def test_hose_slack_in_some_poses_is_no_joint_effect() -> None:
 @pytest.mark.parametrize(("off", "kept"), [(0.0, True), (0.3, False)])
 def test_law_with_a_better_unnamed_form_has_no_name(off: float, kept: bool) -> None:
     """A hose between column and forearm was a gravity compensator: the pull from outside left no more of it."""
-    r, _, _ = timed()
+    r, _, _ = build_timed_readings()
     pulled = next(
         h
         for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r)
@@ -221,7 +223,7 @@ def test_law_with_a_better_unnamed_form_has_no_name(off: float, kept: bool) -> N
     )
     named = replace(named, is_plausible=lambda x, shape: True, correction=lambda x, shape: None)
     named = replace(named, quantities=lambda x, shape: {"variation": Quantity(float(x[0]), "%")})
-    problem = posed(r, moved)
+    problem = build_posed_problem(r, moved)
     state = search_iterations.search_iteratively(problem, HypothesisCatalogue((named, pulled)), 3, 0)
     law = next(t for t in state.whitened_hypotheses if t.hypothesis is named)
     state = replace(state, chosen=(selected_effect.SelectedEffect(score_hypotheses(state.base, [law])[0], 0.002),))

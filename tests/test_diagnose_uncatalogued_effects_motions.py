@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import diagnosed, recorded, shaken
+from test_diagnose_motion import build_motion_recording, diagnose_recording, shaken
 
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
@@ -20,7 +20,7 @@ def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int, joint:
     """A sound arm of two joints one of whose motors gives ``added`` of its angle more, diagnosed."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, seed)
     tau[:, joint] += added(q[:, joint])
-    return diagnosed(recorded(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")[0]
+    return diagnose_recording(build_motion_recording(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")[0]
 
 
 def test_tightening_hose_is_no_gear_ripple(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_delay_of_a_single_joint_is_no_clock_error(tmp_path: Path, late: tuple[i
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 10)
     given = tau.copy()
     given[3:, late] = tau[:-3, late]  # 30 ms
-    recording = recorded(t, q, v, given + 0.5 * rng.normal(size=q.shape))
+    recording = build_motion_recording(t, q, v, given + 0.5 * rng.normal(size=q.shape))
     m, dynamics = build_motion_signals(recording, 2), load_dynamics(cell)
     scene = motion_channels._build_motion_model(recording, cell, m, dynamics, dynamics.compute_torque(m.q, m.v, m.a))
     assert recording.torque is not None

@@ -20,14 +20,14 @@ NOISE = 2e-5  # m
 TRACKER = np.array([-2.5, 2.0, 0.5])  # m in base_link
 
 
-def diagnosed(recording: Recording) -> DiagnosisResult:
+def diagnose_recording(recording: Recording) -> DiagnosisResult:
     problem, catalogue = build(recording)
     return selection_pipeline.diagnose_problem(
         problem, catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
 
 
-def moved(by: Array, registration: str = "fixed") -> Recording:
+def shift_points(by: Array, registration: str = "fixed") -> Recording:
     """A recording whose points are seen (N, 3) m elsewhere."""
     seen = measure(noise=NOISE, registration=registration)
     assert seen.position is not None
@@ -44,7 +44,7 @@ def sagging() -> Array:
 
 def test_beam_bent_by_warm_air_is_no_displaced_frame() -> None:
     """Most of it is a rigid frame, which was named; the rest follows no frame."""
-    found = diagnosed(moved(sagging()))
+    found = diagnose_recording(shift_points(sagging()))
     assert not found.findings
     assert found.verdict == "unexplained"
     assert [n for n in found.notes if "sensor:displacement" in n and "rigid frame" in n]
@@ -55,7 +55,7 @@ def test_displaced_frame_keeps_its_name() -> None:
     seen = measure().position
     assert seen is not None
     turn = np.radians(0.006) * np.array([0.6, 0.0, 0.8])
-    found = diagnosed(moved(np.cross(turn, seen) + np.array([1e-4, 0.0, -5e-5])))
+    found = diagnose_recording(shift_points(np.cross(turn, seen) + np.array([1e-4, 0.0, -5e-5])))
     assert [f.effect for f in found.findings] == ["displacement_frame"]
     assert found.verdict == "explained"
 
@@ -67,7 +67,7 @@ def nodding(q: Array) -> Array:
 
 
 def test_tilting_axis_is_neither_geometry_nor_a_wave() -> None:
-    found = diagnosed(measure(delta=nodding, noise=NOISE))
+    found = diagnose_recording(measure(delta=nodding, noise=NOISE))
     assert not found.findings
     assert found.verdict == "unexplained"
     assert [n for n in found.notes if "something at joint:1" in n]
@@ -75,7 +75,7 @@ def test_tilting_axis_is_neither_geometry_nor_a_wave() -> None:
 
 def test_wave_is_named_beside_a_tilting_axis() -> None:
     gear = wave(4, 5.0, 90.0, 0.0)
-    found = diagnosed(measure(delta=lambda q: nodding(q) + gear(q), noise=NOISE))
+    found = diagnose_recording(measure(delta=lambda q: nodding(q) + gear(q), noise=NOISE))
     assert [(f.effect, f.location) for f in found.findings] == [("transmission_error", "joint:4")]
     assert found.verdict == "partly_explained"
 
@@ -153,7 +153,7 @@ def test_frame_has_no_name_where_a_form_of_equal_size_fits_better() -> None:
         assert has_reason is (true.shape[2] == count)
 
 
-def bowed(course: Array) -> Recording:
+def simulate_bowed_arm(course: Array) -> Recording:
     """The arm behind joint 2 turned about the upper arm's own axis by 60 µrad times a course (N,)."""
     seen = measure(noise=NOISE)
     assert seen.position is not None
@@ -167,10 +167,10 @@ def test_bow_by_one_hour_of_sun_is_no_displaced_frame() -> None:
     """Half of it is a mean, which is as good a frame as any; the same all day keeps its name."""
     time = measure().time
     assert time is not None
-    comes = diagnosed(bowed(0.5 + 0.5 * np.sin(2.0 * np.pi * (time % 1e5) / 3600.0)))
+    comes = diagnose_recording(simulate_bowed_arm(0.5 + 0.5 * np.sin(2.0 * np.pi * (time % 1e5) / 3600.0)))
     assert not comes.findings
     assert [n for n in comes.notes if "geometry" in n and "comes and goes with the hours" in n]
-    stays = diagnosed(bowed(np.ones(len(time))))
+    stays = diagnose_recording(simulate_bowed_arm(np.ones(len(time))))
     assert {f.effect for f in stays.findings} == {"geometry"}
     assert stays.verdict == "explained"
 
@@ -182,7 +182,7 @@ def test_warming_hall_is_one_drift_of_tracker_and_arm() -> None:
     warm = 1.0 - np.exp(-(time % 1e5) / 2500.0)
     seen = measure(noise=NOISE, grow=6e-5 * warm[:, None] * np.ones(3))
     assert seen.position is not None
-    found = diagnosed(replace(seen, position=seen.position + warm[:, None] * np.array([8e-5, -5e-5, 1.2e-4])))
+    found = diagnose_recording(replace(seen, position=seen.position + warm[:, None] * np.array([8e-5, -5e-5, 1.2e-4])))
     assert [f.effect for f in found.findings] == ["thermal_drift"]
     assert found.verdict == "explained"
 
@@ -216,7 +216,7 @@ def test_external_pull_acts_through_the_joints_before_it() -> None:
 def test_unnamed_forms_do_not_replace_named_effects() -> None:
     """Two waves and an offset: three parts, held against every form, keep their names."""
     parts = (wave(3, 4.0, 30.0, 10.0), wave(5, 3.0, 40.0, 0.0))
-    found = diagnosed(
+    found = diagnose_recording(
         measure(delta=lambda q: sum((p(q) for p in parts), np.radians(0.01) * unit(2) + 0 * q), noise=NOISE)
     )
     assert {(f.effect, f.location) for f in found.findings} == {

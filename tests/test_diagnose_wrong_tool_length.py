@@ -22,7 +22,7 @@ OFFSET = np.array([0.0, 0.02, 0.16])  # m in tool axes, from the cell's TCP to t
 
 
 @cache
-def recorded() -> Recording:
+def simulate_load_tests() -> Recording:
     rng = np.random.default_rng(8)
     a = arm(CELL)
     plan = plan_load_tests(a, rng, poses=14, loads=3, sessions=2, moment=300.0)
@@ -31,15 +31,17 @@ def recorded() -> Recording:
     )
 
 
-def diagnosed(offset: np.ndarray) -> DiagnosedRecording:
+def diagnose_wrong_length(offset: np.ndarray) -> DiagnosedRecording:
     cell = load_cell(CELLS / CELL)
     wrong = cell.tool.T_flange_tcp @ build_transform(np.eye(3), -offset)  # the record is of the cell's own TCP
     cell = replace(cell, tool=replace(cell.tool, T_flange_tcp=wrong))
-    return diagnose_static_recording(cell, recorded(), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0)
+    return diagnose_static_recording(
+        cell, simulate_load_tests(), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0
+    )
 
 
 def test_tool_length_is_corrected_and_nothing_else_is_named() -> None:
-    d = diagnosed(OFFSET).diagnosis
+    d = diagnose_wrong_length(OFFSET).diagnosis
     (finding,) = (f for f in d.findings if f.effect != "geometric_stiffness")
     assert (finding.effect, finding.location, finding.record) == ("load_geometry", "sensor:force", True)
     for name, true in zip("xyz", OFFSET, strict=True):
@@ -56,7 +58,7 @@ def test_tool_length_is_corrected_and_nothing_else_is_named() -> None:
 @pytest.mark.parametrize("never", [True, False])
 def test_tcp_correction_without_improvement_or_convergence_is_rejected(never: bool) -> None:
     """The law stays a finding like others."""
-    first = diagnosed(OFFSET * 0.1).diagnosis  # a small one, from which the law names itself
+    first = diagnose_wrong_length(OFFSET * 0.1).diagnosis  # a small one, from which the law names itself
     law = Finding(
         effect="load_geometry",
         location="sensor:force",
@@ -86,6 +88,6 @@ def test_tcp_correction_without_improvement_or_convergence_is_rejected(never: bo
 
 
 def test_correct_tool_is_diagnosed_once() -> None:
-    d = diagnosed(np.zeros(3)).diagnosis
+    d = diagnose_wrong_length(np.zeros(3)).diagnosis
     assert not [w for w in d.warnings if "tool.tcp" in w]
     assert not [f for f in d.findings if f.effect != "geometric_stiffness"]

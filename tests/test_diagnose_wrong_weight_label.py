@@ -28,7 +28,7 @@ from machopt.measurement.diagnosis.model_selection import selection_pipeline
 CELL = "kr240_drilling"
 
 
-def recorded(*, concealed: bool = False, loads: int = 4, sessions: int = 2) -> Recording:
+def simulate_weights(*, concealed: bool = False, loads: int = 4, sessions: int = 2) -> Recording:
     rng = np.random.default_rng(8)
     a = arm(CELL)
     truth = HiddenEffects(
@@ -44,12 +44,12 @@ def of_size(r: Recording, share: float) -> np.ndarray:
     return np.abs(size - share * size.max()) < 0.05 * size.max()
 
 
-def mislabelled(r: Recording, rows: np.ndarray, factor: float) -> Recording:
+def mislabel_weights(r: Recording, rows: np.ndarray, factor: float) -> Recording:
     assert r.wrench is not None
     return replace(r, wrench=np.where(rows[:, None], factor * r.wrench, r.wrench))
 
 
-def mended(r: Recording) -> tuple[Recording, list]:
+def correct_labels(r: Recording) -> tuple[Recording, list]:
     cell = load_cell(CELLS / CELL)
     return wrong_weight_label.correct_wrong_weight_labels(r, load_robot(cell), cell.tool.T_flange_tcp)
 
@@ -57,9 +57,9 @@ def mended(r: Recording) -> tuple[Recording, list]:
 @pytest.mark.parametrize(("share", "factor"), [(0.75, 0.8), (1.0, 1.15), (0.25, 0.8), (0.5, 1.12)])
 def test_weight_mislabelled_in_one_session_is_corrected(share: float, factor: float) -> None:
     """Its rows were ``outliers``, and the verdict was consistent."""
-    r = recorded()
-    bad = mislabelled(r, of_size(r, share) & (r.session == r.session.max()), factor)
-    out, findings = mended(bad)
+    r = simulate_weights()
+    bad = mislabel_weights(r, of_size(r, share) & (r.session == r.session.max()), factor)
+    out, findings = correct_labels(bad)
     assert [(f.effect, f.location, f.record) for f in findings] == [("columns", "column:fx_N", True)]
     assert findings[0].parameters["gain"].value == pytest.approx(100.0 * (factor - 1.0), abs=1.5)
     assert findings[0].parameters["session"].value == r.session.max()
@@ -68,11 +68,13 @@ def test_weight_mislabelled_in_one_session_is_corrected(share: float, factor: fl
 
 
 def test_weight_mislabelled_everywhere_is_reported_where_others_agree() -> None:
-    r = recorded()
-    out, findings = mended(mislabelled(r, of_size(r, 0.5), 1.12))
+    r = simulate_weights()
+    out, findings = correct_labels(mislabel_weights(r, of_size(r, 0.5), 1.12))
     assert len(findings) == 2  # one a session
     assert np.allclose(out.wrench, r.wrench, rtol=0.02)
-    once, one = mended(mislabelled(r, of_size(r, 1.0), 1.12))  # the heaviest: a softer gear would do the same
+    once, one = correct_labels(
+        mislabel_weights(r, of_size(r, 1.0), 1.12)
+    )  # the heaviest: a softer gear would do the same
     assert one == []
     assert once.wrench is not r.wrench
 
@@ -80,25 +82,25 @@ def test_weight_mislabelled_everywhere_is_reported_where_others_agree() -> None:
 @pytest.mark.parametrize("concealed", [False, True])
 @pytest.mark.parametrize("loads", [2, 4])
 def test_correct_weights_remain_unchanged(concealed: bool, loads: int) -> None:
-    r = recorded(concealed=concealed, loads=loads)
-    out, findings = mended(r)
+    r = simulate_weights(concealed=concealed, loads=loads)
+    out, findings = correct_labels(r)
     assert (findings, out) == ([], r)
-    whole = mislabelled(r, r.session == r.session.max(), 1.12)  # a gain of the session, not a weight
-    assert mended(whole)[1] == []
+    whole = mislabel_weights(r, r.session == r.session.max(), 1.12)  # a gain of the session, not a weight
+    assert correct_labels(whole)[1] == []
 
 
 def test_continuous_load_sizes_have_no_labels() -> None:
-    r = recorded()
+    r = simulate_weights()
     rng = np.random.default_rng(1)
     assert r.wrench is not None
     assert r.displacement is not None
     any_size = rng.uniform(0.2, 1.0, len(r))[:, None]
-    assert mended(replace(r, wrench=any_size * r.wrench, displacement=any_size * r.displacement))[1] == []
+    assert correct_labels(replace(r, wrench=any_size * r.wrench, displacement=any_size * r.displacement))[1] == []
 
 
 def test_diagnosis_names_the_weight_and_nothing_else() -> None:
-    r = recorded()
-    bad = mislabelled(r, of_size(r, 0.75) & (r.session == r.session.max()), 0.8)
+    r = simulate_weights()
+    bad = mislabel_weights(r, of_size(r, 0.75) & (r.session == r.session.max()), 0.8)
     d = diagnose_static_recording(
         load_cell(CELLS / CELL), bad, selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0
     ).diagnosis

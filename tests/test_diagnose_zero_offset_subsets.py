@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from test_diagnose_multiple_effects import MANY, SIGMA, N, made, model
+from test_diagnose_multiple_effects import MANY, SIGMA, N, build_hypothesis, model
 
 from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
 from machopt.measurement.diagnosis.model_selection.search import predictive_score, search_stages
@@ -31,13 +31,13 @@ def with_zeros(planted: dict[str, float], seed: int) -> tuple[WhitenedModel, lis
 
     offsets = [
         replace(
-            made("joint_zero_offset", p, lambda s, c=zero[p]: c, ((),), "kinematic"),
+            build_hypothesis("joint_zero_offset", p, lambda s, c=zero[p]: c, ((),), "kinematic"),
             quantities=deg,
             law="constant angle",
         )
         for p in ZEROS
     ]
-    frames = [made("geometry", p, lambda s, c=frame[p]: c, ((),), "kinematic") for p in ZEROS]
+    frames = [build_hypothesis("geometry", p, lambda s, c=frame[p]: c, ((),), "kinematic") for p in ZEROS]
     signal = np.zeros((N, 3))
     for place, size in planted.items():
         signal += size * SIGMA * zero[place][:, :, 0]

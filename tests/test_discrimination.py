@@ -80,7 +80,7 @@ TWIST_4 = CandidateLaw(
 )
 
 
-def small(rng: np.random.Generator) -> tuple[list[ModelContest], np.ndarray, np.ndarray, np.ndarray]:
+def build_small_contests(rng: np.random.Generator) -> tuple[list[ModelContest], np.ndarray, np.ndarray, np.ndarray]:
     """Six poses with two readings each, three laws against each other."""
     N, R, P = 12, 3, 2
     base = rng.normal(size=(N, R, P))
@@ -100,7 +100,7 @@ def test_required_noncentrality_equals_the_textbook_value() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_minimum_separation_is_near_the_best_of_all_designs(seed: int) -> None:
-    contests, own, shared, pose = small(np.random.default_rng(seed))
+    contests, own, shared, pose = build_small_contests(np.random.default_rng(seed))
 
     def least(blocks: Any) -> float:
         return min(compute_contest_noncentrality(c, own, shared, pose, blocks) for c in contests)
@@ -117,7 +117,7 @@ def test_minimum_separation_is_near_the_best_of_all_designs(seed: int) -> None:
 
 def test_noncentrality_equals_the_mean_residual_of_the_rival() -> None:
     rng = np.random.default_rng(7)
-    contests, own, shared, _ = small(rng)
+    contests, own, shared, _ = build_small_contests(rng)
     pose = np.arange(12)
     c, blocks = contests[0], [(n,) for n in range(12)]
     A, s = c.columns.reshape(36, -1), c.signal.reshape(-1)
@@ -133,7 +133,7 @@ def test_noncentrality_equals_the_mean_residual_of_the_rival() -> None:
 def share_excluded(rounds: int, size: float) -> float:
     """Share of draws in which diagnose's test excludes the rival; ``size`` of the law that is true, in sigmas."""
     rng, poses, draws = np.random.default_rng(3), 20, 300
-    contest, _, _ = even(size, poses)
+    contest, _, _ = build_even_contest(size, poses)
     A, s = contest.columns.reshape(3 * poses, -1), contest.signal.reshape(-1)
     B = np.concatenate([A[:, :2], s[:, None]], axis=1)  # base, and the law itself
     hits = 0
@@ -146,7 +146,7 @@ def share_excluded(rounds: int, size: float) -> float:
     return hits / draws
 
 
-def even(size: float, poses: int) -> tuple[ModelContest, np.ndarray, tuple[tuple[int, ...], ...]]:
+def build_even_contest(size: float, poses: int) -> tuple[ModelContest, np.ndarray, tuple[tuple[int, ...], ...]]:
     """A law that a rival imitates for the most part, alike at every pose."""
     rng = np.random.default_rng(2)
     base, rival = rng.normal(size=(poses, 3, 2)), rng.normal(size=(poses, 3, 1))
@@ -157,7 +157,7 @@ def even(size: float, poses: int) -> tuple[ModelContest, np.ndarray, tuple[tuple
 
 @pytest.mark.parametrize("size", [0.35, 0.6])
 def test_number_of_rounds_agrees_with_a_simulation(size: float) -> None:
-    contest, own, blocks = even(size, 20)
+    contest, own, blocks = build_even_contest(size, 20)
     rounds = compute_rounds_to_exclude([contest], own, blocks, contest.columns[:, :, :2])
     assert rounds is not None
     assert share_excluded(rounds, size) >= 0.85  # nine of ten, counted on 300 draws
@@ -165,7 +165,7 @@ def test_number_of_rounds_agrees_with_a_simulation(size: float) -> None:
 
 
 def test_rival_seen_in_few_poses_is_not_excluded_by_repetition() -> None:
-    contest, own, blocks = even(1.0, 20)
+    contest, own, blocks = build_even_contest(1.0, 20)
     alone = contest.signal.copy()
     alone[2:] = 3.0 * contest.columns[2:, :, 2]
     assert compute_rounds_to_exclude([replace(contest, signal=alone)], own, blocks, contest.columns[:, :, :2]) is None
@@ -175,7 +175,7 @@ def test_rival_seen_in_few_poses_is_not_excluded_by_repetition() -> None:
 
 
 def test_plan_has_more_poses_where_the_test_requires_them() -> None:
-    contest, own, _ = even(0.35, 60)
+    contest, own, _ = build_even_contest(0.35, 60)
     base, none = contest.columns[:, :, :2], np.zeros((3, 3))
     size = MeasurementPlanSize(poses=4, loads=1, candidates=60, starts=1)
     found = select_poses_for_exclusion([[contest]], base, own, none, np.arange(60), size, np.random.default_rng(0))
@@ -228,7 +228,7 @@ def open_(*stands: CandidateLaw, pairs: tuple[tuple[int, int], ...] = ((0, 1),))
     )
 
 
-def predicted(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> PredictedCases:
+def predict_cases(cell: Cell, cases: LoadCases, q: np.ndarray, steps: tuple[float, ...]) -> PredictedCases:
     robot = load_robot(cell)
     arm = DiagnosedArm(found=open_(), cell=cell, robot=robot, masses=load_masses(cell), compliance=COMPLIANCE)
     return predict_load_tests(arm, cases, q, steps, 3)
@@ -257,7 +257,7 @@ def test_law_is_the_same_in_other_readings(
     cases, q = tests
     steps = select_load_steps([CandidateLaw(effect=effect, location="joint:3")])
     light = np.flatnonzero(cases.magnitude < 600.0)  # the hanging weights: other largest torques than all loads have
-    few = predicted(cell, fewer(cases, light), q[light], steps)
+    few = predict_cases(cell, fewer(cases, light), q[light], steps)
     h = next(h for h in few.hypotheses if h.name == (effect, "joint:3") and h.law == law)
     shape = h.shapes[0]
     x = np.full(h.columns(shape).shape[2], 2e-7)
@@ -270,7 +270,7 @@ def test_law_is_the_same_in_other_readings(
         shape=shape,
         correction=None if made is None else dict(made.parameters),
     )  # type: ignore[union-attr]
-    everywhere = predict_law(stand, predicted(cell, cases, q, steps), 1.0)
+    everywhere = predict_law(stand, predict_cases(cell, cases, q, steps), 1.0)
     alone = predict_law(stand, few, 1.0)
     assert everywhere is not None
     assert alone is not None
@@ -281,7 +281,7 @@ def test_law_is_the_same_in_other_readings(
 
 def test_forearm_twist_equals_joint_4_in_every_experiment(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
-    at = predicted(cell, cases, q, (1.0,))
+    at = predict_cases(cell, cases, q, (1.0,))
     own, shared = compute_case_noise(cases, ReadingNoise(displacement=1e-5), (1.0,))
     possible, impossible, _ = _build_contests(open_(TWIST_4, NO_EFFECT), at, own + shared, 3)
     assert not possible
@@ -323,7 +323,7 @@ def test_experiment_advice_follows_from_the_laws() -> None:
 
 def test_law_with_only_a_size_moves_the_tool_by_it(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
-    at = predicted(cell, cases, q, (1.0,))
+    at = predict_cases(cell, cases, q, (1.0,))
     unsized = CandidateLaw(effect="link_compliance", location="link:3")
     assert predict_law(unsized, at, 1.0) is None
     assert predict_law(CandidateLaw(effect="no_such_effect", location="link:3"), at, 1.0) is None
@@ -346,7 +346,7 @@ def test_law_with_only_a_size_moves_the_tool_by_it(cell: Cell, tests: tuple[Load
 
 def test_only_the_nearest_of_many_laws_are_separated(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
     cases, q = tests
-    at = predicted(cell, cases, q, (1.0,))
+    at = predict_cases(cell, cases, q, (1.0,))
     own, shared = compute_case_noise(cases, ReadingNoise(displacement=1e-5), (1.0,))
     names = list(dict.fromkeys(h.name for h in at.hypotheses))[: MAX_RIVALS + 2]
     assert len(names) == MAX_RIVALS + 2

@@ -106,7 +106,9 @@ def test_dwell_is_at_the_point_and_later_events_after_the_lift() -> None:
     assert at(ToolpathEvent(2, "dwell", "G4", 0.5)) == [3]
 
 
-def verified(point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: ToolpathEvent) -> tuple[bool | None, str]:
+def check_dwell(
+    point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: ToolpathEvent
+) -> tuple[bool | None, str]:
     """The check of a machine of which axis 1 (rad) drives the tool (m) along x."""
     q = np.zeros((len(x), 6))
     q[:, 0] = x
@@ -122,7 +124,7 @@ def verified(point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: Tool
     return check.passed, check.where
 
 
-def driven(stand: int) -> np.ndarray[Any, Any]:
+def build_dwell_motion(stand: int) -> np.ndarray[Any, Any]:
     """A tool that goes 30 mm and rests at 10 mm for so many samples."""
     ramp = np.array([1e-7, 1e-6, 1e-5, 5e-5, 1e-4])
     up = np.concatenate([ramp, np.full(60, 1.6e-4), ramp[::-1]])
@@ -134,19 +136,19 @@ def driven(stand: int) -> np.ndarray[Any, Any]:
 
 def test_verification_checks_place_and_duration() -> None:
     dwell, stop = ToolpathEvent(2, "dwell", "G4", 0.6), ToolpathEvent(2, "stop", "M0")
-    x = driven(50)
-    assert verified(x / 0.01, x, dwell) == (True, "none")
-    assert verified(x / 0.01, x, stop) == (True, "none")
-    short = driven(40)
-    passed, why = verified(short / 0.01, short, dwell)
+    x = build_dwell_motion(50)
+    assert check_dwell(x / 0.01, x, dwell) == (True, "none")
+    assert check_dwell(x / 0.01, x, stop) == (True, "none")
+    short = build_dwell_motion(40)
+    passed, why = check_dwell(short / 0.01, short, dwell)
     assert not passed
     assert "at point 1 the file dwells 0.6 s, and the motion rests there 0.480 s" in why
-    passed, why = verified(x / 0.01, x, ToolpathEvent(3, "dwell", "G4", 0.6))
+    passed, why = check_dwell(x / 0.01, x, ToolpathEvent(3, "dwell", "G4", 0.6))
     assert not passed
     assert "at point 2 the file dwells or stops, and the motion is not at rest there" in why
     through = np.concatenate([[0.0], np.cumsum(np.full(200, 1.5e-4))])
-    assert not verified(through / 0.01, through, stop)[0]
-    passed, why = verified(x / 0.01, x, ToolpathEvent(0, "dwell", "G4", 0.6))
+    assert not check_dwell(through / 0.01, through, stop)[0]
+    passed, why = check_dwell(x / 0.01, x, ToolpathEvent(0, "dwell", "G4", 0.6))
     assert not passed
     assert "before the first point" in why
 

@@ -67,7 +67,7 @@ OWN, PAIRED = (
 LAWS = [*OWN, *PAIRED]
 
 
-def made(law: JointLaw, sign: float = 1.0) -> tuple[Array, Array]:
+def choose_coefficients(law: JointLaw, sign: float = 1.0) -> tuple[Array, Array]:
     """Coefficients that make twists of about 0.1 mrad, and a shape of the law's own grid."""
     shape = np.array((law.grid(SCALE) or law.grid(SAMPLED))[-1])
     size = np.abs(law.columns(shape, JointLoading(TORQUES, ANGLES))).max(axis=0)
@@ -77,7 +77,7 @@ def made(law: JointLaw, sign: float = 1.0) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_tangent_equals_finite_differences(effect: Effect, law: JointLaw) -> None:
     """Central differences; of what remembers far out, where the slope no longer grows."""
-    _, shape = made(law)
+    _, shape = choose_coefficients(law)
     at = 1e5 * np.sign(TORQUES) + TORQUES if law.has_memory else TORQUES
     step = 1e-3
     up, down = (law.columns(shape, JointLoading(at + s * step, ANGLES)) for s in (1.0, -1.0))
@@ -89,7 +89,7 @@ def test_tangent_equals_finite_differences(effect: Effect, law: JointLaw) -> Non
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_batches_equal_single_states_and_histories_can_be_split(effect: Effect, law: JointLaw) -> None:
     """A state by itself, in a row of others, and as the first of a history that has settled: the same number."""
-    _, shape = made(law)
+    _, shape = choose_coefficients(law)
     whole = law.columns(shape, JointLoading(TORQUES, ANGLES))
     for n in range(0, len(TORQUES), 9):
         assert law.columns(shape, JointLoading(TORQUES[n : n + 1], ANGLES[n : n + 1]))[0] == pytest.approx(
@@ -166,7 +166,7 @@ def test_reset_memory_is_preloaded_by_weight_in_each_cycle() -> None:
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_sizes_grow_with_the_coefficients(effect: Effect, law: JointLaw) -> None:
-    values, shape = made(law)
+    values, shape = choose_coefficients(law)
     for scale in (
         SCALE,
         JointLoadRange(max_torque=1000.0, compliance=None, min_angle=-1.0, max_angle=2.0, is_motion=True),
@@ -185,7 +185,7 @@ def test_law_stays_within_its_stated_bounds(effect: Effect, law: JointLaw) -> No
     for sign in (1.0, -1.0):
         if sign < 0.0 and all(p.lower_limit >= 0.0 for p in law.coefficients):
             continue
-        values, shape = made(law, sign)
+        values, shape = choose_coefficients(law, sign)
         least, _ = law.compute_max_slope(values, shape, SCALE.min_angle, SCALE.max_angle)
         if np.isneginf(least):
             held = law.limit_to_compliance(values, 1e-6)
@@ -206,7 +206,7 @@ def test_files_preserve_law_coefficients_shape_and_memory(
     effect: Effect, law: JointLaw, zero: bool, tmp_path: Path
 ) -> None:
     """Through stiffness.yaml: law, coefficients (zeros too), shape, and what the gear remembers."""
-    values, shape = made(law)
+    values, shape = choose_coefficients(law)
     values = 0.0 * values if zero else values
     memory = "arrival" if law.has_memory else ""
     term = StiffnessTerm(
@@ -228,7 +228,7 @@ def test_files_preserve_law_coefficients_shape_and_memory(
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_verifier_has_its_own_implementation_of_the_law(effect: Effect, law: JointLaw) -> None:
-    values, shape = made(law)
+    values, shape = choose_coefficients(law)
     term = StiffnessTerm(
         effect.file_word,
         "joint:3-5" if effect.is_joint_pair else "joint:3",
@@ -250,7 +250,7 @@ def test_verifier_has_its_own_implementation_of_the_law(effect: Effect, law: Joi
 UNLOADED = [pytest.param(e, law, id=e.name) for e, law in registry.list_angle_effects_by_word().values()]
 
 
-def unloaded(law: JointAngleLaw) -> tuple[Array, Array]:
+def choose_branch_coefficients(law: JointAngleLaw) -> tuple[Array, Array]:
     """Some coefficients of about 0.1 mrad, of two branches where a law has several."""
     shape = np.array([3.0, 40.5][: 2 * len(law.shape)])
     count = law.columns(shape, ANGLES).shape[-1]
@@ -260,7 +260,7 @@ def unloaded(law: JointAngleLaw) -> tuple[Array, Array]:
 @pytest.mark.parametrize(("effect", "law"), UNLOADED)
 def test_joint_angle_errors_have_derivatives_and_bounds(effect: Effect, law: JointAngleLaw) -> None:
     """Central differences, order by order; batches are singles; the steepest is met within a wave and never passed."""
-    values, shape = unloaded(law)
+    values, shape = choose_branch_coefficients(law)
     step = 1e-4
     for order in range(3):
         up, down = (law.columns(shape, ANGLES + s * step, order) for s in (1.0, -1.0))
@@ -282,7 +282,7 @@ def test_joint_angle_errors_have_derivatives_and_bounds(effect: Effect, law: Joi
 def test_kinematics_yaml_preserves_everything_and_verify_agrees(
     effect: Effect, law: JointAngleLaw, factor: float, tmp_path: Path
 ) -> None:
-    values, shape = unloaded(law)
+    values, shape = choose_branch_coefficients(law)
     where = effect.places[2]
     known = KinematicCorrections((build_kinematic_correction(effect, where, factor * values, shape),))
     write_kinematics(tmp_path / "k.yaml", known)
@@ -452,7 +452,7 @@ def load_test() -> tuple[StaticReadings, ArmStiffness]:
     ), cell.stiffness
 
 
-def posed(r: StaticReadings, beyond: Array) -> DiagnosisProblem:
+def build_posed_problem(r: StaticReadings, beyond: Array) -> DiagnosisProblem:
     """The load test with its joints' springs, something beyond them (N, 6) m, rad, and noise of 5 µm and 5 µrad."""
     base = r.state.J * r.load_torque[:, None, :]
     rows = np.arange(1, len(r) + 1)
@@ -514,7 +514,7 @@ def test_effect_is_added_by_one_file_and_one_line(toy: Effect, tmp_path: Path) -
     tried = load_test_channel.build_load_test_catalogue(r, None)
     found = [h for h in tried.hypotheses if h.effect == toy.name]
     assert [h.location for h in found] == list(JOINTS[: r.joint_count])
-    problem = posed(r, 2e-6 * found[2].columns(found[2].shapes[1])[:, :, 0])
+    problem = build_posed_problem(r, 2e-6 * found[2].columns(found[2].shapes[1])[:, :, 0])
     catalogue = HypothesisCatalogue(
         tuple(h for h in tried.hypotheses if h.effect in (toy.name, hysteresis.EFFECT.name))
     )

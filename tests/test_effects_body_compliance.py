@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_effects import load_test, posed
+from test_effects import build_posed_problem, load_test
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.stiffness.stiffness_file import load_stiffness, write_stiffness
@@ -53,7 +53,7 @@ def arm(cell: str = CELLS[0]) -> tuple[Robot, Array, ArmState, Array]:
     )
 
 
-def made(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, where: str) -> BodySpring | None:
+def build_body_spring(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, where: str) -> BodySpring | None:
     """A law at a place with coefficients of the size of an arm's; None where the body makes no such thing."""
     place = locate_spring(robot, tool, where)
     grid = law.grid(place.shape)
@@ -77,7 +77,7 @@ def test_law_is_symmetric_and_batches_equal_single_states(effect: Effect, law: B
     robot, tool, state, wrench = arm(cell)
     seen = 0
     for where in (place for place in effect.places if is_on_arm(place, 6)):
-        one = made(robot, tool, effect, law, where)
+        one = build_body_spring(robot, tool, effect, law, where)
         if one is None:
             continue
         np.testing.assert_allclose(one.basis, one.basis.transpose(0, 2, 1), atol=1e-15)  # m² beside a lever of 1 m
@@ -109,7 +109,9 @@ def test_files_preserve_everything_and_the_verifier_agrees(
 ) -> None:
     """Through stiffness.yaml: the same twist by the planner's law and by the verifier's; zeros stay zeros."""
     robot, tool, state, wrench = arm()
-    one = next((m for where in effect.places if (m := made(robot, tool, effect, law, where)) is not None), None)
+    one = next(
+        (m for where in effect.places if (m := build_body_spring(robot, tool, effect, law, where)) is not None), None
+    )
     if one is None:
         pytest.skip("the TCP lies on the tool's axis")
     values = 0.0 * one.values if zero else one.values
@@ -139,7 +141,7 @@ def test_distributed_weight_counts_where_the_law_requires() -> None:
     own_weight = [(np.array([0.0, 0.0, -500.0]), 0.5)]
     for effect in registry.select_body_effects():
         for law in effect.body_laws:
-            one = made(robot, tool, effect, law, effect.places[0])
+            one = build_body_spring(robot, tool, effect, law, effect.places[0])
             if one is None:
                 continue
             sag = one.compute_weight_sag(state, own_weight)
@@ -287,7 +289,7 @@ def test_body_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.Monke
         for h in load_test_channel.build_load_test_catalogue(r, None).hypotheses
         if h.effect in (TOY.name, "link_compliance")
     ]
-    problem = posed(r, 2e-7 * found[1].columns(())[:, :, 0])
+    problem = build_posed_problem(r, 2e-7 * found[1].columns(())[:, :, 0])
     d = selection_pipeline.diagnose_problem(
         problem, HypothesisCatalogue(tuple(tried)), selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )

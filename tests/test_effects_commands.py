@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, diagnosed, excited, recorded
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording, diagnose_recording
 from test_effects_user_defined import JELLY
 
 from machopt.api import Cell
@@ -192,16 +192,18 @@ def test_user_joint_angle_effect_is_found_in_motions(tmp_path: Path) -> None:
     scale = tmp_path / "scale.py"
     scale.write_text(SCALE)
     rng, bench = np.random.default_rng(6), arm(tmp_path)
-    t, q, v, a = excited(1, rng)
+    t, q, v, a = build_fourier_motion(1, rng)
     tau = load_dynamics(bench).compute_torque(q, v, a) + 0.1 * rng.normal(size=q.shape)
     other = 1.002 * q + 2e-5 * rng.normal(size=q.shape)
     with user_effects.activate_user_effects(user_effects.run_user_files((scale,))):
-        found, _, _ = diagnosed(recorded(t, q, v, tau, q_secondary=other), bench, "link")
+        found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau, q_secondary=other), bench, "link")
         cell = load_cell(CELL)
-        t, q, v, _ = excited(6, rng, periods=2, rate=20.0)
+        t, q, v, _ = build_fourier_motion(6, rng, periods=2, rate=20.0)
         q = np.radians([0, -90, 100, 0, 60, 0]) + 0.5 * q
         tip = load_robot(cell).compute_state(q, cell.tool.T_flange_tcp).T_base_tool[:, :3, 3]
-        _, searched, _, _ = motion_channels.build_motion_problem(recorded(t, q, v, position=tip), cell, "tip", rng)
+        _, searched, _, _ = motion_channels.build_motion_problem(
+            build_motion_recording(t, q, v, position=tip), cell, "tip", rng
+        )
     assert [(f.effect, f.location) for f in found.findings] == [("encoder_scale", "joint:1")]
     size = found.findings[0].parameters["scale"]
     assert size.value == pytest.approx(2.0, rel=0.02)
@@ -213,9 +215,9 @@ def test_user_joint_angle_effect_is_found_in_motions(tmp_path: Path) -> None:
     whole = SCALE.replace("encoder_scale", "encoder_zero").replace("np.asarray(of, float)", "np.ones_like(of)")
     scale.write_text(whole)
     with user_effects.activate_user_effects(user_effects.run_user_files((scale,))):
-        t, q, v, _ = excited(1, rng)
+        t, q, v, _ = build_fourier_motion(1, rng)
         _, searched, _, _ = motion_channels.build_motion_problem(
-            recorded(t, q, v, q_secondary=q + 1e-5), bench, "link", rng
+            build_motion_recording(t, q, v, q_secondary=q + 1e-5), bench, "link", rng
         )
     assert [(u.effect, u.location) for u in searched.untestable if u.effect == "encoder_zero"] == [
         ("encoder_zero", "joint:1")
@@ -223,7 +225,7 @@ def test_user_joint_angle_effect_is_found_in_motions(tmp_path: Path) -> None:
     assert "encoder_zero" not in {h.effect for h in searched.hypotheses}
 
 
-def tracked() -> Recording:
+def simulate_tracked_poses() -> Recording:
     """Forty poses, twice, as a tracker sees them, 10 µm of noise; joint 1 turns 2 ‰ more than its encoder says."""
     cell = load_cell(CELL)
     robot, tool = load_robot(cell), cell.tool.T_flange_tcp
@@ -248,7 +250,7 @@ def test_kinematic_effect_file_goes_through_every_command(tmp_path: Path, capsys
     """Diagnosed, written to kinematics.yaml, driven and verified with, mapped, and then known."""
     scale, cell, rec, out = (tmp_path / n for n in ("scale.py", "cell", "rec", "out"))
     scale.write_text(SCALE)
-    write_recording(rec, tracked())
+    write_recording(rec, simulate_tracked_poses())
     assert main(["diagnose", str(CELL), str(rec), "--effects", str(scale), *QUIET, str(out)]) == 0
     result = json.loads((out / "diagnosis.json").read_text())
     assert [(f["effect"], f["location"]) for f in result["findings"]] == [("encoder_scale", "joint:1")]

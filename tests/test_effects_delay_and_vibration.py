@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, excited, recorded
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording
 
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
@@ -48,7 +48,7 @@ def wave(late: float) -> Array:
     return np.stack([np.sin(3.0 * t), np.cos(5.0 * t)], axis=1)
 
 
-def seen(best: float) -> DelayedChannel:
+def build_delayed_channel(best: float) -> DelayedChannel:
     followed = (wave(0.004) - wave(0.0))[:, :, None]
     return DelayedChannel(
         compute_change=lambda d: wave(d) - wave(0.0),
@@ -63,7 +63,7 @@ def seen(best: float) -> DelayedChannel:
 @pytest.mark.parametrize(("effect", "law"), LATE)
 def test_delayed_channel_equals_its_column_times_the_delay(effect: Effect, law: DelayLaw) -> None:
     for best in (4e-3, 0.0):
-        whole = seen(best)
+        whole = build_delayed_channel(best)
         for shape in (np.array(s) for s in law.grid(whole)):
             columns = law.columns(shape, whole)
             assert columns.shape == (200, 2, len(law.coefficients))
@@ -82,7 +82,7 @@ def test_delayed_channel_equals_its_column_times_the_delay(effect: Effect, law: 
 
 
 def test_channel_equal_to_its_command_has_no_lag() -> None:
-    still = replace(seen(0.0), following_columns=None, delays=())
+    still = replace(build_delayed_channel(0.0), following_columns=None, delays=())
     offered = [law.name for e in registry.select_command_delay_effects() for law in e.delay_laws if law.grid(still)]
     assert offered == ["one delay of all joints"]
 
@@ -156,9 +156,9 @@ def test_delay_and_vibration_are_added_by_one_file_and_one_line(
     limp = replace(registry.EFFECTS["joint_elasticity"], name="limp", vibration_laws=(Limps(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, clock, limp)))
     cell = arm(tmp_path, 2, tool=5.0)
-    t, q, v, a = excited(2, np.random.default_rng(1))
+    t, q, v, a = build_fourier_motion(2, np.random.default_rng(1))
     tau = load_dynamics(cell).compute_torque(q, v, a)
-    record = recorded(t, q, v, tau, q_secondary=q - tau / 1e6)
+    record = build_motion_recording(t, q, v, tau, q_secondary=q - tau / 1e6)
     for channel, sensors in (("torque", {"sensor:tau", "sensor:q"}), ("link", {"sensor:qse", "sensor:q"})):
         _, catalogue, *_ = motion_channels.build_motion_problem(record, cell, channel, np.random.default_rng(0))  # type: ignore[arg-type]
         offered = {h.location: h for h in catalogue.hypotheses if h.effect == clock.name}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_diagnose_load_test_drift import timed
+from test_diagnose_load_test_drift import build_timed_readings
 
 from machopt.effects import parameter_conversion, registry
 from machopt.effects.protocol import DriftLaw, Effect, LawParameter, Quantity, ThermalState
@@ -21,7 +21,7 @@ LAWS = [
 ]
 
 
-def seen(*, counted: bool = False) -> ThermalState:
+def build_thermal_state(*, counted: bool = False) -> ThermalState:
     rng = np.random.default_rng(0)
     since = np.sort(rng.uniform(0.0, 4000.0, 7))
     before = since - 50.0 if counted else None
@@ -37,7 +37,7 @@ def seen(*, counted: bool = False) -> ThermalState:
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: DriftLaw) -> None:
-    for whole in (seen(), seen(counted=True)):
+    for whole in (build_thermal_state(), build_thermal_state(counted=True)):
         for shape in (np.array(s) for s in law.grid(whole)):
             columns = law.columns(shape, whole)
             assert columns.shape == (7, 6, len(law.coefficients))
@@ -62,7 +62,7 @@ def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: Dr
 
 
 def test_reference_reading_gives_the_difference() -> None:
-    whole, apart = seen(counted=True), seen()
+    whole, apart = build_thermal_state(counted=True), build_thermal_state()
     assert whole.unloaded_time_since_start is not None
     earlier = replace(apart, time_since_start=whole.unloaded_time_since_start)
     for law in (law for e in registry.select_drift_effects() for law in e.drift_laws):
@@ -74,11 +74,11 @@ def test_reference_reading_gives_the_difference() -> None:
 
 def test_unobservable_laws_are_not_offered() -> None:
     laws = [law for e in registry.select_drift_effects() for law in e.drift_laws]
-    bare = replace(seen(), time_since_start=None, temperature_rise=None)
+    bare = replace(build_thermal_state(), time_since_start=None, temperature_rise=None)
     assert not any(law.grid(bare) for law in laws)
-    short = replace(seen(), time_since_start=np.linspace(0.0, 200.0, 7), temperature_rise=None)
+    short = replace(build_thermal_state(), time_since_start=np.linspace(0.0, 200.0, 7), temperature_rise=None)
     assert not any(law.grid(short) for law in laws)
-    warm = replace(seen(), time_since_start=None)
+    warm = replace(build_thermal_state(), time_since_start=None)
     assert {law.name for law in laws if law.grid(warm)} == {
         "the arm grows with the temperature",
         "links grow each by itself with the temperature",
@@ -111,7 +111,7 @@ def test_drift_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch
         registry.EFFECTS["thermal_drift"], name="floor", drift_laws=(ThermalDrift(Sinks(), LinearTimeCourse()),)
     )
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
-    r, *_ = timed()
+    r, *_ = build_timed_readings()
     (h,) = (h for h in thermal_drift.build_thermal_hypotheses(r) if h.effect == toy.name)
     assert h.name in {other.name for other in load_test_channel.build_load_test_catalogue(r, None).hypotheses}
     assert h.columns(()).shape == (len(r), r.dimensions, 1)

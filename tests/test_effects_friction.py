@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, excited, recorded
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording
 
 from machopt.dynamics.rigid_body import load_dynamics
 from machopt.effects import registry
@@ -20,7 +20,7 @@ LAWS = [pytest.param(law, id=law.name) for e in registry.select_friction_effects
 PACES = (JointSpeedRange(1.5, True, (15.0, 60.0)), JointSpeedRange(1.5, False))
 
 
-def seen(count: int = 400, *, slides: bool = False) -> FrictionState:
+def build_friction_state(count: int = 400, *, slides: bool = False) -> FrictionState:
     t = np.arange(count) / 100.0
     v = 1.5 * np.sin(3.0 * t) + 0.2
     first = np.zeros(count, np.int64)
@@ -41,19 +41,22 @@ def seen(count: int = 400, *, slides: bool = False) -> FrictionState:
 def test_law_has_a_column_per_coefficient_and_growing_sizes(law: FrictionLaw) -> None:
     grids = [law.grid(pace) for pace in PACES]
     assert any(grids)
-    whole = seen()
+    whole = build_friction_state()
     for shape in (np.array(grid[-1]) for grid in grids if grid):
         assert len(shape) == len(law.shape)
         columns = law.columns(shape, whole)
         assert columns.shape == (400, len(law.coefficients))
-        part = replace(seen(150), warmth=lambda T: whole.warmth(T)[:150])
+        part = replace(build_friction_state(150), warmth=lambda T: whole.warmth(T)[:150])
         np.testing.assert_allclose(
             law.columns(shape, part), columns[:150], rtol=1e-14
         )  # what comes later changes nothing
         values = np.arange(1.0, len(law.coefficients) + 1.0)
         one, two = (next(iter(law.sizes(k * values, shape, whole).values())) for k in (1.0, 2.0))
         assert two.value == pytest.approx(2.0 * one.value, rel=1e-12)
-        assert (one.unit, next(iter(law.sizes(values, shape, seen(slides=True)).values())).unit) == ("N·m", "N")
+        assert (one.unit, next(iter(law.sizes(values, shape, build_friction_state(slides=True)).values())).unit) == (
+            "N·m",
+            "N",
+        )
         assert law.note
         assert law.equation
 
@@ -87,10 +90,10 @@ def test_friction_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPa
     toy = replace(friction.EFFECT, name="joint_churning", friction_laws=(Sticky(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     cell = arm(tmp_path, 2, tool=5.0)
-    t, q, v, a = excited(2, np.random.default_rng(1))
+    t, q, v, a = build_fourier_motion(2, np.random.default_rng(1))
     tau = load_dynamics(cell).compute_torque(q, v, a)
     _, catalogue, *_ = motion_channels.build_motion_problem(
-        recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0)
+        build_motion_recording(t, q, v, tau), cell, "torque", np.random.default_rng(0)
     )
     found = [h for h in catalogue.hypotheses if h.effect == toy.name]
     assert [h.location for h in found] == ["joint:1", "joint:2"]

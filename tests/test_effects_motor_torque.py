@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, diagnosed, excited, recorded, shaken
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording, diagnose_recording, shaken
 
 from machopt.data_types.measurements.recording import Recording
 from machopt.dynamics.rigid_body import load_dynamics
@@ -23,7 +23,7 @@ from machopt.numerics.array_types import Array
 LAWS = [pytest.param(e, law, id=law.name) for e in registry.select_motor_effects() for law in e.motor_laws]
 
 
-def seen(joints: int, count: int = 300) -> MotorLoading:
+def build_motor_loading(joints: int, count: int = 300) -> MotorLoading:
     t = np.arange(count)[:, None] / 100.0 + np.arange(joints)
     return MotorLoading(
         required_torque=90.0 + 40.0 * np.cos(2.0 * t),
@@ -36,7 +36,7 @@ def seen(joints: int, count: int = 300) -> MotorLoading:
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_law_has_columns_of_its_joints_and_growing_sizes(effect: registry.Effect, law: MotorLaw) -> None:
     joints = 2 if effect.is_joint_pair else 1
-    whole = seen(joints)
+    whole = build_motor_loading(joints)
     for shape in map(np.array, law.grid()):
         assert len(shape) == len(law.shape)
         columns = law.columns(shape, whole)
@@ -51,7 +51,7 @@ def test_law_has_columns_of_its_joints_and_growing_sizes(effect: registry.Effect
 @pytest.mark.parametrize("forward", [True, False])
 def test_joint_and_motor_torques_have_equal_power(forward: bool) -> None:
     """A motor that turns by φ = q_j ± κ q_i gives τ_j φ̇; told by joints or by motors, q̇ᵀτ or φ̇ᵀτ is the same power."""
-    whole, ratio = seen(2), 0.4 if forward else -0.4
+    whole, ratio = build_motor_loading(2), 0.4 if forward else -0.4
     F = np.array([5.0, 2.0, 0.7])
     turns = np.stack([whole.speed[:, 0], whole.speed[:, 1] + ratio * whole.speed[:, 0]], axis=1)
     joints = (
@@ -85,10 +85,10 @@ def test_motor_torque_effect_is_added_by_one_file_and_one_line(monkeypatch: pyte
     )
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     cell = arm(tmp_path, 2, tool=5.0)
-    t, q, v, a = excited(2, np.random.default_rng(1))
+    t, q, v, a = build_fourier_motion(2, np.random.default_rng(1))
     tau = load_dynamics(cell).compute_torque(q, v, a)
     _, catalogue, *_ = motion_channels.build_motion_problem(
-        recorded(t, q, v, tau), cell, "torque", np.random.default_rng(0)
+        build_motion_recording(t, q, v, tau), cell, "torque", np.random.default_rng(0)
     )
     found = [h for h in catalogue.hypotheses if h.effect == toy.name]
     assert [h.location for h in found] == ["joint:1", "joint:1", "joint:2", "joint:2"]
@@ -104,30 +104,30 @@ def test_wrong_drive_gain_is_named_at_its_joint(tmp_path: Path, share: float) ->
     """Neither as a payload, nor as a link's mass, nor as friction: these are told by the other joints too."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 11)
     tau[:, 1] *= 1.0 + share
-    found = diagnosed(recorded(t, q, v, tau + 1.0 * rng.normal(size=q.shape)), cell, "torque")[0]
+    found = diagnose_recording(build_motion_recording(t, q, v, tau + 1.0 * rng.normal(size=q.shape)), cell, "torque")[0]
     assert [(f.effect, f.location) for f in found.findings] == [("units", "column:tau2_Nm")]
     low, high = found.findings[0].parameters["gain"].ci95
     assert low < 100.0 * share < high
 
 
-def coupled(tmp_path: Path, *, by_motors: bool) -> DiagnosisResult:
+def diagnose_coupled_motors(tmp_path: Path, *, by_motors: bool) -> DiagnosisResult:
     """Motor 6 turns with half of joint 5; rigid bodies and friction by power, not by the catalogue's columns."""
     rng = np.random.default_rng(13)
     cell = arm(tmp_path, 6, tool=5.0)
-    t, q, v, a = excited(6, rng, periods=4)
+    t, q, v, a = build_fourier_motion(6, rng, periods=4)
     A = np.eye(6)
     A[5, 4] = 0.5
     motors = np.linalg.solve(A.T, load_dynamics(cell).compute_torque(q, v, a).T).T
     turns = v @ A.T
     motors += 6.0 * np.sign(turns) + 2.0 * turns + 0.3 * (a @ A.T)
     told = motors if by_motors else motors @ A
-    return diagnosed(recorded(t, q, v, told + rng.normal(size=q.shape)), cell, "torque")[0]
+    return diagnose_recording(build_motion_recording(t, q, v, told + rng.normal(size=q.shape)), cell, "torque")[0]
 
 
 @pytest.mark.parametrize("by_motors", [True, False])
 def test_coupled_wrist_motors_are_named(tmp_path: Path, by_motors: bool) -> None:
     """They came out as friction and ripple of the other joint, or as nothing that has a name."""
-    found = coupled(tmp_path, by_motors=by_motors)
+    found = diagnose_coupled_motors(tmp_path, by_motors=by_motors)
     assert [(f.effect, f.location) for f in found.findings] == [("joint_coupling", "joint:5-6")]
     assert found.findings[0].law.endswith("torques of motors" if by_motors else "torques of joints")
     ratio = found.findings[0].parameters["ratio"]
@@ -170,40 +170,42 @@ def test_currents_of_unknown_gain_are_fitted_with_all_other_parameters(tmp_path:
     """0.01 to 0.3 A per N·m: the arm's masses say which; a soft reversal at joint 2 is still found there."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
     gains = np.array([3.5, 80.0, 11.0])
-    quiet = recorded(t, q, v, tau + rng.normal(size=q.shape))
-    found, notes, _ = diagnosed(in_amperes(quiet, gains), cell, "torque")
+    quiet = build_motion_recording(t, q, v, tau + rng.normal(size=q.shape))
+    found, notes, _ = diagnose_recording(in_amperes(quiet, gains), cell, "torque")
     assert not found.findings
     assert found.verdict == "consistent"
     said = next(n for n in notes if "current times a gain" in n)
     told = [float(part.split(" (joint")[0].split(", ")[-1]) for part in said.split(")")[:3]]
     assert told == pytest.approx(gains, rel=0.1)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
-    found, *_ = diagnosed(in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), gains), cell, "torque")
+    found, *_ = diagnose_recording(
+        in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), gains), cell, "torque"
+    )
     assert [(f.effect, f.location) for f in found.findings] == [("joint_friction", "joint:2")]
 
 
 def test_currents_against_the_masses_are_refused(tmp_path: Path) -> None:
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
-    turned = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, -4.0]))
+    turned = in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, -4.0]))
     with pytest.raises(InputError, match=r"current3_A runs against.*motor_gain_Nm_per_A"):
-        diagnosed(turned, cell, "torque")
+        diagnose_recording(turned, cell, "torque")
 
 
 @pytest.mark.parametrize("stuck", [0.0, 1.5])
 def test_constant_current_is_refused(tmp_path: Path, stuck: float) -> None:
     """It was a division by zero, or a gain of 1e16."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
-    recording = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
+    recording = in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
     assert recording.current is not None
     recording.current[:, 2] = stuck
     with pytest.raises(InputError, match="current3_A never changes"):
-        diagnosed(recording, cell, "torque")
+        diagnose_recording(recording, cell, "torque")
 
 
 def test_joint_without_gravity_torque_has_no_known_drive_gain(tmp_path: Path) -> None:
     """Its gain is not known, so nothing is named there; the others are read all the same."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 14)
-    recording = in_amperes(recorded(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
+    recording = in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
     assert recording.current is not None
     lone = recording.current.copy()
     lone[:, 2] = np.sign(v[:, 2]) + 0.1 * rng.normal(size=len(v))

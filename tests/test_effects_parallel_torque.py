@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_diagnose_motion import arm, excited, recorded
+from test_diagnose_motion import arm, build_fourier_motion, build_motion_recording
 from test_effects import load_test
 
 from machopt.data_types.stiffness import StiffnessTerm
@@ -71,8 +71,8 @@ def test_parallel_spring_is_added_by_one_file_and_one_line(monkeypatch: pytest.M
     np.testing.assert_allclose(loads.columns(())[:, :, 0], stiffened + levers, rtol=2e-3, atol=1e-12)
 
     cell = arm(tmp_path, 2, tool=5.0)
-    t, q, v, a = excited(2, np.random.default_rng(1))
-    record = recorded(t, q, v, load_dynamics(cell).compute_torque(q, v, a))
+    t, q, v, a = build_fourier_motion(2, np.random.default_rng(1))
+    record = build_motion_recording(t, q, v, load_dynamics(cell).compute_torque(q, v, a))
     _, catalogue, *_ = motion_channels.build_motion_problem(record, cell, "torque", np.random.default_rng(0))
     (torque,) = (h for h in catalogue.hypotheses if h.effect == toy.name)
     assert np.abs(torque.columns(())[:, 0]).max() > 0.0

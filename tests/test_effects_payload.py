@@ -25,14 +25,14 @@ LAWS = [
 ]
 
 
-def seen(mass: float = 8.0) -> ToolSideLoad:
+def build_tool_side_load(mass: float = 8.0) -> ToolSideLoad:
     rng = np.random.default_rng(0)
     return ToolSideLoad(mass, np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.0, 0.1]), rng.normal(size=(5, 6, 4)))
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_sizes_grow_and_equal_those_of_the_load(effect: Effect, law: PayloadLaw) -> None:
-    whole = seen()
+    whole = build_tool_side_load()
     columns, values = law.columns(whole), np.arange(1.0, len(law.coefficients) + 1.0)
     assert columns.shape == (5, 6, len(values))
     assert law.grid(whole) == ((),)
@@ -49,10 +49,10 @@ def test_sizes_grow_and_equal_those_of_the_load(effect: Effect, law: PayloadLaw)
 
 def test_massless_payload_has_no_place() -> None:
     laws = [law for e in registry.select_payload_effects() for law in e.payload_laws]
-    assert [law.name for law in laws if not law.grid(seen(0.0))] == ["the stated mass at another place"]
+    assert [law.name for law in laws if not law.grid(build_tool_side_load(0.0))] == ["the stated mass at another place"]
 
 
-def both() -> tuple[StaticReadings, MotionModel, RigidBodyDynamics]:
+def build_both_channels() -> tuple[StaticReadings, MotionModel, RigidBodyDynamics]:
     """An arm at rest, as a load test's state and as a motion that stands still."""
     r, _ = load_test()
     dynamics = load_dynamics(load_cell(ROOT / "cells" / "kr240_drilling"))
@@ -61,7 +61,7 @@ def both() -> tuple[StaticReadings, MotionModel, RigidBodyDynamics]:
 
 def test_load_tests_and_torques_show_the_same_payload() -> None:
     """Weight through the springs, and what the joints' torques have to hold: J c (−τ)."""
-    r, scene, dynamics = both()
+    r, scene, dynamics = build_both_channels()
     still = np.zeros_like(r.state.q)
     torque, _, _ = dynamics.compute_regressors(r.state.q, still, still)
     resting, moving = payload.build_static_payload_hypotheses(r), payload.build_motion_payload_hypotheses(scene, torque)
@@ -97,7 +97,7 @@ def test_payload_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.Mo
     """Seen in both channels."""
     toy = replace(registry.EFFECTS["payload"], name="tank", payload_laws=(Water(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
-    r, scene, dynamics = both()
+    r, scene, dynamics = build_both_channels()
     still = np.zeros_like(r.state.q)
     torque, _, _ = dynamics.compute_regressors(r.state.q, still, still)
     for offered in (payload.build_static_payload_hypotheses(r), payload.build_motion_payload_hypotheses(scene, torque)):

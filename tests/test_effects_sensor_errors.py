@@ -21,7 +21,7 @@ LAWS = [
 ]
 
 
-def seen() -> RecordedLoad:
+def build_recorded_load() -> RecordedLoad:
     rng = np.random.default_rng(0)
     axes, tool = (np.linalg.qr(rng.normal(size=(5, 3, 3)))[0] for _ in range(2))
     wrench, moved = rng.normal(size=(5, 6)) * 100.0, rng.normal(size=(5, 6)) * 1e-3
@@ -30,7 +30,7 @@ def seen() -> RecordedLoad:
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: RecordLaw) -> None:
-    whole = seen()
+    whole = build_recorded_load()
     assert whole.position is not None
     assert len(effect.places) == 1
     for shape in (np.array(s) for s in law.grid()):
@@ -50,7 +50,7 @@ def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: Re
 
 def test_laws_equal_simulated_sensor_errors() -> None:
     """Recorded by hand with a small error: what acts is recorded plus column times coefficient, to first order."""
-    s, size = seen(), 1e-6
+    s, size = build_recorded_load(), 1e-6
     effects = {(e.name, law.name): law for e in registry.select_record_effects() for law in e.record_laws}
     force, moment = s.wrench[:, :3], s.wrench[:, 3:]
     zero = np.zeros_like(force)

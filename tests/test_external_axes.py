@@ -48,14 +48,14 @@ def slots(*starts: float, x: float = 0.0) -> Rows:
     return rows
 
 
-def apart(path: Toolpath) -> Toolpath:
+def separate_operations(path: Toolpath) -> Toolpath:
     """Every run an operation of its own."""
     operation = (np.cumsum(path.move == MoveKind.RAPID) - 1).astype(np.int32)
     labels = tuple(ToolpathOperation(f"op{k}", "trajectory") for k in range(int(operation[-1]) + 1))
     return replace(path, operation=operation, operations=labels)
 
 
-def driven(p: Plan, path: Toolpath) -> np.ndarray:
+def compute_driven_joints(p: Plan, path: Toolpath) -> np.ndarray:
     """(S, 6 + E) the exported motion."""
     motion = build_timeline(p, path).trajectory
     assert motion is not None
@@ -70,7 +70,10 @@ def test_external_axis_value_equals_a_cell_built_there(tmp_path: FilePath, kind:
     T = cell.T_world_base @ machine.compute_T_base_workpiece(cell.external_home[None])[0]
     still = small_cell(tmp_path / "..", stiffness=K, workpiece=Workpiece("world", T), obstacles=())
     path = toolpath(slots(0.1, -0.1))
-    ours, theirs = driven(plan_path(cell, path, OPTIONS), path), driven(plan_path(still, path, OPTIONS), path)
+    ours, theirs = (
+        compute_driven_joints(plan_path(cell, path, OPTIONS), path),
+        compute_driven_joints(plan_path(still, path, OPTIONS), path),
+    )
     np.testing.assert_allclose(ours[:, :6], theirs, atol=1e-9)  # rounding of T, through Newton steps
     np.testing.assert_array_equal(ours[:, 6:], np.full((len(ours), len(cell.external_joints)), e))
 
@@ -79,14 +82,14 @@ def test_external_axis_value_equals_a_cell_built_there(tmp_path: FilePath, kind:
 def test_each_operation_has_one_value(tmp_path: FilePath) -> None:
     """Slots at both ends of a long part: nowhere in reach from one place, and never worse than home."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
-    path = apart(toolpath(slots(-2.4, 2.3)))
+    path = separate_operations(toolpath(slots(-2.4, 2.3)))
     p = find_best_plan(cell, path, VALUES)
     assert not len(p.missing)
     first, second = (p.path.external[a : b + 1, 0] for a, b in p.path.runs)
     assert np.ptp(first) == np.ptp(second) == 0
     assert first[0] < -0.5
     assert second[0] > 0.5
-    x = driven(p, path)
+    x = compute_driven_joints(p, path)
     assert np.abs(np.diff(x[:, 6])).max() <= 0.02 * cell.limits.velocity[6]
     locked = find_best_plan(cell, path, replace(OPTIONS, external=(ExternalJointOptions(joint="e1", mode="locked"),)))
     assert len(locked.missing)
@@ -117,7 +120,7 @@ def test_part_longer_than_the_reach_is_cut_in_one_run(tmp_path: FilePath) -> Non
     assert len(find_best_plan(cell, path, VALUES).missing)
     p = find_best_plan(cell, path, OPTIONS)
     assert not len(p.missing)
-    x = driven(p, path)
+    x = compute_driven_joints(p, path)
     for order, limit in enumerate((cell.limits.velocity, cell.limits.acceleration, cell.limits.jerk), 1):
         used = np.abs(np.diff(x, order, axis=0)).max(axis=0) / OPTIONS.sample**order / limit
         assert used.max() <= 1.0, order

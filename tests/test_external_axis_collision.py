@@ -120,14 +120,14 @@ def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return cell, model_of(cell)
 
 
-def named(model: CollisionModel) -> list[tuple[str, str]]:
+def list_pair_names(model: CollisionModel) -> list[tuple[str, str]]:
     return [(p.a, p.b) for p in model.pairs]
 
 
 def test_poses_agree_with_pinocchio_and_coal(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     x = random_x(cell, 50)
-    exact = Independent(cell).distances(x, named(model))
+    exact = Independent(cell).distances(x, list_pair_names(model))
     touch = np.array([model.check_single_pairs(x, np.full(len(x), p)) for p in range(len(model.pairs))]).T
     sure = np.abs(exact) > ROUND
     np.testing.assert_array_equal(touch[sure], exact[sure] <= 0)
@@ -151,7 +151,7 @@ def test_transform_between_two_links_follows_from_their_poses(both: tuple[Cell, 
 def test_bounds_hold_for_prismatic_and_revolute_joints(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     x = random_x(cell, 12, seed=1)
-    exact = Independent(cell).distances(x, named(model))
+    exact = Independent(cell).distances(x, list_pair_names(model))
     assert (MotionRows(model.stack, model._lines.compute_line_positions(x)).bound <= np.maximum(exact, 0) + 1e-9).all()
     rng, lines = np.random.default_rng(2), model._lines
     for start in lines.compute_line_positions(x):
@@ -170,7 +170,7 @@ def test_bounds_hold_for_prismatic_and_revolute_joints(both: tuple[Cell, Collisi
 def test_memory_bounds_the_distance_over_one_or_two_lines(both: tuple[Cell, CollisionModel]) -> None:
     cell, model = both
     x = random_x(cell, 15, seed=3)
-    theta, exact = model._lines.compute_line_positions(x), Independent(cell).distances(x, named(model))
+    theta, exact = model._lines.compute_line_positions(x), Independent(cell).distances(x, list_pair_names(model))
     for p, (i, j) in enumerate(model.stack.links):
         if j - i <= 2:
             memory = DistanceMemory(model._lines, i, model.stack.bodies[model.stack.index[p][1]])
@@ -210,7 +210,7 @@ def test_thin_plate_passed_by_the_rail_is_found(tmp_path: Path) -> None:
 
 def test_pairs_worth_checking_are_selected(tmp_path: Path) -> None:
     model = model_of(cell_of(tmp_path, rail=True, table=True, tilt=True))
-    names = {frozenset(pair) for pair in named(model)}
+    names = {frozenset(pair) for pair in list_pair_names(model)}
     for pair in (
         ("block", "post"),  # the part turns past what stands in the hall
         ("clamp", "post"),
@@ -246,7 +246,7 @@ def test_table_beside_the_base_is_no_neighbour_of_it(tmp_path: Path) -> None:
     text = text.replace('<parent link="base_link"/><child link="plate"/>', '<parent link="foot"/><child link="plate"/>')
     cell.urdf.write_text(text.replace("</robot>", foot + floor + "</robot>"))
     model = model_of(cell)
-    names = {frozenset(pair) for pair in named(model)}
+    names = {frozenset(pair) for pair in list_pair_names(model)}
     assert frozenset(("plate_0", "base_link_0")) in names
     assert frozenset(("foot_0", "link_1_0")) in names
     apart = {frozenset((e.a, e.b)) for e in model.adjacent}

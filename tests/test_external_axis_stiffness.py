@@ -48,7 +48,7 @@ def postures(cell: Cell, count: int = 4) -> np.ndarray:
     return np.hstack([rng.uniform(-1.0, 1.0, (count, 6)), rng.uniform(-0.9, 0.9, (count, len(cell.external_joints)))])
 
 
-def turned(R: np.ndarray) -> np.ndarray:
+def rotate_wrench_axes(R: np.ndarray) -> np.ndarray:
     return np.kron(np.eye(2), R)
 
 
@@ -66,7 +66,7 @@ def test_joint_compliance_acts_along_the_joint_motion(tmp_path: Path, kind: dict
             after, before = (by_pinocchio(cell, x + sign * step)[0] for sign in (1.0, -1.0))
             skew = (after[:3, :3] - before[:3, :3]) @ T[:3, :3].T / (2.0 * STEP)
             s = np.r_[(after - before)[:3, 3] / (2.0 * STEP), skew[2, 1], skew[0, 2], skew[1, 0]]
-            s = turned(T_base_part[:3, :3]) @ s  # of the tool against the part, base_link axes
+            s = rotate_wrench_axes(T_base_part[:3, :3]) @ s  # of the tool against the part, base_link axes
             C += np.outer(s, s) / K[name]
         place = (T_base_part @ T)[:3, 3]
         own = found.compute_compliance(x[None, 6:], place[None])[0]

@@ -27,7 +27,7 @@ SKEW = "".join(
 )
 
 
-def dressed(folder: Path) -> Cell:
+def build_dressed_positioner(folder: Path) -> Cell:
     """A positioner of two skew axes; hoses leave joints 4 and 6 no more than one turn."""
     cell = replace(external_cell(folder, table=True, tilt=True), stiffness=K)
     cell.urdf.write_text(urdf_text().replace("</robot>", SKEW + "</robot>"))
@@ -48,6 +48,6 @@ def test_part_is_rotated_back_before_a_joint_reaches_its_limit(tmp_path: Path) -
     rows += [(tuple(p), tuple(a), MoveKind.CUT) for p, a in zip(at, away, strict=True)]
     force = ProcessForce(normal=80.0, axial=50.0)
     options = PlanOptions(rotation_step=np.radians(15.0), force=force, collision=False)
-    found = find_best_plan(dressed(tmp_path), toolpath(rows), options)
+    found = find_best_plan(build_dressed_positioner(tmp_path), toolpath(rows), options)
     assert not len(found.missing)
     assert not found.breaks

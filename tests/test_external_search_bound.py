@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from property_example_count import scale_example_count
 from small_cell import pose
-from test_external_axes import OPTIONS, UP, K, apart, slots
+from test_external_axes import OPTIONS, UP, K, separate_operations, slots
 from test_planning_path import Rows, toolpath
 
 from machopt.cli.objective_lines import format_external_lines
@@ -133,7 +133,7 @@ def hole_and_slot() -> Rows:
 def test_bound_uses_the_costs_of_the_objective(tmp_path: FilePath, modes: tuple[str, str]) -> None:
     """The best sequence of the lattice, put together as a path that is driven, has its J; others have no less."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
-    path_in = apart(toolpath(hole_and_slot()))
+    path_in = separate_operations(toolpath(hole_and_slot()))
     free = tuple(
         ExternalJointOptions(joint=n, mode=m, range=(-0.4, 0.4)) for n, m in zip(("rail", "turn"), modes, strict=True)
     )

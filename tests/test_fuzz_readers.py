@@ -92,7 +92,7 @@ WORDS = (
 )
 
 
-def mutated(rng: np.random.Generator, text: str) -> str:
+def mutate_text(rng: np.random.Generator, text: str) -> str:
     """The text with one to four faults."""
     for _ in range(int(rng.integers(1, 5))):
         lines = text.split("\n")
@@ -158,7 +158,7 @@ def run(sample: Sample, cases: int, seed: int, folder: Path) -> Counter[str]:
     file = folder / sample.name
     count: Counter[str] = Counter()
     for case in range(cases):
-        text = mutated(rng, sample.text)
+        text = mutate_text(rng, sample.text)
         file.write_bytes(text.replace("\n", "\r\n").encode() if rng.random() < 0.1 else text.encode())
         start = time.process_time()
         try:

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 from mean_cost_std import compute_mean_cost_std
-from test_planning_pipeline import planned
+from test_planning_pipeline import plan_case
 
 from machopt.cell.stiffness.stiffness_file import load_stiffness
 from machopt.cli.objective_lines import format_gain_lines
@@ -74,7 +74,7 @@ def gain_over_jiao(p: Plan) -> float:
     return 1.0 - a / b
 
 
-def over(p: Plan, name: str = "jiao2022") -> IndexGain:
+def select_gain(p: Plan, name: str = "jiao2022") -> IndexGain:
     return next(g for g in compute_gains(p) if g.over == name)
 
 
@@ -90,7 +90,7 @@ def covariance(k: np.ndarray, share: float) -> np.ndarray:
 def test_gradient_equals_the_finite_difference_of_the_cost(
     index: StiffnessIndex, terms: tuple[StiffnessTerm, ...]
 ) -> None:
-    p = planned("kr500 force")
+    p = plan_case("kr500 force")
     rows = np.flatnonzero(p.path.counted)[::17]
     q, k = p.chosen.assignment.q[rows], p.setup.elasticity.stiffness.joints
     elasticity = ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, ArmStiffness(joints=k, terms=terms))
@@ -140,10 +140,10 @@ def test_point_on_a_cell_face_shares_both_cells() -> None:
 @pytest.mark.parametrize("case", ["kr500 force", "irb6700 holes"])
 def test_gain_interval_agrees_with_drawn_stiffnesses(case: str) -> None:
     """2,000 correlated draws of the six compliances; both ways judged by the same draw."""
-    p, share = planned(case), 0.05
+    p, share = plan_case(case), 0.05
     k = p.setup.elasticity.stiffness.joints
     judged = with_stiffness(p, ArmStiffness(joints=k, covariance=covariance(k, share)))
-    found = over(judged)
+    found = select_gain(judged)
     assert found.mean == pytest.approx(gain_over_jiao(judged), rel=1e-9)
     rng = np.random.default_rng(3)
     draws = 1.0 / k + rng.multivariate_normal(np.zeros(6), covariance(k, share), 2000)
@@ -166,11 +166,11 @@ def test_gain_interval_agrees_with_drawn_stiffnesses(case: str) -> None:
 
 def test_common_factor_cancels_in_the_gain_but_not_in_the_deflection() -> None:
     """All compliances wrong by the same 20 %: every deflection is, the gain is not."""
-    p = planned("kr500 force")
+    p = plan_case("kr500 force")
     k = p.setup.elasticity.stiffness.joints
     judged = with_stiffness(p, ArmStiffness(joints=k, covariance=np.outer(0.2 / k, 0.2 / k)))
-    assert over(judged).std < 1e-6  # √ of rounding in Σ
-    assert over(judged).distinguishable
+    assert select_gain(judged).std < 1e-6  # √ of rounding in Σ
+    assert select_gain(judged).distinguishable
     table = build_point_table(judged, read_toolpath(ROOT / "toolpaths" / "plain.csv")).table
     assert table.deflection_std is not None
     assert table.k_axial_std is not None
@@ -180,13 +180,13 @@ def test_common_factor_cancels_in_the_gain_but_not_in_the_deflection() -> None:
 
 def test_grid_cells_have_independent_and_common_errors() -> None:
     """Drawn cell by cell; the path crosses both. Outside, where nothing is known, the gain's uncertainty is not."""
-    p = planned("kr500 force")
+    p = plan_case("kr500 force")
     grid = load_stiffness(ROOT / "cells" / "kr500_milling" / "stiffness_two_grid.yaml").grid
     assert grid is not None
     stated = replace(grid, std=0.05 * grid.joints)
     judged = with_stiffness(p, ArmStiffness(joints=p.setup.elasticity.stiffness.joints, grid=stated))
     assert judged.directions.in_grid[p.path.counted].all()
-    found, rng = over(judged), np.random.default_rng(5)
+    found, rng = select_gain(judged), np.random.default_rng(5)
     w, rows = p.path.weight[p.path.counted], np.flatnonzero(p.path.counted)
     ratio = np.empty(1500)
     for n in range(len(ratio)):
@@ -202,8 +202,8 @@ def test_grid_cells_have_independent_and_common_errors() -> None:
     assert found.std == pytest.approx(ratio.std(), rel=0.06)  # 1.8 % sampling, and second order
     moved = replace(stated, origin=stated.origin + np.array([0.0, 0.9, 0.0]))  # now part of the path lies outside
     outside = with_stiffness(p, ArmStiffness(joints=p.setup.elasticity.stiffness.joints, grid=moved))
-    assert np.isnan(over(outside).std)
-    assert over(outside).distinguishable
+    assert np.isnan(select_gain(outside).std)
+    assert select_gain(outside).distinguishable
     table = build_point_table(outside, read_toolpath(ROOT / "toolpaths" / "plain.csv")).table
     assert table.deflection_std is not None
     np.testing.assert_array_equal(np.isfinite(table.deflection_std), table.in_grid)
@@ -216,20 +216,22 @@ def with_k(p: Plan, stiffness: ArmStiffness):  # type: ignore[no-untyped-def]
 
 
 def test_no_uncertainty_without_a_covariance() -> None:
-    p = planned("kr500 force")
-    found = over(p)
+    p = plan_case("kr500 force")
+    found = select_gain(p)
     assert found.mean == pytest.approx(gain_over_jiao(p), rel=1e-9)
     assert np.isnan(found.std)
     table = build_point_table(p, read_toolpath(ROOT / "toolpaths" / "plain.csv")).table
     assert table.deflection_std is None
     assert table.k_axial_std is None
-    assert np.isnan(over(p, "cam default").mean)  # not feasible there: no gain over it
+    assert np.isnan(select_gain(p, "cam default").mean)  # not feasible there: no gain over it
 
 
 def test_gain_below_its_uncertainty_is_reported_as_none() -> None:
-    p = planned("irb6700 holes")
+    p = plan_case("irb6700 holes")
     k = p.setup.elasticity.stiffness.joints
-    sure, unsure = (over(with_stiffness(p, ArmStiffness(joints=k, covariance=covariance(k, s)))) for s in (0.01, 3.0))
+    sure, unsure = (
+        select_gain(with_stiffness(p, ArmStiffness(joints=k, covariance=covariance(k, s)))) for s in (0.01, 3.0)
+    )
     assert sure.distinguishable
     assert not unsure.distinguishable
     assert unsure.interval[0] < 0 < unsure.interval[1]
@@ -264,7 +266,7 @@ def test_rounding_difference_is_no_gain() -> None:
 @pytest.mark.parametrize("index", ["deflection", "stiffness", "jiao2022"])
 def test_principal_spring_errors_change_the_cost_as_refits_do(index: StiffnessIndex) -> None:
     """One standard deviation along each principal axis of the covariance, and nothing in the mean."""
-    p = planned("kr500 force")
+    p = plan_case("kr500 force")
     rows = np.flatnonzero(p.path.counted)[::29]
     q, k = p.chosen.assignment.q[rows], p.setup.elasticity.stiffness.joints
     elasticity = ArmElasticity(
@@ -295,7 +297,7 @@ def replace_stiffness(e: ArmElasticity, stiffness: ArmStiffness) -> ArmElasticit
 
 def test_deflection_uncertainty_follows_the_file() -> None:
     """NaN without a covariance; with one that scales all springs alike, the same share of mean and of each point."""
-    p = planned("kr500 force")
+    p = plan_case("kr500 force")
     k = p.setup.elasticity.stiffness.joints
     mean, each = compute_mean_cost_std(with_stiffness(p, ArmStiffness(joints=k)))
     assert np.isnan(mean)

@@ -17,7 +17,7 @@ from machopt.errors import InputError
 LIMIT = 1e-4
 
 
-def exported(mesh: trimesh.Trimesh, folder: Path, name: str = "part.stl") -> CollisionShape:
+def export_part(mesh: trimesh.Trimesh, folder: Path, name: str = "part.stl") -> CollisionShape:
     mesh.export(folder / name)
     return CollisionShape(name="part", kind="mesh", size=(1.0,), mesh=folder / name, T_parent_shape=np.eye(4))
 
@@ -48,7 +48,7 @@ def test_meshes_agree_with_their_analytic_solids(tmp_path: Path) -> None:
         name="box", kind="box", size=(0.16, 0.2, 0.1), mesh=None, T_parent_shape=pose(0.01, 0, 0.02, 0.3)
     )
     mesh = trimesh.creation.box(box.size)
-    by_mesh = replace(exported(mesh, tmp_path), T_parent_shape=box.T_parent_shape)
+    by_mesh = replace(export_part(mesh, tmp_path), T_parent_shape=box.T_parent_shape)
     a, b = (compute_gouge_depth((s,), points, T, LIMIT) for s in (box, by_mesh))
     assert 10 < (a.depth > 0).sum() < 60
     np.testing.assert_allclose(a.depth, b.depth, atol=1e-7)  # STL holds single precision
@@ -70,7 +70,7 @@ def test_meshes_agree_with_their_analytic_solids(tmp_path: Path) -> None:
 )
 def test_faceted_solids_converge_to_round_ones(shape: CollisionShape, mesh: trimesh.Trimesh, tmp_path: Path) -> None:
     points, T = build_cutter_points(CutterGeometry(0.01, 0.04)), poses(60, 1, 0.12)
-    round_, faceted = (compute_gouge_depth((s,), points, T, LIMIT) for s in (shape, exported(mesh, tmp_path)))
+    round_, faceted = (compute_gouge_depth((s,), points, T, LIMIT) for s in (shape, export_part(mesh, tmp_path)))
     inside = round_.depth > 0.0
     assert 10 < inside.sum() < 60
     # a facet lies up to r (1 − cos(π/256)) = 6 µm below the bar, a triangle of the ball (edge² / 6r) 50 µm
@@ -80,7 +80,7 @@ def test_faceted_solids_converge_to_round_ones(shape: CollisionShape, mesh: trim
 def test_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
     """Rows that follow one another, so that what is remembered of the row before is used; an independent distance."""
     ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=16)
-    part, points = exported(ring, tmp_path), build_cutter_points(CutterGeometry(0.008, 0.06, 0.002))[::7]
+    part, points = export_part(ring, tmp_path), build_cutter_points(CutterGeometry(0.008, 0.06, 0.002))[::7]
     t = np.linspace(0.0, 1.0, 12)
     T = np.tile(np.eye(4), (12, 1, 1))
     T[:, :3, 3] = np.column_stack([0.09 - 0.09 * t, 0.01 * t, 0.04 - 0.05 * t])
@@ -104,7 +104,7 @@ def test_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
 
 
 def test_warm_start_does_not_change_the_result(tmp_path: Path) -> None:
-    part = exported(trimesh.creation.icosphere(subdivisions=3, radius=0.05), tmp_path)
+    part = export_part(trimesh.creation.icosphere(subdivisions=3, radius=0.05), tmp_path)
     points, t = build_cutter_points(CutterGeometry(0.01, 0.05)), np.linspace(0, 1, 200)
     T = np.tile(np.eye(4), (200, 1, 1))
     T[:, :3, 3] = np.column_stack([0.1 - 0.2 * t, 0.02 * np.sin(9 * t), 0.05 - 0.01 * t])
@@ -129,7 +129,7 @@ def test_deepest_point_equals_that_of_each_pose_alone(seed: int, tmp_path: Path)
     ][seed % 3]
     M = trimesh.transformations.random_rotation_matrix(rng.random(3))
     M[:3, 3] = rng.uniform(-4e-3, 4e-3, 3)
-    part, radius = exported(body.apply_transform(M), tmp_path), rng.uniform(3e-3, 6e-3)
+    part, radius = export_part(body.apply_transform(M), tmp_path), rng.uniform(3e-3, 6e-3)
     cutter = CutterGeometry(2.0 * radius, 0.02, float(rng.choice([0.0, 0.3 * radius, radius])))
     points, between = build_cutter_points(cutter), build_spiral_points(cutter)
     t = np.linspace(0.0, 1.0, 60)
@@ -147,5 +147,5 @@ def test_open_surface_is_refused(tmp_path: Path) -> None:
     open_box = trimesh.Trimesh(box.vertices, box.faces[2:])
     with pytest.raises(InputError, match="open, so nothing is inside it"):
         compute_gouge_depth(
-            (exported(open_box, tmp_path),), build_cutter_points(CutterGeometry(0.01, 0.05)), np.eye(4)[None], LIMIT
+            (export_part(open_box, tmp_path),), build_cutter_points(CutterGeometry(0.01, 0.05)), np.eye(4)[None], LIMIT
         )

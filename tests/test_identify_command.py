@@ -188,7 +188,7 @@ def test_parameters_of_a_fitted_term_are_validated() -> None:
     )
 
 
-def damaged(simulated: Simulated, factor: float) -> Simulated:
+def scale_displacements(simulated: Simulated, factor: float) -> Simulated:
     assert simulated.recording.displacement is not None
     return replace(
         simulated, recording=replace(simulated.recording, displacement=factor * simulated.recording.displacement)
@@ -197,7 +197,7 @@ def damaged(simulated: Simulated, factor: float) -> Simulated:
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3])
 def test_units_wrong_by_a_thousand_are_refused_by_name(simulated: Simulated, tmp_path: Path, factor: float) -> None:
-    write_recording(tmp_path / "recording", damaged(simulated, factor).recording)
+    write_recording(tmp_path / "recording", scale_displacements(simulated, factor).recording)
     with pytest.raises(InputError, match="unit") as caught:
         run_identify(IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out"))
     assert "dx_mm" in str(caught.value)

@@ -24,12 +24,12 @@ from machopt.measurement.identification.options import IdentifyOptions
 TOO_LITTLE = {"few_poses", "few_readings"}
 
 
-def found(record: Recording, prior: np.ndarray | None = TRUE_K) -> dict[str, RecordFault]:
+def find_record_faults(record: Recording, prior: np.ndarray | None = TRUE_K) -> dict[str, RecordFault]:
     _, robot, T = cell()
     return {f.code: f for f in check_experiment(build_load_test_experiment(record, robot, T), robot, T, prior)}
 
 
-def good(seed: int = 41, *, rotations: bool = True, **design: object) -> Recording:
+def simulate_correct_record(seed: int = 41, *, rotations: bool = True, **design: object) -> Recording:
     rng = np.random.default_rng(seed)
     return add_measurement_errors(plan_load_tests(rng, **design), rng, rotations=rotations, outliers=0.0)  # type: ignore[arg-type]
 
@@ -39,7 +39,7 @@ def rows_of(record: Recording, rows: np.ndarray) -> Recording:
     return replace(record, **{name: getattr(record, name)[rows] for name in names})
 
 
-def scaled(record: Recording, displacement: list[float], wrench: list[float]) -> Recording:
+def scale_record(record: Recording, displacement: list[float], wrench: list[float]) -> Recording:
     d, w = np.repeat(displacement, 3), np.repeat(wrench, 3)
     return replace(record, displacement=record.displacement * d, wrench=record.wrench * w)
 
@@ -60,7 +60,7 @@ def scaled(record: Recording, displacement: list[float], wrench: list[float]) ->
 def test_wrong_units_are_refused_by_name(
     displacement: list[float], wrench: list[float], code: str, says: str, prior: np.ndarray | None
 ) -> None:
-    finding = found(scaled(good(), displacement, wrench), prior)[code]
+    finding = find_record_faults(scale_record(simulate_correct_record(), displacement, wrench), prior)[code]
     assert finding.severity == "error"
     assert says in finding.message
 
@@ -71,19 +71,19 @@ def test_wrong_units_are_refused_by_name(
 )
 @pytest.mark.parametrize("rotations", [False, True])
 def test_wrong_frame_is_refused(wrench: str, displacement: str, code: str, rotations: bool) -> None:
-    wrong = replace(good(rotations=rotations), wrench_frame=wrench, displacement_frame=displacement)
-    finding = found(wrong)[code]
+    wrong = replace(simulate_correct_record(rotations=rotations), wrench_frame=wrench, displacement_frame=displacement)
+    finding = find_record_faults(wrong)[code]
     assert finding.severity == "error"
     assert "base" in finding.message
-    assert not {"units", "rotation_units", "far_from_nominal"} & set(found(wrong))  # no guesses on top
+    assert not {"units", "rotation_units", "far_from_nominal"} & set(find_record_faults(wrong))  # no guesses on top
 
 
 def test_tool_axes_stated_as_base_axes_are_refused() -> None:
     _, robot, T = cell()
-    record = good(rotations=False)
+    record = simulate_correct_record(rotations=False)
     R = robot.compute_fk(record.q, T)[:, :3, :3]
     turned = replace(record, displacement=np.einsum("nji,nj->ni", R, record.displacement))
-    finding = found(turned)["displacement_frame"]
+    finding = find_record_faults(turned)["displacement_frame"]
     assert (finding.severity, "displacement_frame: tool would work" in finding.message) == ("error", True)
     options = IdentifyOptions(studies=False)
     with pytest.raises(InputError, match=r"made up: displacement_frame is stated \(or taken\) as base"):
@@ -108,75 +108,77 @@ def test_tool_axes_stated_as_base_axes_are_refused() -> None:
 
 
 def test_load_with_the_opposite_sign_is_refused() -> None:
-    finding = found(replace(good(), wrench=-good().wrench))["load_sign"]
+    finding = find_record_faults(replace(simulate_correct_record(), wrench=-simulate_correct_record().wrench))[
+        "load_sign"
+    ]
     assert finding.severity == "error"
     assert "opposite sign" in finding.message
 
 
 def test_moments_about_another_point_are_found() -> None:
     _, robot, T = cell()
-    record = good()
+    record = simulate_correct_record()
     tcp, flange = robot.compute_fk(record.q, T)[:, :3, 3], robot.compute_fk(record.q)[:, :3, 3]
     for point, code in ((np.zeros_like(tcp), "moment_at_base"), (flange, "moment_at_flange")):
         wrench = record.wrench.copy()
         wrench[:, 3:] += np.cross(tcp - point, wrench[:, :3])
-        assert code in found(replace(record, wrench=wrench))
+        assert code in find_record_faults(replace(record, wrench=wrench))
 
 
 def test_moments_inconsistent_with_forces_are_found_row_by_row() -> None:
-    record = good(rotations=False)
+    record = simulate_correct_record(rotations=False)
     wrench = record.wrench.copy()
     wrench[:, 3:] = np.cross([0.1, 0.05, -0.2], wrench[:, :3])  # all loads hang in one eye
-    assert "moment_along_force" not in found(replace(record, wrench=wrench))
+    assert "moment_along_force" not in find_record_faults(replace(record, wrench=wrench))
     wrench[5, 3:] = wrench[5, [5, 3, 4]]  # columns exchanged
-    finding = found(replace(record, wrench=wrench))["moment_along_force"]
+    finding = find_record_faults(replace(record, wrench=wrench))["moment_along_force"]
     assert finding.rows == (5,)
     assert "line 7" in finding.message
     wrench[5, 3:] = 40.0 * np.cross([1.0, 0.0, 0.0], wrench[5, :3]) + np.array([0.0, 0.0, 1e4])
-    assert found(replace(record, wrench=wrench))["lever_arm"].rows == (5,)
+    assert find_record_faults(replace(record, wrench=wrench))["lever_arm"].rows == (5,)
 
 
 def test_duplicated_rows_are_found_unless_the_gauge_is_coarse() -> None:
-    record = good(rotations=False)
+    record = simulate_correct_record(rotations=False)
     twice = rows_of(record, np.r_[np.arange(len(record)), 3:9])
-    finding = found(twice)["repeated_rows"]
+    finding = find_record_faults(twice)["repeated_rows"]
     assert finding.rows == tuple(range(len(record), len(record) + 6))
     coarse = replace(record, displacement=np.round(record.displacement, 5))  # dial gauges of 0.01 mm
-    assert "repeated_rows" not in found(coarse)
+    assert "repeated_rows" not in find_record_faults(coarse)
 
 
 def test_impossible_and_unloaded_displacements_are_found() -> None:
-    record = good(rotations=False)
+    record = simulate_correct_record(rotations=False)
     d, w = record.displacement.copy(), record.wrench.copy()
     d[9] *= 100.0
     w[20] = 0.0
-    report = found(replace(record, displacement=d, wrench=w))
+    report = find_record_faults(replace(record, displacement=d, wrench=w))
     assert report["impossible_displacement"].rows == (9,)
     assert report["moved_without_load"].rows == (20,)
 
 
 def test_insufficient_data_is_reported() -> None:
-    record = good(poses=3, loads=1, repeats=1, rotations=False)
-    assert set(found(record)) == TOO_LITTLE
-    assert "only 3 poses" in found(record)["few_poses"].message
-    two = good(poses=2, loads=6, repeats=2)
-    assert "only 2 poses" in found(two)["few_poses"].message
+    record = simulate_correct_record(poses=3, loads=1, repeats=1, rotations=False)
+    assert set(find_record_faults(record)) == TOO_LITTLE
+    assert "only 3 poses" in find_record_faults(record)["few_poses"].message
+    two = simulate_correct_record(poses=2, loads=6, repeats=2)
+    assert "only 2 poses" in find_record_faults(two)["few_poses"].message
 
 
 def test_stiffness_far_from_the_cell_is_a_warning() -> None:
-    finding = found(good(), TRUE_K / 12)["far_from_nominal"]
+    finding = find_record_faults(simulate_correct_record(), TRUE_K / 12)["far_from_nominal"]
     assert finding.severity == "warning"
 
 
 def test_empty_recording_is_refused() -> None:
-    record = good()
+    record = simulate_correct_record()
     with pytest.raises(InputError, match="every displacement is zero"):
-        found(replace(record, displacement=np.zeros_like(record.displacement)))
+        find_record_faults(replace(record, displacement=np.zeros_like(record.displacement)))
 
 
 def test_errors_are_raised_together_with_the_remedy() -> None:
     _, robot, T = cell()
-    e = build_load_test_experiment(good(), robot, T)
+    e = build_load_test_experiment(simulate_correct_record(), robot, T)
     findings = [
         RecordFault(code="a", severity="error", message="first"),
         RecordFault(code="b", severity="error", message="second"),
@@ -209,7 +211,7 @@ def test_correct_records_raise_no_alarm() -> None:
         if rng.random() < 0.3:
             record = replace(record, displacement=np.round(record.displacement, 5))
         prior = [None, TRUE_K, k][rng.integers(3)]
-        report = found(record, prior)
+        report = find_record_faults(record, prior)
         alarms += [(n, f.code, f.message) for f in report.values() if f.code not in TOO_LITTLE]
     assert len(alarms) < 2, alarms  # less than 1 %
 
@@ -217,14 +219,14 @@ def test_correct_records_raise_no_alarm() -> None:
 @pytest.mark.parametrize(("unit", "newtons"), [("kilograms", 9.80665), ("kilonewtons", 1e3)])
 def test_forces_in_another_unit_than_their_moments_are_refused(unit: str, newtons: float) -> None:
     """Forces alone are scaled: no stiffness explains both parts of the load."""
-    record = good(rotations=False)
+    record = simulate_correct_record(rotations=False)
     lever = np.array([0.03, -0.02, 0.05])  # m: with kN, moment per force still is within an arm's reach
     wrench = record.wrench.copy()
     wrench[:, 3:] = 1e-3 * wrench[:, 3:] + np.cross(lever, wrench[:, :3])
     A = build_load_test_experiment(replace(record, wrench=wrench), *cell()[1:]).response()
     exact = replace(record, wrench=wrench, displacement=A @ (1.0 / TRUE_K))
-    assert "force_units" not in found(exact)
-    finding = found(replace(exact, wrench=wrench / np.repeat([newtons, 1.0], 3)))
+    assert "force_units" not in find_record_faults(exact)
+    finding = find_record_faults(replace(exact, wrench=wrench / np.repeat([newtons, 1.0], 3)))
     code = "force_units" if "force_units" in finding else "moment_units"
     assert finding[code].severity == "error"
     assert unit in finding[code].message
@@ -232,14 +234,14 @@ def test_forces_in_another_unit_than_their_moments_are_refused(unit: str, newton
 
 def test_wrong_unit_of_force_or_moment_follows_from_the_displacement() -> None:
     for displacement, wrench, says in (([1, 1], [1e-3, 1], "kilonewtons"), ([1, 1], [1, 1e3], "N·mm")):
-        finding = found(scaled(good(), displacement, wrench))["moment_units"]
+        finding = find_record_faults(scale_record(simulate_correct_record(), displacement, wrench))["moment_units"]
         assert says in finding.message
 
 
 @pytest.mark.parametrize("frame", ["base", "tool"])
 def test_joint_positions_in_radians_are_refused(frame: str) -> None:
     _, robot, T = cell()
-    record = good(rotations=False)
+    record = simulate_correct_record(rotations=False)
     R = robot.compute_fk(record.q, T)[:, :3, :3]
     if frame == "tool":
         turned = [
@@ -249,8 +251,8 @@ def test_joint_positions_in_radians_are_refused(frame: str) -> None:
         record = replace(
             record, wrench=turned[0], displacement=turned[1], wrench_frame="tool", displacement_frame="tool"
         )
-        assert not {"frames", "joint_units"} & set(found(record))
-    finding = found(replace(record, q=np.radians(record.q)))["joint_units"]
+        assert not {"frames", "joint_units"} & set(find_record_faults(record))
+    finding = find_record_faults(replace(record, q=np.radians(record.q)))["joint_units"]
     assert finding.severity == "error"
     assert "radians" in finding.message
 
@@ -260,19 +262,27 @@ def test_joint_positions_in_radians_are_refused(frame: str) -> None:
 )
 @pytest.mark.parametrize("prior", [TRUE_K, TRUE_K * 1.5], ids=["nominal", "softer"])
 def test_units_wrong_by_ten_to_a_hundred_are_suspected_by_name(factor: float, says: str, prior: np.ndarray) -> None:
-    warning = found(scaled(good(rotations=False), [factor], [1, 1]), prior)["far_from_nominal"]
+    warning = find_record_faults(scale_record(simulate_correct_record(rotations=False), [factor], [1, 1]), prior)[
+        "far_from_nominal"
+    ]
     assert warning.severity == "warning"
     assert says in warning.message
 
 
 def test_unit_wrong_by_a_hundred_is_named_in_the_error() -> None:
-    assert "hundredths" in found(scaled(good(rotations=False), [120.0], [1, 1]))["units"].message
+    assert (
+        "hundredths"
+        in find_record_faults(scale_record(simulate_correct_record(rotations=False), [120.0], [1, 1]))["units"].message
+    )
 
 
 def test_robot_size_replaces_a_missing_cell_stiffness() -> None:
-    assert not found(good(rotations=False), None)
+    assert not find_record_faults(simulate_correct_record(rotations=False), None)
     assert (
-        "kilograms" in found(scaled(good(rotations=False), [1], [1 / 9.81, 1 / 9.81]), None)["far_from_nominal"].message
+        "kilograms"
+        in find_record_faults(scale_record(simulate_correct_record(rotations=False), [1], [1 / 9.81, 1 / 9.81]), None)[
+            "far_from_nominal"
+        ].message
     )
 
 
@@ -280,27 +290,27 @@ def test_wrong_frame_is_refused_in_strong_noise() -> None:
     """The right reading explains a third; a ratio of what is left over would not tell, poses do."""
     rng = np.random.default_rng(44)
     record = add_measurement_errors(plan_load_tests(rng, force=60.0, moment=6.0), rng, outliers=0.0)
-    assert not set(found(record)) & set(CODES)
+    assert not set(find_record_faults(record)) & set(CODES)
     for sign, frame, code in ((-1.0, "base", "load_sign"), (1.0, "tool", "displacement_frame")):
         wrong = replace(record, wrench=sign * record.wrench, displacement_frame=frame)
-        assert found(wrong)[code].severity == "error"
+        assert find_record_faults(wrong)[code].severity == "error"
 
 
 def test_moments_about_the_base_are_refused_where_they_change_the_stiffness() -> None:
     """Three quarters are explained as stated, but with compliances off by a factor."""
     _, robot, T = cell()
-    record = good(rotations=False)
+    record = simulate_correct_record(rotations=False)
     wrench = record.wrench.copy()
     wrench[:, 3:] += np.cross(robot.compute_fk(record.q, T)[:, :3, 3], wrench[:, :3])
-    assert found(replace(record, wrench=wrench))["moment_at_base"].severity == "error"
+    assert find_record_faults(replace(record, wrench=wrench))["moment_at_base"].severity == "error"
 
 
 def test_impossible_joint_positions_are_named() -> None:
-    record = good(rotations=False)
-    assert "outside_limits" not in found(record)
+    record = simulate_correct_record(rotations=False)
+    assert "outside_limits" not in find_record_faults(record)
     q = record.q.copy()
     q[4, 1] += 2 * np.pi
-    finding = found(replace(record, q=q))["outside_limits"]
+    finding = find_record_faults(replace(record, q=q))["outside_limits"]
     assert finding.rows == (4,)
     assert "line 6: joint 2 is outside its limits" in finding.message
 

@@ -42,7 +42,7 @@ def hanging(seed: int, noise: float = 1.0) -> LoadTestExperiment:
     )
 
 
-def found(e: LoadTestExperiment, **options: object) -> IdentificationResult:
+def identify_joints(e: LoadTestExperiment, **options: object) -> IdentificationResult:
     _, robot, T = cell()
     return identify_stiffness(
         e, robot, T, ArmStiffness(joints=SOFT), IdentifyOptions(studies=False, **options), np.random.default_rng(0)
@@ -53,7 +53,7 @@ def test_hanging_loads_bias_the_linear_law_and_the_load_effect_corrects_it() -> 
     e = hanging(1, noise=0.0)
     error = {}
     for on in (False, True):
-        result = found(e, load_effect=on)
+        result = identify_joints(e, load_effect=on)
         seen = np.array([j.identified for j in result.joints])
         error[on] = np.abs(result.stiffness.joints / SOFT - 1)[seen].max()
         assert result.stiffness.terms == ()  # a correction of the readings, not a term for the planner
@@ -68,7 +68,7 @@ def test_intervals_of_hanging_loads_cover_with_the_load_effect() -> None:
     for seed in range(12):
         e = hanging(100 + seed, noise=0.3)
         for on in (False, True):
-            for j, k in zip(found(e, load_effect=on).joints, SOFT, strict=True):
+            for j, k in zip(identify_joints(e, load_effect=on).joints, SOFT, strict=True):
                 if j.identified:
                     hit = j.interval[0] <= k <= j.interval[1]
                     inside[on] += hit
@@ -80,7 +80,7 @@ def test_intervals_of_hanging_loads_cover_with_the_load_effect() -> None:
 
 def test_load_effect_inside_the_noise_is_ignored() -> None:
     e = draw_load_tests(np.random.default_rng(5))
-    stiff, plain = (found(e, load_effect=on) for on in (True, False))
+    stiff, plain = (identify_joints(e, load_effect=on) for on in (True, False))
     if not any("K_C" in n for n in stiff.notes):
         np.testing.assert_array_equal(stiff.stiffness.joints, plain.stiffness.joints)
     np.testing.assert_allclose(stiff.stiffness.joints, plain.stiffness.joints, rtol=0.01)
@@ -89,7 +89,7 @@ def test_load_effect_inside_the_noise_is_ignored() -> None:
 def test_recording_without_an_equilibrium_falls_back_to_the_linear_law() -> None:
     e = draw_load_tests(np.random.default_rng(6))
     huge = replace(e, wrench=1e3 * e.wrench, measured=1e3 * e.measured)  # metres of displacement
-    assert not any("K_C" in n for n in found(huge, load_effect=True, accept=frozenset({"units"})).notes)
+    assert not any("K_C" in n for n in identify_joints(huge, load_effect=True, accept=frozenset({"units"})).notes)
 
 
 @pytest.fixture(scope="module")
@@ -169,8 +169,8 @@ def test_matrix_from_noise_alone_is_not_found() -> None:
 
 def test_zero_redundancy_is_refused_and_few_equations_keep_every_reading() -> None:
     with pytest.raises(InputError, match="6 equations for 6 unknowns; at least 3 readings"):
-        found(draw_load_tests(np.random.default_rng(8), poses=1, loads=2, repeats=1))
-    few = found(draw_load_tests(np.random.default_rng(8), poses=3, loads=1, repeats=1))
+        identify_joints(draw_load_tests(np.random.default_rng(8), poses=1, loads=2, repeats=1))
+    few = identify_joints(draw_load_tests(np.random.default_rng(8), poses=3, loads=1, repeats=1))
     assert not few.outliers
     assert np.isfinite(few.errors.rmse)
 
@@ -178,7 +178,7 @@ def test_zero_redundancy_is_refused_and_few_equations_keep_every_reading() -> No
 def test_grid_of_millions_of_cells_is_refused_and_auto_stays_constant() -> None:
     e = draw_load_tests(np.random.default_rng(9), poses=14)
     with pytest.raises(InputError, match="more than the 8000 that a grid may have"):
-        found(e, model="grid", grid_cell=0.005)
-    result = found(e, model="auto", grid_cell=0.005)
+        identify_joints(e, model="grid", grid_cell=0.005)
+    result = identify_joints(e, model="auto", grid_cell=0.005)
     assert result.model == "constant"
     assert "no grid can be fitted" in result.why_model

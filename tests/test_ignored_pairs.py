@@ -38,7 +38,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
     return small_cell(tmp_path_factory.mktemp("touch"))
 
 
-def told(cell: Cell, *entries: str | list[str]) -> tuple[IgnoredPair, ...]:
+def read_ignored_pairs(cell: Cell, *entries: str | list[str]) -> tuple[IgnoredPair, ...]:
     document = parse_yaml("ignore_pairs: []", "cell.yaml")
     reader = IgnoredPairReader(read_urdf(cell.urdf), "flange", cell.tool, cell.workpiece, cell.obstacles, document)
 
@@ -51,7 +51,7 @@ def told(cell: Cell, *entries: str | list[str]) -> tuple[IgnoredPair, ...]:
 def test_names_refer_to_their_bodies(cell: Cell) -> None:
     (cell.folder / "robot.srdf").write_text(SRDF)
     tool = cell.tool.geometry[0].name
-    found = told(cell, ["link_1", "link_3_0"], ["tool", cell.obstacles[0].name], "robot.srdf")
+    found = read_ignored_pairs(cell, ["link_1", "link_3_0"], ["tool", cell.obstacles[0].name], "robot.srdf")
     assert [(m.first, m.second) for m in found] == [
         (("link_1_0",), ("link_3_0",)),
         ((tool,), (cell.obstacles[0].name,)),
@@ -70,7 +70,7 @@ def test_names_refer_to_their_bodies(cell: Cell) -> None:
 )
 def test_invalid_pairs_are_refused(cell: Cell, entry: list[str], parts: list[str]) -> None:
     with pytest.raises(InputError) as caught:
-        told(cell, entry)
+        read_ignored_pairs(cell, entry)
     for part in parts:
         assert part in str(caught.value)
 
@@ -80,13 +80,13 @@ def test_ambiguous_body_name_is_refused(cell: Cell, name: str, like: str) -> Non
     """Planner and verification both know pairs by name: what may touch would be let through for the other one too."""
     assert cell.tool.cutter is not None
     twice = replace(cell, obstacles=(replace(cell.obstacles[0], name=name),))
-    assert told(twice) == ()  # without pairs names carry no permission
+    assert read_ignored_pairs(twice) == ()  # without pairs names carry no permission
     with pytest.raises(InputError, match=f"named '{name}' like .*{like}; another name would work"):
-        told(twice, ["link_1", "link_3"])
+        read_ignored_pairs(twice, ["link_1", "link_3"])
 
 
 def test_flange_and_world_include_the_bodies_attached_to_them(cell: Cell) -> None:
-    (pair,) = told(cell, ["world", "flange"])
+    (pair,) = read_ignored_pairs(cell, ["world", "flange"])
     assert pair.first == tuple(s.name for s in (*cell.obstacles, *cell.workpiece.geometry))
     assert pair.second == tuple(s.name for s in cell.tool.geometry)
 
@@ -100,7 +100,7 @@ def test_srdf_defaults_and_exceptions(cell: Cell, tmp_path: Path) -> None:
         read_srdf(path, ("a",))
     path.write_text('<robot xmlns:xacro="x"><xacro:include filename="b"/></robot>')
     with pytest.raises(InputError, match="the SRDF that it expands to"):
-        told(cell, path.as_posix())
+        read_ignored_pairs(cell, path.as_posix())
     path.write_text("<urdf/>")
     with pytest.raises(InputError, match="an SRDF starts with <robot>"):
         read_srdf(path, ("a",))
@@ -128,7 +128,9 @@ def test_pairs_with_a_constant_distance_are_excluded_by_planner_and_verifier(cel
 
 
 def test_planner_and_verification_exclude_and_report_the_same_pairs(cell: Cell) -> None:
-    lenient = replace(cell, may_touch=told(cell, ["base_link", "link_2"], ["cutter", cell.obstacles[0].name]))
+    lenient = replace(
+        cell, may_touch=read_ignored_pairs(cell, ["base_link", "link_2"], ["cutter", cell.obstacles[0].name])
+    )
     names = {"base_link_0 ~ link_2_0", f"{cell.obstacles[0].name} ~ cutter"}
     found = []
     for each in (cell, lenient):

@@ -97,7 +97,7 @@ def test_shipped_cells_have_flanges_along_z() -> None:
         assert found == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
 
-def reached(cell: Cell, toolpath: Path) -> np.ndarray:
+def find_reachable_points(cell: Cell, toolpath: Path) -> np.ndarray:
     """(N,) some rotation of each point has a configuration, the external joints at home."""
     options = load_options(overrides=["collision=false", "rotation_step_deg=30"])
     setup, path = prepare_planning(cell, options), build_planning_path(read_toolpath(toolpath), ())
@@ -117,7 +117,7 @@ def test_arm_on_a_rail_gets_a_cell_with_a_reachable_part(turned: tuple[float, ..
         InitRequest(robot=tmp_path / "arm.urdf", out=tmp_path / "cell", toolpath=toolpath, workpiece_rpy_deg=turned)
     ).cell
     assert (cell.external_joints, cell.external_prismatic) == (("rail",), (True,))
-    assert reached(cell, toolpath).all()
+    assert find_reachable_points(cell, toolpath).all()
     robot = load_robot(cell)
     T = load_machine(cell, robot).compute_T_base_workpiece(cell.external_home[None])[0]
     points = read_toolpath(toolpath).position @ T[:3, :3].T + T[:3, 3]
@@ -150,12 +150,12 @@ def test_terminal_questions_repeat_until_the_answer_is_valid(
     assert out.count("a number above 0 would work") == 2
     assert "less than the 320 mm from flange to TCP would work" in out
     assert "did you mean 'krl'" in out
-    monkeypatch.setattr("builtins.input", ended)
+    monkeypatch.setattr("builtins.input", raise_end_of_input)
     assert main(["init", str(robot), "-o", str(tmp_path / "other"), "--ask"]) == 0
     assert load_cell(tmp_path / "other").controller.post is None
 
 
-def ended(_: str) -> str:
+def raise_end_of_input(_: str) -> str:
     raise EOFError
 
 

@@ -24,7 +24,7 @@ from machopt.kinematics.urdf_loading import load_chain, load_robot
 PLACE = (1500.0, 0.0, 600.0)
 
 
-def made(folder: Path, text: str | None = None, **options: object) -> InitResult:
+def run_init_on_arm(folder: Path, text: str | None = None, **options: object) -> InitResult:
     (folder / "arm.urdf").write_text(text or urdf_text())
     return run_init(InitRequest(robot=folder / "arm.urdf", out=folder / "cell", workpiece_mm=PLACE, **options))  # type: ignore[arg-type]
 
@@ -42,7 +42,7 @@ def spindle_ends(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("length", [None, 120.0, 250.0])
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0])
 def test_tool_and_tool_point_match(angle: float, length: float | None, tmp_path: Path) -> None:
-    cell = made(tmp_path, tool_angle_deg=angle, tool_length_mm=length).cell
+    cell = run_init_on_arm(tmp_path, tool_angle_deg=angle, tool_length_mm=length).cell
     assert cell.tool.cutter is not None
     T, out = cell.tool.T_flange_tcp, find_flange_direction(load_robot(cell))
     assert out is not None
@@ -58,7 +58,7 @@ def test_tool_and_tool_point_match(angle: float, length: float | None, tmp_path:
 
 
 def test_default_tool_is_a_bracket_of_45_degrees(tmp_path: Path) -> None:
-    done = made(tmp_path)
+    done = run_init_on_arm(tmp_path)
     assert done.cell.tool.T_flange_tcp[:3, 2] @ find_flange_direction(load_robot(done.cell)) == pytest.approx(
         np.sqrt(0.5), abs=1e-5
     )
@@ -75,7 +75,7 @@ def test_default_tool_is_a_bracket_of_45_degrees(tmp_path: Path) -> None:
     ],
 )
 def test_tool_on_the_last_axis_is_reported_immediately(options: dict[str, object], tmp_path: Path) -> None:
-    robot = load_robot(made(tmp_path, tool_angle_deg=90.0).cell)
+    robot = load_robot(run_init_on_arm(tmp_path, tool_angle_deg=90.0).cell)
     out = find_flange_direction(robot)
     assert out is not None
     if "tcp_mm" in options:
@@ -83,7 +83,7 @@ def test_tool_on_the_last_axis_is_reported_immediately(options: dict[str, object
     if "tcp_rpy_deg" in options:  # along another axis than the last: no report
         options = {"tcp_mm": tuple(250.0 * out + np.array([50.0, 50.0, 50.0]))}
     (tmp_path / "other").mkdir()
-    done = made(tmp_path / "other", **options)
+    done = run_init_on_arm(tmp_path / "other", **options)
     on_axis = is_on_last_axis(load_robot(done.cell), done.cell.tool.T_flange_tcp)
     assert any("expected gain 0 %" in g for g in done.guesses) == on_axis
     assert on_axis == (abs(float(np.linalg.norm(np.cross(out, done.cell.tool.T_flange_tcp[:3, 3])))) < 1e-3)
@@ -92,8 +92,8 @@ def test_tool_on_the_last_axis_is_reported_immediately(options: dict[str, object
 @pytest.mark.parametrize("options", [{"tcp_mm": (0.0, 0.0, 300.0)}, {"tcp_rpy_deg": (0.0, 0.0, 0.0)}])
 def test_angle_beside_a_stated_tool_point_is_refused(options: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--tool-angle-deg"):
-        made(tmp_path, tool_angle_deg=45.0, **options)
-    made(tmp_path, tool_angle_deg=0.0, **options)
+        run_init_on_arm(tmp_path, tool_angle_deg=45.0, **options)
+    run_init_on_arm(tmp_path, tool_angle_deg=0.0, **options)
 
 
 def test_command_accepts_three_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -139,7 +139,7 @@ def test_mesh_has_its_size_in_every_unit(role: str, unit: str, stated: bool, tmp
     mesh.apply_scale(UNITS[unit])
     file = tmp_path / "body.stl"
     mesh.export(file)
-    done = made(tmp_path, **{f"{role}_mesh": file}, mesh_unit=unit if stated else None)
+    done = run_init_on_arm(tmp_path, **{f"{role}_mesh": file}, mesh_unit=unit if stated else None)
     shapes = done.cell.tool.geometry if role == "tool" else done.cell.workpiece.geometry
     assert shapes[0].size[0] * UNITS[unit] == pytest.approx(1.0)
     assert any("--mesh-unit" in g for g in done.guesses) == (unit == "mm" and not stated)
@@ -164,7 +164,7 @@ def test_link_in_millimetres_is_scaled_with_a_note(
     mesh = f'<collision><geometry><mesh filename="link.stl"{attribute}/></geometry></collision>'
     visual = mesh.replace("collision>", "visual>")
     text = urdf_text().replace('<link name="flange"/>', f'<link name="flange">{visual}{mesh}</link>')
-    done = made(tmp_path, text)
+    done = run_init_on_arm(tmp_path, text)
     shapes = [s.shape for s in load_chain(done.cell)[1] if s.shape.kind == "mesh"]
     assert shapes[0].size[0] == pytest.approx(factor * (1.0 if scale is None else float(scale.split()[0])))
     assert bool(done.notes) == (factor != 1.0)

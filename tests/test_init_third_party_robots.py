@@ -25,7 +25,7 @@ from machopt.workspace_map.sample_posture_computation import build_reaching_arm
 TOOLPATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 
 
-def unnamed() -> str:
+def build_unnamed_arm() -> str:
     """An arm whose outermost link no convention names."""
     return urdf_text().replace('"flange"', '"wrist_end"')
 
@@ -40,7 +40,7 @@ def hand(name: str, kind: str = "revolute") -> str:
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
 def test_gripper_behind_the_arm_is_not_part_of_its_joints(kind: str, tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
-    file.write_text(unnamed().replace("</robot>", hand("jointGripper", kind) + "</robot>"))
+    file.write_text(build_unnamed_arm().replace("</robot>", hand("jointGripper", kind) + "</robot>"))
     done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
     assert done.cell.flange_link == "wrist_end"
     assert done.cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
@@ -50,7 +50,7 @@ def test_gripper_behind_the_arm_is_not_part_of_its_joints(kind: str, tmp_path: P
 
 def test_seventh_joint_with_another_name_is_questioned(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
-    file.write_text(unnamed().replace("</robot>", hand("a7") + "</robot>"))
+    file.write_text(build_unnamed_arm().replace("</robot>", hand("a7") + "</robot>"))
     with pytest.raises(InputError, match=r"--flange-link link_6 ends the arm at a6"):
         run_init(InitRequest(robot=file, out=tmp_path / "cell"))
 

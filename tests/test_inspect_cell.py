@@ -36,7 +36,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def told(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
+def read_printed_json(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
     assert main(["inspect", *words, "--json"]) == 0
     found: dict[str, object] = json.loads(capsys.readouterr().out)
     model = InspectedCellDocument if "cell" in found else InspectedRobotDocument
@@ -45,7 +45,7 @@ def told(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
 
 
 def test_cell_is_listed_with_mounting_joints_and_followers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(capsys, str(folder))
+    found = read_printed_json(capsys, str(folder))
     assert found["mounting"] == {
         "stands": "from the ceiling",
         "tilt_deg": 180.0,
@@ -70,11 +70,11 @@ def test_planning_obstacles_are_listed_with_the_readable_content(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "robot.urdf").write_text(linked_urdf(shift="0.02 0 0"))
-    assert "a line of its own" in str(told(capsys, str(folder / "cell.yaml"))["cannot_be_planned"])
+    assert "a line of its own" in str(read_printed_json(capsys, str(folder / "cell.yaml"))["cannot_be_planned"])
 
 
 def test_bare_robot_is_listed_joint_by_joint(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = told(capsys, str(folder / "robot.urdf"))
+    found = read_printed_json(capsys, str(folder / "robot.urdf"))
     assert [j["name"] for j in found["joints"]] == ["a1", "a2", "a3", "a4", "a5", "a6", "m3"]  # type: ignore[attr-defined]
     assert found["joints"][6]["mimics"] == "a2"  # type: ignore[index]
     assert found["collision_bodies"] == 7

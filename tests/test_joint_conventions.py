@@ -80,7 +80,7 @@ def test_convention_is_identified(recorded: Callable[[Array], Array], column: st
     assert correct_joint_convention(other, robot, T, ("columns",)) == (other, [])
 
 
-def both(*changes: Callable[[Array], Array]) -> Callable[[Array], Array]:
+def record_both(*changes: Callable[[Array], Array]) -> Callable[[Array], Array]:
     def recorded(q: Array) -> Array:
         for one in changes:
             q = one(q)
@@ -92,8 +92,8 @@ def both(*changes: Callable[[Array], Array]) -> Callable[[Array], Array]:
 @pytest.mark.parametrize(
     "recorded",
     [
-        both(change(2, 1.0, -90.0), change(4, -1.0, 0.0)),
-        both(pendant(-1.0), change(5, 1.0, 180.0), change(2, -1.0, 90.0)),
+        record_both(change(2, 1.0, -90.0), change(4, -1.0, 0.0)),
+        record_both(pendant(-1.0), change(5, 1.0, 180.0), change(2, -1.0, 90.0)),
         change(6, 1.0, -90.0),
     ],
 )

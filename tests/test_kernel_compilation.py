@@ -27,22 +27,22 @@ FACTOR = 2.0
 
 
 @module.jit_compile
-def doubled(x: float) -> float:
+def scale_by_factor(x: float) -> float:
     return FACTOR * x
 
 
 def test_installed_kernel_is_not_compiled_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    first = numba.njit(nogil=True)(scale_by_factor.py_func)  # type: ignore[attr-defined]
     module.enable_kernel_storage(first, tmp_path)
     first(1.0)
-    again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    again = numba.njit(nogil=True)(scale_by_factor.py_func)  # type: ignore[attr-defined]
     again._cache = module._InstalledCache(again.py_func, again._cache, tmp_path)
     assert again(3.0) == 6.0
     assert len(again.stats.cache_hits) == 1
     assert again(3) == 6  # of other types: compiled
     assert len(again.stats.cache_misses) == 1
     monkeypatch.setitem(globals(), "FACTOR", 3.0)  # as if another version had another number
-    other = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    other = numba.njit(nogil=True)(scale_by_factor.py_func)  # type: ignore[attr-defined]
     other._cache = module._InstalledCache(other.py_func, other._cache, tmp_path)
     assert other(3.0) == 9.0
 
@@ -81,9 +81,9 @@ def test_precompiled_kernel_is_stored_under_its_call_signature() -> None:
 
 def test_stored_kernel_is_loaded_without_compilation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     types = (numba.float64,)
-    first = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    first = numba.njit(nogil=True)(scale_by_factor.py_func)  # type: ignore[attr-defined]
     module.enable_kernel_storage(first, tmp_path)
-    again = numba.njit(nogil=True)(doubled.py_func)  # type: ignore[attr-defined]
+    again = numba.njit(nogil=True)(scale_by_factor.py_func)  # type: ignore[attr-defined]
     again._cache = module._InstalledCache(again.py_func, NullCache(), tmp_path)
     assert not module.load_stored_kernel(again, types)  # not stored yet
     assert again.signatures == []

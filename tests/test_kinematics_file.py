@@ -243,7 +243,7 @@ def test_limits_of_true_angles_keep_the_encoders_within_theirs() -> None:
 # the job --------------------------------------------------------------------------------------------------------
 
 
-def driven(folder: Path, kinematics: KinematicCorrections | None) -> tuple[Path, Path, Path]:
+def plan_milling_pass(folder: Path, kinematics: KinematicCorrections | None) -> tuple[Path, Path, Path]:
     """(cell, toolpath, out) of one pass of milling."""
     folder.mkdir()
     edits = [("stiffness: stiffness.yaml", "stiffness: stiffness.yaml\nkinematics: kinematics.yaml")]
@@ -263,13 +263,13 @@ def joints(file: Path) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
-    return driven(tmp_path_factory.mktemp("job") / "plain", None)
+    return plan_milling_pass(tmp_path_factory.mktemp("job") / "plain", None)
 
 
 @pytest.fixture(scope="module", params=["offset", "all"])
 def corrected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     kinematics = KinematicCorrections((OFFSET,)) if request.param == "offset" else ALL
-    return driven(tmp_path_factory.mktemp("job") / request.param, kinematics)
+    return plan_milling_pass(tmp_path_factory.mktemp("job") / request.param, kinematics)
 
 
 def test_exported_joints_move_the_arm_to_the_toolpath(corrected: tuple[Path, Path, Path]) -> None:
@@ -306,13 +306,13 @@ def test_result_names_the_file_and_limits_hold(corrected: tuple[Path, Path, Path
 
 def test_zero_offset_alone_shifts_one_column(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
     """Where nothing else changes, q3 by encoder is the true q3 less 0.2° while cutting, and no other joint differs."""
-    _, _, out = driven(tmp_path / "offset", KinematicCorrections((OFFSET,)))
+    _, _, out = plan_milling_pass(tmp_path / "offset", KinematicCorrections((OFFSET,)))
     a, b = joints(plain[2] / "points.csv"), joints(out / "points.csv")
     np.testing.assert_allclose(np.degrees(b - a), np.array([[0, 0, -0.2, 0, 0, 0]]).repeat(len(a), 0), atol=2e-6)
 
 
 def test_file_without_corrections_changes_no_byte(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
-    _, _, out = driven(tmp_path / "empty", KinematicCorrections())
+    _, _, out = plan_milling_pass(tmp_path / "empty", KinematicCorrections())
     for name in ("trajectory.csv", "points.csv", "pass_csv.src", "pass_csv.dat"):
         assert (out / name).read_bytes() == (plain[2] / name).read_bytes()
 

@@ -37,7 +37,7 @@ def postures(n: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-0.7, 0.7, (n, 6)) + np.radians([0, -70, 100, 20, -60, 30.0])
 
 
-def stretched() -> np.ndarray:
+def build_stretched_wrist() -> np.ndarray:
     """The wrist's own singularity: axes 4 and 6 in line."""
     return np.array([0.3, -1.2, 1.5, 0.4, 0.0, 0.2])
 
@@ -61,7 +61,7 @@ def test_condition_number_equals_equation_11(arm: tuple[Robot, np.ndarray, np.nd
 
 def test_singular_and_invalid_jacobians_give_nan(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, tool, _ = arm
-    J = robot.compute_fk_jacobian(np.array([stretched(), postures(1, 1)[0]]), tool)[1]
+    J = robot.compute_fk_jacobian(np.array([build_stretched_wrist(), postures(1, 1)[0]]), tool)[1]
     J = np.concatenate([J, np.zeros((1, 6, 6)), np.full((1, 6, 6), np.nan)])
     np.testing.assert_array_equal(np.isinf(compute_frobenius_condition(J, 0.7)), [True, False, True, False])
     index = compute_conditioning_index(J, 0.7)
@@ -214,7 +214,8 @@ def test_stiffness_along_a_direction_depends_on_the_constraints(arm: tuple[Robot
 def test_singularity_matters_only_with_a_constrained_orientation(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     robot, _, k = arm
     at, near = (
-        robot.compute_fk_jacobian(stretched() + d, np.eye(4))[1] for d in (np.zeros(6), np.r_[0, 0, 0, 0, 1e-3, 0])
+        robot.compute_fk_jacobian(build_stretched_wrist() + d, np.eye(4))[1]
+        for d in (np.zeros(6), np.r_[0, 0, 0, 0, 1e-3, 0])
     )
     # axes 4 and 6 in line take a rotation from the wrist; holding it against axis 1's turn needs that rotation
     across = np.array([-np.sin(-0.3), np.cos(0.3), 0.0])

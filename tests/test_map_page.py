@@ -92,7 +92,7 @@ def read(html: str) -> Balanced:
     return page
 
 
-def embedded(html: str) -> dict:  # type: ignore[type-arg]
+def read_embedded_json(html: str) -> dict:  # type: ignore[type-arg]
     found = re.search(r'<script id=data type="application/json">(.*?)</script>', html, re.DOTALL)
     assert found is not None
     return json.loads(found[1])  # type: ignore[no-any-return]
@@ -180,7 +180,7 @@ def build_sample_map(kind: str = "slice", **changes: object) -> MapPageData:
     return replace(data, **changes)  # type: ignore[arg-type]
 
 
-def decoded(spec: dict) -> np.ndarray:  # type: ignore[type-arg]
+def decode_levels(spec: dict) -> np.ndarray:  # type: ignore[type-arg]
     """What the page makes of packed levels."""
     raw = np.frombuffer(base64.b64decode(spec["level"]), "<u2")
     share = raw / 65534
@@ -199,7 +199,7 @@ def test_every_kind_of_page_is_self_contained(kind: str) -> None:
     assert "mind </script> & the gap" in page.text
     assert "<softest>" in page.text  # escaped, not a tag
     assert "http" not in re.sub(r'"http://www.w3.org/\d+/svg"', "", html)
-    specs = embedded(html)
+    specs = read_embedded_json(html)
     assert (specs["field"] is None) == (kind == "line")
     assert bool(specs["charts"]) == (kind == "line")
     for chart in specs["charts"]:
@@ -229,11 +229,11 @@ def test_packed_levels_keep_four_digits_and_the_gaps() -> None:
         spec = pack_field_levels(values)
         assert spec["log"] is log
         # half a level: of the span, or of the span's logarithm
-        np.testing.assert_allclose(decoded(spec), values, rtol=0.6 * np.log(1e6) / 65534, equal_nan=True)
+        np.testing.assert_allclose(decode_levels(spec), values, rtol=0.6 * np.log(1e6) / 65534, equal_nan=True)
         known = values[np.isfinite(values)]
         assert (spec["from"], spec["to"]) == tuple(np.percentile(known, [2, 98]))
     assert pack_field_levels(np.full(3, np.nan))["level"] == ""
-    assert np.unique(decoded(pack_field_levels(np.full(3, 7.0)))).tolist() == [7.0]
+    assert np.unique(decode_levels(pack_field_levels(np.full(3, 7.0)))).tolist() == [7.0]
     json.dumps(pack_field_levels(np.full(3, np.nan)), allow_nan=False)
 
 
@@ -269,9 +269,11 @@ def test_page_contains_joints_reasons_and_units_of_every_sample() -> None:
         np.testing.assert_array_equal(angle[:, 0] == -32768, layer.reason != 0)
         ok = layer.reason == 0
         np.testing.assert_allclose(angle[ok] * ANGLE_LEVEL, np.degrees(layer.q[ok]), atol=ANGLE_LEVEL / 2 + 1e-9)
-        np.testing.assert_allclose(decoded(told["value"]["k_min"])[ok], layer.value["k_min"][ok] * 1e-3, rtol=1e-4)
         np.testing.assert_allclose(
-            decoded(told["value"]["deflection"])[ok], layer.value["deflection"][ok] * 1e3, rtol=1e-2, atol=1e-4
+            decode_levels(told["value"]["k_min"])[ok], layer.value["k_min"][ok] * 1e-3, rtol=1e-4
+        )
+        np.testing.assert_allclose(
+            decode_levels(told["value"]["deflection"])[ok], layer.value["deflection"][ok] * 1e3, rtol=1e-2, atol=1e-4
         )
         guess = np.frombuffer(base64.b64decode(told["value"]["measured_x"]["guess"]), np.uint8)
         np.testing.assert_array_equal(guess.astype(bool), layer.guess["measured_x"])

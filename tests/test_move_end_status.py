@@ -11,7 +11,7 @@ import pytest
 from test_cli import Row, changed_cell, optimize, result, toolpath
 from test_path_gouges import LIMIT, UP, cell_of, plate, pose
 from test_path_gouges import toolpath as held
-from test_plan_explanation import ROWS, lost, made
+from test_plan_explanation import ROWS, lose_row, made
 
 from machopt.cli import main
 from machopt.data_types.cell import CollisionShape
@@ -31,7 +31,7 @@ from machopt.planning.retiming.slowdowns import FeedSlowdown, Where
 __all__ = ["made"]  # the fixture
 
 
-def broken(before: float, after: float, code: Code) -> SequenceBreak:
+def build_break(before: float, after: float, code: Code) -> SequenceBreak:
     return SequenceBreak(before=before, after=after, code=code, text="why it stops", help="what would help")
 
 
@@ -50,7 +50,7 @@ def test_failed_move_is_assigned_to_the_row_of_its_end(
     made: Plan, before: float, after: float, code: Code, point: int, status: InfeasibilityReason
 ) -> None:
     assert mark_undriven_points(made) is made
-    stop = broken(before, after, code)
+    stop = build_break(before, after, code)
     found = mark_undriven_points(made, [stop])
     (row,) = found.missing
     assert (found.path.index[row], found.chosen.assignment.reason[row]) == (point, status)
@@ -63,7 +63,7 @@ def test_failed_move_is_assigned_to_the_row_of_its_end(
 
 def test_place_between_two_points_gives_the_second_its_own_reason(made: Plan) -> None:
     inner = int(np.flatnonzero(~made.path.is_point)[0])
-    without = lost(made, inner, InfeasibilityReason.LIMIT)
+    without = lose_row(made, inner, InfeasibilityReason.LIMIT)
     found = mark_undriven_points(without)
     index = found.path.index
     (row,) = (p for p in found.missing if found.path.is_point[p])
@@ -71,7 +71,7 @@ def test_place_between_two_points_gives_the_second_its_own_reason(made: Plan) ->
     text = explain_points(found)[int(row)]
     assert text.startswith(f"from point {index[row] - 1:g} to point {index[row]:g}: at {index[inner]:.2f} between them")
     assert [(b.code, b.before, b.after) for b in list_breaks(found)] == [("no_pose", index[row] - 1, index[row])]
-    both = lost(without, int(row), InfeasibilityReason.LIMIT)
+    both = lose_row(without, int(row), InfeasibilityReason.LIMIT)
     assert mark_undriven_points(both) is both  # that point has its own
 
 

@@ -136,7 +136,7 @@ def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
     monkeypatch.setattr(path_planner, "score_candidates", lambda *a: replace(told(*a), scale=scale))
 
 
-def planned(folder: FilePath, rows: Rows, priced: ObjectiveWeights, step: float, reach: float = 180.0) -> Plan:
+def plan_rows(folder: FilePath, rows: Rows, priced: ObjectiveWeights, step: float, reach: float = 180.0) -> Plan:
     cell = small_cell(folder, stiffness=ArmStiffness(joints=np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])))
     options = PlanOptions(
         weights=priced,
@@ -175,7 +175,7 @@ def test_refinement_and_wider_range_never_worsen_the_plan(
         one_scale(patch)
         priced = ObjectiveWeights(worst=worst)
         coarse, fine, narrow = (
-            planned(tmp_path, rows, priced, step, reach)
+            plan_rows(tmp_path, rows, priced, step, reach)
             for step, reach in ((steps[0], 180.0), (steps[1], 180.0), (steps[1], 60.0))
         )
     if not np.isfinite(coarse.chosen.objective.total):
@@ -216,7 +216,7 @@ def test_parallel_computation_changes_no_plan_and_runs_once(
     for cores in (1, 2):
         monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda cores=cores: cores)
         monkeypatch.setattr(nested_grids, "count_threads", lambda cores=cores: cores)
-        plans.append(planned(tmp_path, rows, ObjectiveWeights(), 5.0))
+        plans.append(plan_rows(tmp_path, rows, ObjectiveWeights(), 5.0))
     assert made == ["first True", "coarse True", "first False", "coarse False"]
     one, two = (p.chosen for p in plans)
     np.testing.assert_array_equal(one.assignment.phi, two.assignment.phi)

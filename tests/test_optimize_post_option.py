@@ -67,7 +67,7 @@ controller:
 POSTS = ("krl", "rapid", "fanuc", "urscript", "val3", "jbi", "csv", "json", "ros_json")
 
 
-def copied(folder: Path, more: str = "") -> Path:
+def copy_cell(folder: Path, more: str = "") -> Path:
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
     file = without_controller(folder / "cell") / "cell.yaml"
     file.write_text(file.read_text(encoding="utf-8") + more, encoding="utf-8")
@@ -100,7 +100,7 @@ def result(folder: Path) -> dict[str, Any]:
 def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One job with a program for every maker and a post of the user's own."""
     folder = tmp_path_factory.mktemp("posts")
-    copied(folder, CONTROLLER)
+    copy_cell(folder, CONTROLLER)
     mine = read_post_text("krl").replace("moves_per_part = 4000", "moves_per_part = 6").replace("C_DIS", "C_VEL")
     (folder / "mine.toml").write_text(mine, encoding="utf-8")
     asked = [w for post in (*POSTS, str(folder / "mine.toml")) for w in ("--post", post)]
@@ -172,7 +172,7 @@ def test_custom_lines_of_the_cell_are_used(job: Path) -> None:
 
 
 def test_single_post_is_written_into_the_output_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    copied(tmp_path, CONTROLLER.replace("post: krl", "post: rapid").replace("(@{value:.0f})", " @{value:.0f};"))
+    copy_cell(tmp_path, CONTROLLER.replace("post: krl", "post: rapid").replace("(@{value:.0f})", " @{value:.0f};"))
     assert optimize(tmp_path) == 0
     assert (tmp_path / "out" / "part_apt.mod").is_file()  # the cell's own post
     assert "program part_apt.mod: " in capsys.readouterr().out
@@ -198,7 +198,7 @@ def test_single_post_is_written_into_the_output_folder(tmp_path: Path, capsys: p
 def test_unwritable_program_is_refused_before_planning(
     options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    copied(tmp_path)
+    copy_cell(tmp_path)
     krl = read_post_text("krl")
     made = {
         "FIELD": krl.replace("A6 @{a6:.5f}", "A6 @{a7:.5f}"),
@@ -231,7 +231,7 @@ lin = "CUT @{x:.3f} @{y:.3f} @{z:.3f}"
 
 
 def test_language_without_a_reader_is_written_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    copied(tmp_path)
+    copy_cell(tmp_path)
     (tmp_path / "own.toml").write_text(OWN, encoding="utf-8")
     assert optimize(tmp_path, "--post", str(tmp_path / "own.toml")) == 0
     assert "program part_apt.own: NOT CHECKED" in capsys.readouterr().out
@@ -271,7 +271,7 @@ def test_program_that_differs_from_the_plan_is_exit_4(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    copied(tmp_path, "controller: {post: krl}\n")
+    copy_cell(tmp_path, "controller: {post: krl}\n")
 
     def faulty(folder: Path | None, *rest: Any, **more: Any) -> list[Path]:
         files = write_program(folder, *rest, **more)
@@ -341,7 +341,7 @@ def test_points_are_added_where_the_controller_line_would_leave_the_motion(tmp_p
 
 def test_point_at_the_current_tool_position_needs_no_feed(tmp_path: Path) -> None:
     """An approach ends where the first cut begins, each with its own feed: nothing moves between the two."""
-    cell = copied(tmp_path, "controller: {post: krl}\n")
+    cell = copy_cell(tmp_path, "controller: {post: krl}\n")
     rows = [(60, "rapid", ""), (20, "rapid", ""), (-0.5, "approach", 600), (-0.5, "cut", 1500)]
     lines = [f"-100,0,{z},0,0,1,{move},{feed}" for z, move, feed in rows]
     lines += [f"{x},0,-0.5,0,0,1,cut,1500" for x in (-90, -80)]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser_driver import Browser
-from test_view_command import DOTS, driven
+from test_view_command import DOTS, drive_page
 
 from machopt.commands.optimize.request import OptimizeRequest, load_optimize_inputs
 from machopt.errors import InputError
@@ -52,7 +52,7 @@ def start(folder: Path, cell: str, rows: str, process: str, *overrides: str) -> 
     return ViewSession.start(load_optimize_inputs(request), folder / "plan.yaml", (), lambda _: None)
 
 
-def quiet(_: str) -> None:
+def ignore_progress(_: str) -> None:
     """No progress."""
 
 
@@ -88,7 +88,7 @@ def test_other_rotation_has_the_outcome_of_a_plan_with_that_pin(tmp_path: Path, 
     told = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
     assert told is not None
     gamma = float(np.degrees(wrap_angle(np.array(phi + plan.path.offset[row]))))
-    _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, quiet)
+    _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, ignore_progress)
     if told.outcome == "unreachable":
         assert not shown
         return
@@ -139,7 +139,7 @@ def test_other_rotation_with_compensation_equals_a_new_plan(tmp_path: Path, turn
     told = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
     assert told is not None
     gamma = float(np.degrees(wrap_angle(np.array(phi + plan.path.offset[row]))))
-    _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, quiet)
+    _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, ignore_progress)
     assert shown
     columns = session.current.job_result.points.table.process
     assert columns is not None
@@ -166,10 +166,11 @@ def test_points_without_a_tolerance_have_no_outcome_and_invalid_requests_are_ref
     for body in bad:
         with pytest.raises(InputError):
             drilling.find_outcome(body)
-        answer = SessionActions(drilling).run_action("outcome", body, quiet)
+        answer = SessionActions(drilling).run_action("outcome", body, ignore_progress)
         assert not answer.good
     assert (
-        "outcome" in SessionActions(drilling).run_action("outcome", {"point": 2, "phi_deg": 3}, quiet).to_json_types()
+        "outcome"
+        in SessionActions(drilling).run_action("outcome", {"point": 2, "phi_deg": 3}, ignore_progress).to_json_types()
     )
 
 
@@ -210,7 +211,7 @@ def test_dragged_hole_shows_its_outcome_and_the_plan_is_restored(tmp_path: Path)
         overrides=("rotation_step_deg=10",),
     )
     asked = ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml")
-    server = serve_view(asked, quiet, quiet)
+    server = serve_view(asked, ignore_progress, ignore_progress)
 
     def user(browser: Browser) -> None:
         browser.script("document.getElementById('rotation').scrollIntoView()")
@@ -230,4 +231,4 @@ def test_dragged_hole_shows_its_outcome_and_the_plan_is_restored(tmp_path: Path)
         assert browser.script("document.getElementById('status-message').textContent").startswith("Planned in")
         assert browser.complaints == []
 
-    driven(server, user)
+    drive_page(server, user)

@@ -43,7 +43,7 @@ def generation(out: Path) -> int:
     return int(json.loads((out / "result.json").read_text())["generation"])
 
 
-def beside(out: Path) -> list[str]:
+def list_neighbours(out: Path) -> list[str]:
     """Names of everything beside the output folder."""
     return sorted(p.name for p in out.parent.iterdir() if p != out)
 
@@ -120,7 +120,7 @@ def test_earlier_output_is_replaced_as_a_whole(tmp_path: Path) -> None:
     write(tmp_path / "out", 2, files=2)
     assert generation(tmp_path / "out") == 2
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"result.json", "part0.txt", "part1.txt", MANIFEST}
-    assert beside(tmp_path / "out") == []
+    assert list_neighbours(tmp_path / "out") == []
 
 
 @pytest.mark.usefixtures("_either_way")
@@ -155,10 +155,10 @@ def test_second_run_is_refused_while_the_first_is_running(tmp_path: Path) -> Non
         write(tmp_path / "other", 3)  # another folder is free
     assert generation(tmp_path / "out") == 1
     write(tmp_path / "out", 4)
-    assert beside(tmp_path / "out") == ["other"]
+    assert list_neighbours(tmp_path / "out") == ["other"]
 
 
-def killed(tmp_path: Path, code: str) -> None:
+def run_killed_code(tmp_path: Path, code: str) -> None:
     """Run code in a process of its own that is killed, with no chance to clear up, once it says so."""
     script = f"import sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\nfrom test_output_folder import *\n{code}"
     script += "\nprint('now', flush=True)\ntime.sleep(60)\n"
@@ -173,13 +173,13 @@ def killed(tmp_path: Path, code: str) -> None:
 
 def test_leftovers_of_a_killed_run_are_removed_by_the_next(tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
-    killed(tmp_path, "held = write_output_folder(sys.argv[1])\nfill(held.__enter__(), 2)")
-    left = beside(tmp_path / "out")
+    run_killed_code(tmp_path, "held = write_output_folder(sys.argv[1])\nfill(held.__enter__(), 2)")
+    left = list_neighbours(tmp_path / "out")
     assert len(left) == 2  # the lock and the half-written folder
     assert generation(tmp_path / "out") == 1
     write(tmp_path / "out", 3)
     assert generation(tmp_path / "out") == 3
-    assert beside(tmp_path / "out") == []
+    assert list_neighbours(tmp_path / "out") == []
 
 
 def test_running_output_of_another_process_is_not_touched(tmp_path: Path) -> None:
@@ -190,12 +190,12 @@ def test_running_output_of_another_process_is_not_touched(tmp_path: Path) -> Non
             write(tmp_path / "a")
         assert folder.is_dir()
         fill(folder, 1)
-    assert beside(tmp_path / "a") == ["aa", "b"]
+    assert list_neighbours(tmp_path / "a") == ["aa", "b"]
 
 
 def test_run_killed_between_two_renames_restores_the_old_folder(tmp_path: Path) -> None:
     write(tmp_path / "out", 1)
-    killed(
+    run_killed_code(
         tmp_path,
         """
 folders.exchange_folders = lambda a, b: False
@@ -213,7 +213,7 @@ write(Path(sys.argv[1]), 2)""",
         assert generation(tmp_path / "out") == 1
         raise InputError("stop here")
     assert generation(tmp_path / "out") == 1
-    assert beside(tmp_path / "out") == []
+    assert list_neighbours(tmp_path / "out") == []
 
 
 def test_temporary_names_are_unpredictable(tmp_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_user_file_added_during_the_run_is_not_lost(tmp_path: Path) -> None:
         fill(folder, 2)
         (tmp_path / "out" / "notes.txt").write_text("mine")
     assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
-    assert beside(tmp_path / "out") == []
+    assert list_neighbours(tmp_path / "out") == []
 
 
 def test_output_without_a_manifest_is_replaced(tmp_path: Path) -> None:
@@ -313,7 +313,7 @@ def test_full_disk_is_one_message(number: int, hint: str, named: bool, tmp_path:
     with pytest.raises(InputError, match=message), write_output_folder(tmp_path / "out") as folder:
         raise OSError(number, os.strerror(number), str(folder / "x") if named else None)
     assert generation(tmp_path / "out") == 1
-    assert beside(tmp_path / "out") == []
+    assert list_neighbours(tmp_path / "out") == []
 
 
 def test_full_disk_while_syncing_is_one_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -392,4 +392,4 @@ def test_hundred_kills_leave_the_old_or_the_new_output(tmp_path: Path) -> None:
     assert last > KILLS // 4  # it did write
     assert not missing or folders.exchange_folders is not folder_swap.exchange_folders
     write(out, last + 1)
-    assert beside(out) == []
+    assert list_neighbours(out) == []

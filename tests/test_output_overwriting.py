@@ -32,11 +32,11 @@ def table(tmp_path: Path) -> Path:
     return file
 
 
-def _same(file: Path) -> Path:
+def _keep_path(file: Path) -> Path:
     return file
 
 
-def _dotted(file: Path) -> Path:
+def _add_dots(file: Path) -> Path:
     (file.parent / "sub").mkdir()
     return file.parent / "sub" / ".." / file.name
 
@@ -67,7 +67,7 @@ def _linked_folder(file: Path) -> Path:
     return link / file.name
 
 
-def _foreign(file: Path) -> Path:
+def _build_foreign_path(file: Path) -> Path:
     other = file.with_name("thesis.html")
     other.write_text("precious")
     return other
@@ -97,7 +97,7 @@ def _forged_seal(file: Path) -> Path:
     return other
 
 
-def _edited(file: Path) -> Path:
+def _edit_file(file: Path) -> Path:
     other = file.with_name("edited.html")
     write_text_file(other, "<html></html>\n")
     other.write_text(other.read_text().replace("<html>", "<html>my note"))
@@ -118,8 +118,8 @@ def _upper_case(file: Path) -> Path:
 
 
 NAMES: list[Callable[[Path], Path]] = [
-    _same, _dotted, _symlink, _chain, _hard_link, _linked_folder, _foreign, _empty, _folder, _pipe, _forged_seal,
-    _edited, _read_only, _upper_case,
+    _keep_path, _add_dots, _symlink, _chain, _hard_link, _linked_folder, _build_foreign_path, _empty, _folder,
+    _pipe, _forged_seal, _edit_file, _read_only, _upper_case,
 ]  # fmt: skip
 
 
@@ -136,7 +136,7 @@ def test_html_never_overwrites(name: Callable[[Path], Path], table: Path) -> Non
     assert table.read_text() == TABLE
 
 
-@pytest.mark.parametrize("name", [_foreign, _edited, _read_only, _forged_seal])
+@pytest.mark.parametrize("name", [_build_foreign_path, _edit_file, _read_only, _forged_seal])
 def test_force_overwrites_and_has_no_abbreviation(name: Callable[[Path], Path], table: Path) -> None:
     out = name(table)
     before = _bytes(out)

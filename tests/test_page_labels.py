@@ -20,14 +20,14 @@ from machopt.report.svg.placement_map import PlaceMark
 from machopt.verification.check_results import VerificationCheck
 
 
-def dip(time: float, lowest: float = 0.01) -> FeedDipRow:
+def build_dip(time: float, lowest: float = 0.01) -> FeedDipRow:
     return FeedDipRow(
         point=1.0, s=0.1, time=time, duration=0.2, feed_programmed=0.05, feed_lowest=lowest, cause="axis 5 jerk"
     )
 
 
 def test_dips_are_marked_up_to_the_end_and_the_deepest_neighbour_remains() -> None:
-    dips = [dip(t) for t in np.arange(0.5, 99.0, 0.2)] + [dip(50.01, 0.0), dip(float("nan"))]
+    dips = [build_dip(t) for t in np.arange(0.5, 99.0, 0.2)] + [build_dip(50.01, 0.0), build_dip(float("nan"))]
     marked = select_deepest_dips(dips, np.linspace(0.0, 100.0, 1001), 200)
     times = [d.time for d in marked]
     assert len(marked) <= 200

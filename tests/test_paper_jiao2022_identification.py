@@ -139,7 +139,7 @@ def test_equation_38_predicts_the_error_before_compensation() -> None:
     assert np.linalg.norm(at_tip) > 3 * BEFORE
 
 
-def compensated(seed: int, grids: dict[int, float]) -> dict[int, tuple[float, float]]:
+def compute_compensated_errors(seed: int, grids: dict[int, float]) -> dict[int, tuple[float, float]]:
     """Mean error of eq. 42 in m before (0 cells) and after compensation: as measured, and without the measurement's
     own error.
 
@@ -187,7 +187,7 @@ SEEDS = range(4)
 
 def test_finer_grids_compensate_better() -> None:
     """Up to 16 cells, in a second; a single truth can favour one cell over two by a few micrometres."""
-    errors = [compensated(seed, {n: e for n, e in GRIDS.items() if n <= 16}) for seed in SEEDS]
+    errors = [compute_compensated_errors(seed, {n: e for n, e in GRIDS.items() if n <= 16}) for seed in SEEDS]
     for error in errors:
         assert error[0][1] == pytest.approx(BEFORE, rel=0.45)  # the truth varies by half, the weight is the paper's
         assert error[16][0] < error[1][0] < error[0][0]
@@ -205,7 +205,7 @@ def test_error_decreases_from_one_to_128_cells_as_in_the_paper() -> None:
     0.0570 is about what a tracker and a robot's return to its pose leave, so its finest grid may be at that floor too.
     """
     cells = (1, *GRIDS)
-    errors = [compensated(seed, GRIDS) for seed in SEEDS]
+    errors = [compute_compensated_errors(seed, GRIDS) for seed in SEEDS]
     measured = np.mean([[e[n][0] for n in cells] for e in errors], axis=0)
     exact = np.mean([[e[n][1] for n in cells] for e in errors], axis=0)
     assert (np.diff(measured) < 0).all()

@@ -45,7 +45,7 @@ def arm() -> tuple[Robot, np.ndarray, np.ndarray]:
     return load_robot(cell), cell.tool.T_flange_tcp, cell.stiffness.joints
 
 
-def turned(robot: Robot, tool: np.ndarray, q: list[float], at: float, theta: np.ndarray) -> np.ndarray:
+def rotate_tcp(robot: Robot, tool: np.ndarray, q: list[float], at: float, theta: np.ndarray) -> np.ndarray:
     """Joints for the TCP of ``q`` turned from ``at`` to ``theta`` (degrees) about its z, in steps of at most 1°."""
     T0, out = robot.compute_fk(np.radians(q), tool), np.empty((len(theta), 6))
     for side in (np.flatnonzero(theta >= at), np.flatnonzero(theta < at)[::-1]):  # outwards, each from the one before
@@ -79,7 +79,7 @@ def indices(
 @pytest.mark.parametrize("tag", TAGS)
 def test_axial_index_is_best_at_the_initial_rotation(arm: tuple[Robot, np.ndarray, np.ndarray], tag: int) -> None:
     """Figs. 19–22: k_x is best at 0° and falls away on both sides."""
-    k_x, _ = indices(arm, turned(*arm[:2], *TAGS[tag], THETA), THETA)
+    k_x, _ = indices(arm, rotate_tcp(*arm[:2], *TAGS[tag], THETA), THETA)
     best = int(k_x.argmax())
     assert abs(THETA[best]) <= 5.0  # between the paper's 10° steps, 0° is the best of them
     assert (np.diff(k_x[: best + 1]) > 0).all()
@@ -93,7 +93,7 @@ def test_normal_index_has_a_trough_between_two_peaks(arm: tuple[Robot, np.ndarra
 
     With the one set of eq. 38 ours lie at −20° and +30° (tag 1) and mirrored (tag 2): the same shape, one side wider.
     """
-    _, k_nu = indices(arm, turned(*arm[:2], *TAGS[tag], THETA), THETA)
+    _, k_nu = indices(arm, rotate_tcp(*arm[:2], *TAGS[tag], THETA), THETA)
     inner = k_nu[1:-1]
     peaks = THETA[1:-1][(inner > k_nu[:-2]) & (inner > k_nu[2:])]
     troughs = THETA[1:-1][(inner < k_nu[:-2]) & (inner < k_nu[2:])]
@@ -107,7 +107,7 @@ def test_normal_index_has_a_trough_between_two_peaks(arm: tuple[Robot, np.ndarra
 
 def test_tags_mirror_each_other(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
     """Figs. 23–24: curves at places symmetric about the base's x axis mirror each other (here to 46 mm of y)."""
-    one, two = (indices(arm, turned(*arm[:2], *TAGS[t], THETA), THETA) for t in (1, 2))
+    one, two = (indices(arm, rotate_tcp(*arm[:2], *TAGS[t], THETA), THETA) for t in (1, 2))
     for a, b in zip(one, two, strict=True):
         np.testing.assert_allclose(a, b[::-1], rtol=0.03)
 
@@ -133,7 +133,7 @@ def test_smoothing_along_our_pass_costs_more_than_stated(arm: tuple[Robot, np.nd
     start, end = (robot.compute_fk(np.radians(TAGS[t][0]), tool)[:3, 3] for t in (1, 2))
     best = {}
     for tag, (q, at) in TAGS.items():
-        _, k_nu = indices(arm, turned(robot, tool, q, at, THETA), THETA)
+        _, k_nu = indices(arm, rotate_tcp(robot, tool, q, at, THETA), THETA)
         best[tag] = THETA[int(k_nu.argmax())]
     assert best[1] == -best[2]
     losses = []
@@ -143,9 +143,11 @@ def test_smoothing_along_our_pass_costs_more_than_stated(arm: tuple[Robot, np.nd
         T[:3, 3] = (1 - share) * start + share * end
         seed, error = refine_by_newton(robot, T, np.radians(q), tool, 20)
         assert error < 1e-9
-        _, curve = indices(arm, turned(robot, tool, list(np.degrees(seed)), at, THETA), THETA)
+        _, curve = indices(arm, rotate_tcp(robot, tool, list(np.degrees(seed)), at, THETA), THETA)
         smooth = (1 - share) * best[1] + share * best[2]
-        _, there = indices(arm, turned(robot, tool, list(np.degrees(seed)), at, np.array([smooth])), np.array([smooth]))
+        _, there = indices(
+            arm, rotate_tcp(robot, tool, list(np.degrees(seed)), at, np.array([smooth])), np.array([smooth])
+        )
         losses.append(1.0 - there[0] / curve.max())
     assert max(losses) == pytest.approx(0.045, abs=0.01)
     assert int(np.argmax(losses)) == 4  # in the middle, as Tag 8 in the paper

@@ -368,7 +368,7 @@ def test_tian_dz_follows_the_mass(tian: Arm) -> None:
     assert abs(np.corrcoef(tian.force[:, 2], dz)[0, 1]) < 0.02
 
 
-def hung(tian: Arm) -> tuple[Array, Array]:
+def compute_hung_weights(tian: Arm) -> tuple[Array, Array]:
     """What was done, instead of what is printed: a weight straight down, and z counted downwards."""
     weight = np.column_stack([np.zeros(30), np.zeros(30), -9.81 * HUNG_KG])
     return weight, tian.d * [1, 1, -1]
@@ -380,7 +380,7 @@ def test_tian_joint_springs_fit_the_weight_not_the_printed_force(tian: Arm) -> N
     assert inside == pytest.approx(0.269, abs=0.002)
     assert held_out == pytest.approx(0.275, abs=0.002)
     assert rms(tian.d) == pytest.approx(0.377, abs=0.001)
-    weight, d = hung(tian)
+    weight, d = compute_hung_weights(tian)
     for T, expected in ((FLANGE, (0.058, 0.063)), (tian.T_flange_tcp, (0.053, 0.064))):
         np.testing.assert_allclose(tian.fit(tian.columns(weight, T), d), expected, atol=0.002)
     # the stiffness that goes with it is of the order that harmonic drives of such an arm have; joint 1 is not loaded
@@ -393,7 +393,7 @@ def test_tian_published_stiffness_is_26_times_too_high(tian: Arm) -> None:
 
     dz measured over dz predicted at the flange is one factor over poses whose compliance differs by 40 %.
     """
-    weight, d = hung(tian)
+    weight, d = compute_hung_weights(tian)
     predicted = 1e3 * compute_deflection(tian.robot.compute_fk_jacobian(tian.q, FLANGE)[1], K_TIAN, weight)
     factor = [float(np.median((d / predicted)[tian.pose == p, 2])) for p in range(1, 6)]
     np.testing.assert_allclose(factor, [25.6, 24.7, 26.9, 27.0, 24.6], atol=0.1)

@@ -80,7 +80,7 @@ def test_runs_and_omitted_cuts(
     assert np.flatnonzero(find_uncut_points(path, found)).tolist() == left
 
 
-def marked(
+def mark_unreachable(
     path: PlanningPath, unreachable: tuple[int, ...], given_up: Any = None, breaks: tuple[SequenceBreak, ...] = ()
 ) -> Any:
     plan: Any = Planned(path, Chosen(Assignment(reasons(*unreachable))), breaks)
@@ -91,7 +91,7 @@ def marked(
 
 
 def test_every_omitted_cut_states_a_reason(path: PlanningPath) -> None:
-    plan = marked(path, (6,))
+    plan = mark_unreachable(path, (6,))
     assert plan.chosen.assignment.reason[[5, 6, 7, 8]].tolist() == [
         InfeasibilityReason.OK,
         InfeasibilityReason.LIMIT,
@@ -101,15 +101,15 @@ def test_every_omitted_cut_states_a_reason(path: PlanningPath) -> None:
     assert np.flatnonzero(np.isnan(plan.chosen.cost)).tolist() == [7]
     assert plan.notes[7].startswith("the cut to it is left out: point 6 cannot be reached")
 
-    plan = marked(path, (), breaks=(jump_between(1, 2),))
+    plan = mark_unreachable(path, (), breaks=(jump_between(1, 2),))
     assert plan.notes == {2: "the cut to it is left out: joint 4 jumps; the tool is lifted there"}
 
-    plan = marked(path, (), {(4, 8): "no way to it is free"})
+    plan = mark_unreachable(path, (), {(4, 8): "no way to it is free"})
     assert plan.notes == dict.fromkeys((5, 6, 7, 8), "no way to it is free")
 
 
 def test_complete_path_has_no_marks(path: PlanningPath) -> None:
-    plan = marked(path, ())
+    plan = mark_unreachable(path, ())
     assert plan.notes == {}
     assert np.isfinite(plan.chosen.cost).all()
 

@@ -51,7 +51,7 @@ def path_of(*points: tuple[str, Triple, Triple]) -> PlanPath:
     return build_planning_path(toolpath([(xyz, axis, MoveKind[move.upper()]) for move, xyz, axis in points]))
 
 
-def tilted(degrees: float) -> Triple:
+def build_tilted_axis(degrees: float) -> Triple:
     return (0.0, float(np.sin(np.radians(degrees))), float(np.cos(np.radians(degrees))))
 
 
@@ -59,7 +59,7 @@ def test_flat_cutter_on_a_flat_face_does_not_gouge_and_a_tilted_one_does(tmp_pat
     cell = cell_of(tmp_path, (plate(),))
     flat = path_of(("rapid", (0, 0, 0.05), UP), ("cut", (0, 0, 0), UP), ("cut", (0.05, 0, 0), UP))
     assert not find_gouges(flat, cell, LIMIT).deep.any()
-    axis = tilted(3.0)
+    axis = build_tilted_axis(3.0)
     tilt = path_of(("rapid", (0, 0, 0.05), axis), ("cut", (0, 0, 0), axis), ("cut", (0.05, 0, 0), axis))
     found = find_gouges(tilt, cell, LIMIT)
     at = np.flatnonzero(tilt.index == 2.0)[0]
@@ -118,7 +118,7 @@ def test_whole_cutter_length_is_checked_and_rapid_moves_are_not(tmp_path: Path) 
         name="wall", kind="box", size=(0.2, 0.02, 0.1), mesh=None, T_parent_shape=pose(0.05, 0.016 + 1e-6, 0.05)
     )  # the side just touches
     cell = cell_of(tmp_path, (plate(), wall))
-    lean = tilted(2.0)
+    lean = build_tilted_axis(2.0)
 
     def along(axis: Triple, last: str) -> PlanPath:
         return path_of(("rapid", (0, 0, 0), axis), ("cut", (0.02, 0, 0), axis), (last, (0.04, 0, 0), axis))
@@ -144,7 +144,7 @@ def test_unsuitable_part_is_refused(tmp_path: Path) -> None:
 def test_plan_omits_gouging_points_and_reports_them(tmp_path: Path) -> None:
     """Of two cuts at one height the second leans over: its points are lost to every posture, the first's are not."""
     cell = replace(cell_of(tmp_path, (plate(),)), stiffness=ArmStiffness(joints=np.full(6, 1e6)))
-    lean = tilted(4.0)
+    lean = build_tilted_axis(4.0)
     rows = []
     for x, axis in ((0.0, UP), (0.03, lean)):
         rows += [((x, 0.0, 0.05), axis, MoveKind.RAPID), ((x, 0.0, 0.0), axis, MoveKind.CUT)]

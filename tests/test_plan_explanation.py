@@ -38,16 +38,16 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return p
 
 
-def answered(plan: Plan, **changes: np.ndarray) -> Plan:
+def replace_answer(plan: Plan, **changes: np.ndarray) -> Plan:
     """The plan with another answer."""
     assignment = replace(plan.chosen.assignment, **changes)
     return replace(plan, chosen=replace(plan.chosen, assignment=assignment))
 
 
-def lost(plan: Plan, row: int, why: InfeasibilityReason) -> Plan:
+def lose_row(plan: Plan, row: int, why: InfeasibilityReason) -> Plan:
     reason = plan.chosen.assignment.reason.copy()
     reason[row] = why
-    return answered(plan, reason=reason)
+    return replace_answer(plan, reason=reason)
 
 
 def test_change_of_configuration_between_runs_is_reported(made: Plan) -> None:
@@ -57,10 +57,10 @@ def test_change_of_configuration_between_runs_is_reported(made: Plan) -> None:
     was = int(branch[first])
     branch[first : last + 1] = was + 1
     at = f"before point {made.path.index[first]:g}"
-    assert any(f"branch {was} → {was + 1} {at}" in h for h in list_hints(answered(made, branch=branch)))
+    assert any(f"branch {was} → {was + 1} {at}" in h for h in list_hints(replace_answer(made, branch=branch)))
     q[first : last + 1, 5] += 2 * np.pi
     turned = 360.0 + np.degrees(made.chosen.assignment.q[first, 5] - made.chosen.assignment.q[made.path.runs[0][1], 5])
-    assert any(f"joint 6 unwinds {turned:.0f}° {at}" in h for h in list_hints(answered(made, q=q)))
+    assert any(f"joint 6 unwinds {turned:.0f}° {at}" in h for h in list_hints(replace_answer(made, q=q)))
 
 
 def test_force_beyond_linear_elasticity_is_reported(made: Plan) -> None:
@@ -75,11 +75,11 @@ def test_force_beyond_linear_elasticity_is_reported(made: Plan) -> None:
 
 def test_advice_follows_the_reason(made: Plan) -> None:
     row = made.path.runs[0][1]
-    assert "what helps at the gap" in describe_remedy(lost(made, row, InfeasibilityReason.GAP), row)
+    assert "what helps at the gap" in describe_remedy(lose_row(made, row, InfeasibilityReason.GAP), row)
     assert "another path in the CAM file would help" in describe_remedy(
-        lost(made, row, InfeasibilityReason.GOUGING), row
+        lose_row(made, row, InfeasibilityReason.GOUGING), row
     )
-    assert "compensation_max_mm" in describe_remedy(lost(made, row, InfeasibilityReason.SHIFT), row)
+    assert "compensation_max_mm" in describe_remedy(lose_row(made, row, InfeasibilityReason.SHIFT), row)
 
 
 def test_near_point_is_not_advised_to_move_by_zero(made: Plan) -> None:
@@ -89,17 +89,20 @@ def test_near_point_is_not_advised_to_move_by_zero(made: Plan) -> None:
     reason, shortfall = c.reason.copy(), c.shortfall.copy()
     reason[0] = InfeasibilityReason.UNREACHABLE
     out_of_reach = replace(made, candidates=replace(c, reason=reason, dropped=None))
-    beyond = lost(out_of_reach, row, InfeasibilityReason.UNREACHABLE)
-    told = [explain_points(p)[row] for p in (beyond, _short(beyond, shortfall, 0.0), _short(beyond, shortfall, 0.05))]
+    beyond = lose_row(out_of_reach, row, InfeasibilityReason.UNREACHABLE)
+    told = [
+        explain_points(p)[row]
+        for p in (beyond, _set_shortfall(beyond, shortfall, 0.0), _set_shortfall(beyond, shortfall, 0.05))
+    ]
     assert told[0] == told[1]
     assert "not too far away" in told[0]
     assert "(0, 0, 0)" not in describe_remedy(beyond, row)
     assert "machopt place" in describe_remedy(beyond, row)
     assert "50 mm outside the workspace" in told[2]
-    assert "moving the part by about (" in describe_remedy(_short(beyond, shortfall, 0.05), row)
+    assert "moving the part by about (" in describe_remedy(_set_shortfall(beyond, shortfall, 0.05), row)
 
 
-def _short(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
+def _set_shortfall(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
     """The plan with its first station out of reach by so many m."""
     lacks = shortfall.copy()
     lacks[0] = by
@@ -111,7 +114,7 @@ def test_feasible_but_unconnected_rotations_are_counted(made: Plan) -> None:
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
     working = int((made.candidates.reason_of_rotation()[s] == InfeasibilityReason.OK).sum())
     assert working > 0
-    said = explain_points(lost(made, row, InfeasibilityReason.NO_PATH))[row]
+    said = explain_points(lose_row(made, row, InfeasibilityReason.NO_PATH))[row]
     assert said.startswith(f"{working} of {len(made.candidates.phi)} rotations work here, but none can be reached")
 
 
@@ -120,7 +123,7 @@ def test_bodies_in_contact_at_a_point_are_named(made: Plan) -> None:
     assert made.setup.collision is not None
     row, pair = made.path.runs[0][1], made.check.pair.copy()
     pair[row] = 0
-    touching = lost(replace(made, check=replace(made.check, pair=pair)), row, InfeasibilityReason.COLLIDING)
+    touching = lose_row(replace(made, check=replace(made.check, pair=pair)), row, InfeasibilityReason.COLLIDING)
     own = made.setup.collision.pairs[0]
     assert own.kinds == ("link", "link")
     said = explain_points(touching)[row]
@@ -132,12 +135,12 @@ def test_place_between_two_points_is_a_separate_break(made: Plan) -> None:
     between = np.flatnonzero(~made.path.is_point)
     assert len(between)
     row = int(between[0])
-    (one,) = list_breaks(lost(made, row, InfeasibilityReason.LIMIT))
+    (one,) = list_breaks(lose_row(made, row, InfeasibilityReason.LIMIT))
     assert one.code == "no_pose"
     assert (one.before, one.after) == (np.floor(made.path.index[row]), np.ceil(made.path.index[row]))
     assert one.text.startswith(f"at {made.path.index[row]:.2f} between them: ")
     point = int(np.searchsorted(made.path.index, one.after))
-    both = lost(lost(made, row, InfeasibilityReason.LIMIT), point, InfeasibilityReason.LIMIT)
+    both = lose_row(lose_row(made, row, InfeasibilityReason.LIMIT), point, InfeasibilityReason.LIMIT)
     assert list_breaks(both) == ()  # the point itself tells
 
 
@@ -180,14 +183,16 @@ def test_reach_lost_by_a_shift_is_reported_with_its_size(made: Plan) -> None:
         (InfeasibilityReason.COLLIDING, "clearance_mm"),
         (InfeasibilityReason.LIMIT, "a larger limit_margin_deg"),
     ):
-        help_there = describe_remedy(replace(lost(made, row, reason), compensation=cast(PathCompensation, lacks)), row)
+        help_there = describe_remedy(
+            replace(lose_row(made, row, reason), compensation=cast(PathCompensation, lacks)), row
+        )
         assert key in help_there
         assert "no compensation would help; --allow-gaps" in help_there
 
 
 def test_single_rotation_method_reports_other_feasible_rotations(made: Plan) -> None:
     row = made.path.runs[0][1]
-    stopped = lost(made, row, InfeasibilityReason.LIMIT)
+    stopped = lose_row(made, row, InfeasibilityReason.LIMIT)
     for method, words in (("default", "the CAM file's own rotation"), ("jiao2022", "the rotation that jiao2022 takes")):
         one = replace(stopped, options=replace(made.options, method=method))  # type: ignore[arg-type]
         said = explain_points(one)[row]
@@ -198,7 +203,7 @@ def test_single_rotation_method_reports_other_feasible_rotations(made: Plan) -> 
 def test_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
     """Not where the nearest configuration misses a joint's limit by more than rotations a step apart can differ."""
     row = made.path.runs[0][1]
-    stopped = lost(made, row, InfeasibilityReason.LIMIT)
+    stopped = lose_row(made, row, InfeasibilityReason.LIMIT)
     s = int(np.searchsorted(made.path.stations, row))
     reason = made.candidates.reason.copy()
     reason[s] = np.where(
@@ -221,7 +226,7 @@ def test_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
 
 def test_active_options_are_not_advised(made: Plan) -> None:
     row = made.path.runs[0][1]
-    stopped = lost(made, row, InfeasibilityReason.LIMIT)
+    stopped = lose_row(made, row, InfeasibilityReason.LIMIT)
     assert "--allow-gaps" in describe_remedy(stopped, row)
     assert "--allow-gaps" not in describe_remedy(replace(stopped, options=replace(made.options, allow_gaps=True)), row)
 
@@ -229,9 +234,9 @@ def test_active_options_are_not_advised(made: Plan) -> None:
 def test_point_without_a_path_has_the_reason_of_the_furthest_attempt(made: Plan) -> None:
     row = made.path.runs[0][1]
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
-    no_path, reason = lost(made, row, InfeasibilityReason.NO_PATH), made.candidates.reason.copy()
+    no_path, reason = lose_row(made, row, InfeasibilityReason.NO_PATH), made.candidates.reason.copy()
     assert find_reason(no_path, row) is InfeasibilityReason.NO_PATH  # some rotation works
-    assert find_reason(lost(made, row, InfeasibilityReason.LIMIT), row) is InfeasibilityReason.LIMIT
+    assert find_reason(lose_row(made, row, InfeasibilityReason.LIMIT), row) is InfeasibilityReason.LIMIT
     feasible = made.candidates.feasible.copy()
     feasible[s] = False
     for given, told in (
@@ -282,7 +287,7 @@ def test_worst_point_is_a_driven_point(made: Plan) -> None:
     path = toolpath(ROWS)
     worst = build_worst_point_entry(made, build_point_table(made, path))
     assert worst is not None
-    stopped = lost(made, int(np.flatnonzero(made.path.is_point)[worst.point]), InfeasibilityReason.COLLIDING)
+    stopped = lose_row(made, int(np.flatnonzero(made.path.is_point)[worst.point]), InfeasibilityReason.COLLIDING)
     other = build_worst_point_entry(stopped, build_point_table(stopped, path))
     assert other is not None
     assert other.point != worst.point
@@ -292,7 +297,7 @@ def test_rotations_unchecked_for_contacts_are_not_promised(made: Plan) -> None:
     """jiao2022 said that 72 of 72 rotations work at a point where global found that all of them collide."""
     assert made.setup.collision is not None
     row = made.path.runs[0][1]
-    one = replace(lost(made, row, InfeasibilityReason.COLLIDING), options=replace(made.options, method="jiao2022"))
+    one = replace(lose_row(made, row, InfeasibilityReason.COLLIDING), options=replace(made.options, method="jiao2022"))
     assert explain_points(one)[row].startswith("the rotation that jiao2022 takes does not work here (it collides); ")
     assert explain_points(one)[row].endswith("rotations do, collisions not checked")
     assert "which chooses among them, may help" in describe_remedy(one, row)

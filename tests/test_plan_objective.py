@@ -41,7 +41,7 @@ OPTIONS = PlanOptions(
 SAME = 1e-12  # of J: rounding of a few hundred sums
 
 
-def finished(
+def build_finished_objective(
     path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice
 ) -> PlanObjective:
     """J of the grid's sequence as a finished plan, every planning point a station."""
@@ -79,7 +79,7 @@ def test_search_smoothing_and_finished_plan_agree_on_random_sequences(rapid: tup
         choice = choose_sequence(path, candidates, scores, VELOCITY, OPTIONS)
         if choice.broken or choice.dropped.any():
             continue
-        whole = finished(path, candidates, scores, choice)
+        whole = build_finished_objective(path, candidates, scores, choice)
         assert choice.total == pytest.approx(whole.total, rel=SAME)
         assert by_stretches(path, candidates, scores, choice) == pytest.approx(whole.total, rel=SAME)
         found += 1
@@ -94,7 +94,7 @@ def test_fixed_rotations_off_the_grid_rotate_exactly() -> None:
     scores = replace(scores, cost=np.where(np.isfinite(scores.cost), scores.cost, 1.0))
     choice = choose_sequence(path, free, scores, VELOCITY, OPTIONS)
     assert not choice.broken
-    assert choice.total == pytest.approx(finished(path, free, scores, choice).total, rel=SAME)
+    assert choice.total == pytest.approx(build_finished_objective(path, free, scores, choice).total, rel=SAME)
 
 
 def stretch(crowds: bool) -> tuple[PlanningPath, SmoothingStretch, StretchEnds]:
@@ -219,6 +219,6 @@ def test_clearance_counts_from_contact_to_the_stated_distance() -> None:
     path, candidates, scores = random_problem(1, (0,))
     choice = choose_sequence(path, candidates, scores, VELOCITY, OPTIONS)
     near = replace(scores, crowded=np.full(scores.cost.shape, 0.25))
-    without, with_ = (finished(path, candidates, s, choice) for s in (scores, near))
+    without, with_ = (build_finished_objective(path, candidates, s, choice) for s in (scores, near))
     assert (without.clearance, with_.clearance) == (0.0, pytest.approx(0.25))
     assert with_.total == pytest.approx(without.total + 0.6 * 0.25)

@@ -31,7 +31,7 @@ def test_no_layer_gives_the_default_options() -> None:
     assert load_options() == PlanOptions()
 
 
-def flat(options: PlanOptions) -> dict[str, object]:
+def flatten_options(options: PlanOptions) -> dict[str, object]:
     """``force.travel: 10`` for every number and word, nested ones included."""
     out: dict[str, object] = {}
 
@@ -122,7 +122,7 @@ def test_every_option_converts_to_user_form_and_back() -> None:
     assert set(user) == set(OptionKeys.model_fields) - {"machopt_plan"}
     back = load_options(user)
     # user numbers are rounded to 12 significant digits
-    found, expected = flat(back), flat(other)
+    found, expected = flatten_options(back), flatten_options(other)
     words = {name for name, value in expected.items() if value is None or isinstance(value, str)}
     assert {n: found.pop(n) for n in words} == {n: expected.pop(n) for n in words}
     assert found == pytest.approx(expected, rel=1e-11)

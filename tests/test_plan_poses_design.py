@@ -240,7 +240,9 @@ def test_half_the_readings_reach_the_published_accuracy(name: str, loads: int, n
     assert ours < np.median(draws)
 
 
-def identified(bench: Bench, arm: TrueArm, rows: np.ndarray, rng: np.random.Generator, repeats: int) -> np.ndarray:
+def compute_identification_errors(
+    bench: Bench, arm: TrueArm, rows: np.ndarray, rng: np.random.Generator, repeats: int
+) -> np.ndarray:
     """Relative errors (repeats, 6) of the stiffness fitted to simulated readings, weighted least squares."""
     q, w = bench.pool.q[bench.cases.pose[rows]], bench.cases.wrench[rows]
     true = arm.displacement(q, w)[:, :3]  # chain at rest under the load: nothing linear in it
@@ -267,8 +269,10 @@ def test_half_the_readings_identify_a_simulated_arm_equally_well(bench: Bench) -
     ours = find_d_optimal_design(bench.problem, n // 2, 1, rng=rng).readings
     chooser = build_dumas2011_heuristic(bench.pool, bench.cases, bench.screen, bench.limits)
     designs = [draw_heuristic_design(chooser, bench.problem, bench.cases, n, 1, rng) for _ in range(30)]
-    papers = [identified(bench, arm, np.array([b[0] for b in d]), rng, repeats // 10) for d in designs]
-    found = identified(bench, arm, ours, rng, repeats)
+    papers = [
+        compute_identification_errors(bench, arm, np.array([b[0] for b in d]), rng, repeats // 10) for d in designs
+    ]
+    found = compute_identification_errors(bench, arm, ours, rng, repeats)
     rms_ours = np.sqrt(np.mean(found**2))
     rms_papers = np.median([np.sqrt(np.mean(e**2)) for e in papers])
     assert rms_ours < rms_papers

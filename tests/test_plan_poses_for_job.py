@@ -138,13 +138,13 @@ def test_unobservable_effects_of_job_joints_are_reported(bench: Bench) -> None:
     assert "joint 1, 2, 3, 4, 5, 6" in one
 
 
-def planned(out: Path, **more: Any) -> PlanPosesResult:
+def plan_poses(out: Path, **more: Any) -> PlanPosesResult:
     usual: dict[str, Any] = {"candidates": 200, "starts": 1, "poses": 6, "target_percent": None, "no_collision": True}
     return run_plan_poses(PosesRequest(cell=CELL, out=out, pull_N=(500.0, 1000.0), **(usual | more)))
 
 
 def test_force_range_gives_two_rows_per_cycle(tmp_path: Path) -> None:
-    done = planned(tmp_path / "out", force_N=(250.0, 800.0))
+    done = plan_poses(tmp_path / "out", force_N=(250.0, 800.0))
     told = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert told["job"]["steps"] == [0.25, 1.0]
     assert told["readings"] == 6 * 2 * 2 * 2
@@ -161,7 +161,7 @@ def test_force_range_gives_two_rows_per_cycle(tmp_path: Path) -> None:
 def test_both_sizes_count_as_readings_and_only_full_loads_are_compared(
     tmp_path: Path, force: tuple[float, float] | None, sizes: int
 ) -> None:
-    done = planned(tmp_path / "out", force_N=force, target_percent=10.0)
+    done = plan_poses(tmp_path / "out", force_N=force, target_percent=10.0)
     told = json.loads((tmp_path / "out" / "plan.json").read_text())
     page = done.report.read_text()
     rows = list(csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines()))
@@ -185,7 +185,7 @@ def test_both_sizes_count_as_readings_and_only_full_loads_are_compared(
 @pytest.mark.slow
 def test_toolpath_gives_the_torque_reversals_of_the_job(tmp_path: Path) -> None:
     quick = ("collision=false", "rotation_step_deg=30")
-    planned(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=quick)
+    plan_poses(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=quick)
     told = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert told["job"]["force_N"] == pytest.approx([250.0, 250.0])  # of the cell's plan
     joints = told["job"]["joints"]
@@ -195,16 +195,16 @@ def test_toolpath_gives_the_torque_reversals_of_the_job(tmp_path: Path) -> None:
 
 
 def test_single_size_of_a_load_is_reported(tmp_path: Path) -> None:
-    done = planned(tmp_path / "out")
+    done = plan_poses(tmp_path / "out")
     assert any("--force-N" in w for w in done.result.warnings)
-    assert not any("at one size" in w for w in planned(tmp_path / "two", force_N=(200.0,)).result.warnings)
+    assert not any("at one size" in w for w in plan_poses(tmp_path / "two", force_N=(200.0,)).result.warnings)
 
 
 def test_invalid_request_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="least and the largest process force"):
-        planned(tmp_path / "out", force_N=(-1.0, 5.0))
+        plan_poses(tmp_path / "out", force_N=(-1.0, 5.0))
     free = ("force_N={travel: 0, normal: 0, axial: 0}",)
     with pytest.raises(InputError, match="no process force"):
-        planned(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=free)
+        plan_poses(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=free)
     with pytest.raises(InputError, match="which loads are needed"):
-        planned(tmp_path / "out", force_N=(200.0,), discriminate=tmp_path)
+        plan_poses(tmp_path / "out", force_N=(200.0,), discriminate=tmp_path)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from external_axis_cells import external_cell
 from small_cell import small_cell
-from test_external_axes import VALUES, apart, ring, slots
+from test_external_axes import VALUES, ring, separate_operations, slots
 from test_external_axes import K as SPRINGS
 from test_planning_path import toolpath
 
@@ -52,7 +52,7 @@ def test_step_is_repeated_only_where_an_input_differs() -> None:
     assert len(made) == 6
 
 
-def drilled(path: Toolpath) -> Toolpath:
+def build_drilled_path(path: Toolpath) -> Toolpath:
     return replace(path, operations=(ToolpathOperation("holes", "point"),))
 
 
@@ -60,7 +60,11 @@ def drilled(path: Toolpath) -> Toolpath:
 @pytest.mark.parametrize("rail", [False, True])
 def test_plan_from_cached_results_equals_a_new_one(tmp_path: Path, *, rail: bool) -> None:
     """A pin in one of six holes, or of four slots: with a rail, places of the other slots are not judged again."""
-    path = apart(toolpath(slots(-0.3, -0.1, 0.1, 0.3), feed=0.05)) if rail else drilled(ring(holes=6))
+    path = (
+        separate_operations(toolpath(slots(-0.3, -0.1, 0.1, 0.3), feed=0.05))
+        if rail
+        else build_drilled_path(ring(holes=6))
+    )
     options = replace(VALUES, collision=not rail, external=VALUES.external if rail else ())
     pinned = replace(options, fixed=(FixedRotation(8, 0.7),))
     cell = replace(external_cell(tmp_path, rail=True) if rail else small_cell(tmp_path), stiffness=SPRINGS)

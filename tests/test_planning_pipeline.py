@@ -52,7 +52,7 @@ CASES = {
 
 
 @cache
-def planned(case: str) -> Plan:
+def plan_case(case: str) -> Plan:
     cell, tp, options = CASES[case]
     return plan_path(load_cell(ROOT / "cells" / cell), read_toolpath(ROOT / "toolpaths" / tp), options)
 
@@ -72,7 +72,7 @@ def pass_over_block(n: int = 9, z: float = 0.01) -> Rows:
 
 @pytest.mark.parametrize("case", CASES)
 def test_chosen_plan_is_never_worse_than_jiao2022_or_the_cam_default(case: str) -> None:
-    p = planned(case)
+    p = plan_case(case)
     total = p.chosen.objective.total
     assert np.isfinite(total)
     assert len(p.missing) == 0
@@ -86,7 +86,7 @@ def test_chosen_plan_is_never_worse_than_jiao2022_or_the_cam_default(case: str) 
 @pytest.mark.parametrize("case", CASES)
 def test_objective_equals_its_definition(case: str) -> None:
     """Recomputed from the joints alone: mean and worst index, travel and rotation by run, time lost to slow axes."""
-    p = planned(case)
+    p = plan_case(case)
     a, w, path, d = p.chosen.assignment, p.options.weights, p.path, p.directions
     counted = path.counted
     T, J = p.setup.robot.compute_fk_jacobian(a.q, p.setup.arm.T_flange_tcp)
@@ -145,7 +145,7 @@ def test_objective_equals_its_definition(case: str) -> None:
 
 @pytest.mark.parametrize("case", CASES)
 def test_configurations_are_exact_within_limits_and_away_from_singularities(case: str) -> None:
-    p = planned(case)
+    p = plan_case(case)
     a, arm = p.chosen.assignment, p.setup.arm
     every = np.arange(len(p.path.index), dtype=np.int32)
     wanted = arm.machine.T_base_workpiece_zero @ compute_tcp_poses(p.path, every, a.phi)
@@ -166,7 +166,7 @@ def test_index_follows_the_force_and_the_option() -> None:
     assert resolve_index(PlanOptions()) == "stiffness"
     assert resolve_index(PlanOptions(force=FORCE)) == "deflection"
     assert resolve_index(PlanOptions(force=FORCE, index="jiao2022")) == "jiao2022"
-    assert planned("kr500 force").scores.index == "deflection"
+    assert plan_case("kr500 force").scores.index == "deflection"
 
 
 # --- the same again ----------------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ def test_index_follows_the_force_and_the_option() -> None:
 
 @pytest.mark.parametrize("case", ["kr500 plain", "irb6700 checked", "cobot"])
 def test_two_runs_give_the_same_numbers(case: str) -> None:
-    first = planned(case)
+    first = plan_case(case)
     cell, tp, options = CASES[case]
     second = plan_path(
         load_cell(ROOT / "cells" / cell), read_toolpath(ROOT / "toolpaths" / tp), options, StageTimings()
@@ -260,7 +260,7 @@ def test_tool_parallel_to_axis_6_is_reported(tmp_path: FilePath) -> None:
     turned = np.ptp(p.candidates.q[3, :, 0, :5], axis=0)
     assert turned.max() < 1e-9  # and indeed the other joints do not move
     for case in ("kr500 plain", "irb6700 holes"):
-        assert not any("from axis 6" in h for h in list_hints(planned(case)))
+        assert not any("from axis 6" in h for h in list_hints(plan_case(case)))
 
 
 def test_points_outside_the_stiffness_grid_are_reported(tmp_path: FilePath) -> None:

@@ -23,7 +23,7 @@ def on_cylinder(angle: float, y: float, radius: float = 900.0) -> tuple[float, .
     return (radius * n[0], y, radius * n[2] - radius, *n)
 
 
-def flat(points: list[tuple[float, float]], z: float = 0.0) -> Rows:
+def build_flat_rows(points: list[tuple[float, float]], z: float = 0.0) -> Rows:
     return [(x, y, z, 0.0, 0.0, 1.0) for x, y in points]
 
 
@@ -35,40 +35,48 @@ def circle(radius: float, count: int, turn: float = 1.0) -> list[tuple[float, fl
 
 
 HOLES: dict[str, Rows] = {
-    "a row": flat([(40.0 * k, 0.0) for k in range(8)]),
-    "a grid": flat([(25.0 * i, 25.0 * j) for j in range(5) for i in range(6)]),
-    "a snake grid": flat([(25.0 * (i if j % 2 == 0 else 5 - i), 25.0 * j) for j in range(5) for i in range(6)]),
-    "a bolt circle": flat(circle(60.0, 12)),
-    "many on a circle": flat(circle(200.0, 90)),
-    "at random": flat([(float(x), float(y)) for x, y in RNG.uniform(0, 800, (40, 2))]),
-    "one hole": flat([(10.0, 20.0)]),
-    "two holes": flat([(0.0, 0.0), (300.0, 0.0)]),
+    "a row": build_flat_rows([(40.0 * k, 0.0) for k in range(8)]),
+    "a grid": build_flat_rows([(25.0 * i, 25.0 * j) for j in range(5) for i in range(6)]),
+    "a snake grid": build_flat_rows(
+        [(25.0 * (i if j % 2 == 0 else 5 - i), 25.0 * j) for j in range(5) for i in range(6)]
+    ),
+    "a bolt circle": build_flat_rows(circle(60.0, 12)),
+    "many on a circle": build_flat_rows(circle(200.0, 90)),
+    "at random": build_flat_rows([(float(x), float(y)) for x, y in RNG.uniform(0, 800, (40, 2))]),
+    "one hole": build_flat_rows([(10.0, 20.0)]),
+    "two holes": build_flat_rows([(0.0, 0.0), (300.0, 0.0)]),
     "on a drum": [on_cylinder(0.05 * k, 30.0 * j) for j in range(3) for k in range(-8, 9)],
     "steps in height": [(30.0 * k, 0.0, -15.0 * (k % 3), 0.0, 0.0, 1.0) for k in range(9)],
     "bosses": [(12.0 * k, 0.0, 40.0 * (k % 2), 0.0, 0.0, 1.0) for k in range(10)],
-    "a fine pitch": flat([(4.0 * i, 4.0 * j) for j in range(6) for i in range(10)]),
-    "a double row": flat([(20.0 * k, 0.0) for k in range(9) for _ in range(2 if k == 4 else 1)]),
-    "a close pair among many": flat([*((30.0 * k, 0.0) for k in range(30)), (871.5, 0.0)]),
-    "one feed": [(*row, 120.0) for row in flat([(40.0 * k, 0.0) for k in range(8)])],
+    "a fine pitch": build_flat_rows([(4.0 * i, 4.0 * j) for j in range(6) for i in range(10)]),
+    "a double row": build_flat_rows([(20.0 * k, 0.0) for k in range(9) for _ in range(2 if k == 4 else 1)]),
+    "a close pair among many": build_flat_rows([*((30.0 * k, 0.0) for k in range(30)), (871.5, 0.0)]),
+    "one feed": [(*row, 120.0) for row in build_flat_rows([(40.0 * k, 0.0) for k in range(8)])],
     "top and bottom": [(40.0 * k, 0.0, z, 0.0, 0.0, 1.0) for k in range(6) for z in (2.0, -8.0)],
     "tilted holes": [(50.0 * k, 0.0, 0.0, 0.2 * (k % 2), 0.3, 0.9) for k in range(9)],
 }
 PATHS: dict[str, Rows] = {
-    "a dense line": flat([(0.5 * k, 0.0) for k in range(200)]),
-    "a dense circle": flat(circle(40.0, 300)),
-    "a closed rectangle": flat([(0, 0), (100, 0), (100, 60), (0, 60), (0, 0)]),
-    "a closed coarse contour": flat([*circle(150.0, 24), (150.0, 0.0)]),
-    "a plunge first": [(0, 0, 20, 0, 0, 1), (0, 0, 0, 0, 0, 1), *flat([(50.0 * k, 0.0) for k in range(1, 5)])],
+    "a dense line": build_flat_rows([(0.5 * k, 0.0) for k in range(200)]),
+    "a dense circle": build_flat_rows(circle(40.0, 300)),
+    "a closed rectangle": build_flat_rows([(0, 0), (100, 0), (100, 60), (0, 60), (0, 0)]),
+    "a closed coarse contour": build_flat_rows([*circle(150.0, 24), (150.0, 0.0)]),
+    "a plunge first": [
+        (0, 0, 20, 0, 0, 1),
+        (0, 0, 0, 0, 0, 1),
+        *build_flat_rows([(50.0 * k, 0.0) for k in range(1, 5)]),
+    ],
     "plunge and retract": [
         (0, 0, 20, 0, 0, 1),
-        *flat([(0, 0), (50, 0), (100, 0), (100, 50), (100, 100)]),
+        *build_flat_rows([(0, 0), (50, 0), (100, 0), (100, 50), (100, 100)]),
         (100, 100, 20, 0, 0, 1),
     ],
     "feed changes": [
-        (*row, 200.0 if k < 2 else 800.0) for k, row in enumerate(flat([(30.0 * k, 0.0) for k in range(6)]))
+        (*row, 200.0 if k < 2 else 800.0) for k, row in enumerate(build_flat_rows([(30.0 * k, 0.0) for k in range(6)]))
     ],
-    "a dense spiral": flat([(0.02 * k * math.cos(0.05 * k), 0.02 * k * math.sin(0.05 * k)) for k in range(900)]),
-    "rounded corners": flat(
+    "a dense spiral": build_flat_rows(
+        [(0.02 * k * math.cos(0.05 * k), 0.02 * k * math.sin(0.05 * k)) for k in range(900)]
+    ),
+    "rounded corners": build_flat_rows(
         [(0, 0), *((90 + 10 * math.sin(a), 10 - 10 * math.cos(a)) for a in np.linspace(0, 1.5, 20)), (100, 90)]
     ),
     "a swept drum": [on_cylinder(0.001 * k, 0.0) for k in range(400)],
@@ -76,7 +84,9 @@ PATHS: dict[str, Rows] = {
     "a five-axis swarf": [
         (0.8 * k, 5 * math.sin(0.05 * k), 0.0, 0.3 * math.sin(0.02 * k), 0.2, 0.9) for k in range(200)
     ],
-    "a coarse zigzag with short steps": flat([(100.0 * ((k + 1) // 2 % 2), 1.5 * (k // 2)) for k in range(40)]),
+    "a coarse zigzag with short steps": build_flat_rows(
+        [(100.0 * ((k + 1) // 2 % 2), 1.5 * (k // 2)) for k in range(40)]
+    ),
 }
 
 

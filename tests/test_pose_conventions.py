@@ -29,7 +29,7 @@ REFLECTORS = np.array([[0.05, 0.08, 0.02], [-0.09, 0.03, 0.05], [0.02, -0.1, 0.0
 
 
 @cache
-def built() -> tuple[Cell, Robot, np.ndarray]:
+def load_arm() -> tuple[Cell, Robot, np.ndarray]:
     cell = load_cell(CELLS / CELL)
     return cell, load_robot(cell), cell.tool.T_flange_tcp
 
@@ -43,7 +43,7 @@ def poses(registration: str = "fixed", reflectors: bool = False) -> Recording:
     rows = np.flatnonzero(~plan.loaded)
     zero = np.radians([0.0, -0.04, 0.03, 0.02, 0.03, 0.0])
     p, R, _, _ = solve_equilibrium(a, HiddenEffects(a.nominal * 0.9, zero=zero), plan)
-    _, _, T = built()
+    _, _, T = load_arm()
     p, R, N = p[rows], R[rows], len(rows)
     beside = REFLECTORS if reflectors else np.zeros((1, 3))
     count = len(beside)
@@ -89,7 +89,7 @@ def turn_body(q: np.ndarray) -> np.ndarray:
     ],
 )
 def test_quaternion_conventions_are_identified(registration: str, change, words: str) -> None:  # type: ignore[no-untyped-def]
-    _, robot, T = built()
+    _, robot, T = load_arm()
     right = poses(registration)
     assert right.quaternion is not None
     read, (finding,) = correct_quaternion_convention(replace(right, quaternion=change(right.quaternion)), robot, T)
@@ -101,7 +101,7 @@ def test_quaternion_conventions_are_identified(registration: str, change, words:
 
 
 def test_tracker_frame_differs_from_base_link() -> None:
-    _, robot, T = built()
+    _, robot, T = load_arm()
     right = poses()
     assert right.position is not None
     wrong = replace(right, position=TURN.apply(right.position) + np.array([1.5, -0.7, 0.3]))
@@ -116,7 +116,7 @@ def test_tracker_frame_differs_from_base_link() -> None:
 
 @pytest.mark.parametrize("offset_mm", [(12.0, -16.0, 0.0), (-20.0, 40.0, 40.0)])
 def test_displaced_tcp_is_found(offset_mm: tuple[float, float, float]) -> None:
-    _, robot, T = built()
+    _, robot, T = load_arm()
     right = poses()
     assert right.quaternion is not None
     R = Rotation.from_quat(right.quaternion[:, [1, 2, 3, 0]]).as_matrix() @ T[:3, :3].T
@@ -128,7 +128,7 @@ def test_displaced_tcp_is_found(offset_mm: tuple[float, float, float]) -> None:
 
 @pytest.mark.parametrize("common", [True, False])
 def test_places_of_all_reflectors_are_estimated(common: bool) -> None:
-    cell, robot, _ = built()
+    cell, robot, _ = load_arm()
     right = poses("fit", reflectors=True)
     rng = np.random.default_rng(4)
     off = np.tile([0.03, -0.04, 0.02], (3, 1)) if common else 0.04 * rng.standard_normal((3, 3))
@@ -143,7 +143,7 @@ def test_places_of_all_reflectors_are_estimated(common: bool) -> None:
 
 
 def test_mirrored_tracker_is_no_mirrored_arm() -> None:
-    _, robot, T = built()
+    _, robot, T = load_arm()
     right = replace(poses(), quaternion=None)
     assert right.position is not None
     mirrored = replace(right, position=right.position * [1.0, -1.0, 1.0])
@@ -152,7 +152,7 @@ def test_mirrored_tracker_is_no_mirrored_arm() -> None:
 
 @pytest.mark.parametrize("cause", ["target", "frame"])
 def test_session_without_common_poses_is_aligned_to_the_others(cause: str) -> None:
-    cell, robot, T = built()
+    cell, robot, T = load_arm()
     right = replace(poses("fit"), quaternion=None)
     assert right.position is not None
     session = (np.arange(len(right)) % 2).astype(np.int64) + 3
@@ -172,7 +172,7 @@ def test_session_without_common_poses_is_aligned_to_the_others(cause: str) -> No
 @pytest.mark.parametrize("count", [1, 3])
 def test_unknown_places_of_reflectors_are_estimated(count: int) -> None:
     """Places of 0, 0, 0 in the flange, one reflector or several."""
-    cell, robot, T = built()
+    cell, robot, T = load_arm()
     right = poses("fit", reflectors=True)
     assert right.target is not None
     right = replace(select_rows(right, right.target < count), targets=right.targets[:count])

@@ -87,7 +87,9 @@ def program(cell: Cell, n: int = 7) -> RobotProgram:
     )
 
 
-def written(folder: Path, cell: Cell, post: str, c: RobotController, p: RobotProgram | None = None) -> ParsedProgram:
+def write_and_read_program(
+    folder: Path, cell: Cell, post: str, c: RobotController, p: RobotProgram | None = None
+) -> ParsedProgram:
     file = POSTS.get(post, "")
     write_program(folder, Path(file).stem, p or program(cell), post, c)
     return read_program(folder / file)
@@ -98,7 +100,7 @@ def written(folder: Path, cell: Cell, post: str, c: RobotController, p: RobotPro
 def test_values_and_frames_are_read_back(tmp_path: Path, post: str, kind: str) -> None:
     cell = external_cell(tmp_path, **KINDS[kind])
     arm, c, p = UrdfKinematics(cell), controller(cell), program(cell)
-    parsed = written(tmp_path, cell, post, c, p)
+    parsed = write_and_read_program(tmp_path, cell, post, c, p)
     found, spare = convert_external_joints(parsed, cell, arm, c)
     assert spare == 0
     unit = np.where(cell.external_prismatic, 1e3, 180.0 / np.pi)
@@ -117,7 +119,7 @@ def test_programs_have_the_words_of_each_maker(tmp_path: Path) -> None:
     c = controller(both)
     texts = {}
     for post, file in POSTS.items():
-        written(tmp_path, both, post, c)
+        write_and_read_program(tmp_path, both, post, c)
         texts[post] = (tmp_path / file).read_text().replace("\r\n", "\n")
     krl = texts["krl"]
     assert "$BASE=EK(MACHINE_DEF[3].ROOT,MACHINE_DEF[3].MECH_TYPE,MO_BASE)\n$ACT_EX_AX=3\n" in krl
@@ -141,7 +143,7 @@ def test_programs_have_the_words_of_each_maker(tmp_path: Path) -> None:
 def test_pulses_of_base_and_station(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True)
     c, p = controller(cell, pulses=878.0), program(cell)
-    parsed = written(tmp_path, cell, "jbi", c, p)
+    parsed = write_and_read_program(tmp_path, cell, "jbi", c, p)
     assert "BC00001=219500\n" in (tmp_path / "PART.JBI").read_text()
     found, _ = convert_external_joints(parsed, cell, UrdfKinematics(cell), c)
     unit = np.where(cell.external_prismatic, 1e3, 180.0 / np.pi)
@@ -151,7 +153,7 @@ def test_pulses_of_base_and_station(tmp_path: Path) -> None:
 def test_base_on_a_rail_alone_is_in_world(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
     c = controller(cell)
-    parsed = written(tmp_path, cell, "krl", c)
+    parsed = write_and_read_program(tmp_path, cell, "krl", c)
     assert c.T_world_root is not None
     wanted = np.linalg.inv(c.T_world_root) @ cell.workpiece.T_link_workpiece
     np.testing.assert_allclose(parsed.bases[-1].T, wanted, atol=1e-7)
@@ -163,7 +165,7 @@ def test_base_on_a_rail_alone_is_in_world(tmp_path: Path) -> None:
 def test_wrong_or_moving_frame_is_reported(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, table=True)
     c = controller(cell)
-    written(tmp_path, cell, "rapid", c)
+    write_and_read_program(tmp_path, cell, "rapid", c)
     file = tmp_path / "part.mod"
     file.write_text(
         file.read_text().replace('[FALSE,FALSE,"STN2",[[0,0,0],[1,0,0,0]],', '[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],')

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from external_axis_cells import external_cell
 from planned_program_output import write_and_compare_program
-from test_external_axes import OPTIONS, K, apart, slots
+from test_external_axes import OPTIONS, K, separate_operations, slots
 from test_planning_path import toolpath
 
 from machopt.data_types.cell import Cell
@@ -51,7 +51,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
         "turn": ExternalAxisMap(number=1, sign=1.0, offset=10.0, unit="STN1", machine=2),
     }
     cell = replace(cell, stiffness=K, controller=RobotController(nonflip_j5="negative", external=drives))
-    path = apart(toolpath(slots(-0.1, 0.05)))
+    path = separate_operations(toolpath(slots(-0.1, 0.05)))
     options = replace(OPTIONS, external=tuple(ExternalJointOptions(joint=f"e{k}", mode="operation") for k in (1, 2)))
     p = find_best_plan(cell, path, options)
     timeline = build_timeline(p, path)
@@ -80,7 +80,7 @@ def cut(text: str, before: str) -> str:
     return text.replace(line, head + tail.lstrip("-.0123456789"), 1)
 
 
-def turned(text: str, before: str) -> str:
+def negate_numbers(text: str, before: str) -> str:
     """Every number behind a word with the other sign, whichever it has."""
     return text.replace(before, before + "-").replace(before + "--", before)
 
@@ -88,7 +88,7 @@ def turned(text: str, before: str) -> str:
 DAMAGES: list[tuple[str, str, Callable[[str], str], str]] = [
     ("krl", "no E2 in a line", lambda t: cut(t, ",E2 "), "does not state the positions of the external axes"),
     ("krl", "a rail 0.2 mm off", lambda t: grown(t, ",E2 ", 0.2), "external axes at targets"),
-    ("krl", "another direction", lambda t: turned(t, ",E1 "), "targets on the motion"),
+    ("krl", "another direction", lambda t: negate_numbers(t, ",E1 "), "targets on the motion"),
 ]
 
 

@@ -32,10 +32,10 @@ Planned = tuple[Plan, Toolpath, MotionTimeline]
 
 @cache
 def job(cell: str, name: str) -> Planned:
-    return _planned(cell, ROOT / "toolpaths" / name)
+    return _plan_cell(cell, ROOT / "toolpaths" / name)
 
 
-def _planned(cell: str, file: Path) -> Planned:
+def _plan_cell(cell: str, file: Path) -> Planned:
     t = read_toolpath(file)
     p = plan_path(load_cell(ROOT / "cells" / cell), t, PlanOptions(collision=False))
     return p, t, build_timeline(p, t)
@@ -50,12 +50,12 @@ def two_rows(tmp_path_factory: pytest.TempPathFactory) -> Planned:
     head, *rows = (ROOT / "toolpaths" / "panel_holes.csv").read_text(encoding="utf-8").splitlines(keepends=True)[1:]
     file = tmp_path_factory.mktemp("two_rows") / "panel_holes.csv"
     file.write_text(head + "".join(r for r in rows if r.strip().endswith(("row 1", "row 2"))), encoding="utf-8")
-    found = _planned("kr240_drilling", file)
+    found = _plan_cell("kr240_drilling", file)
     assert len(found[1].operations) == 2
     return found
 
 
-def drawn(p: RobotProgram, k: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def interpolate_line(p: RobotProgram, k: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the controller draws on LIN move k, at shares of it."""
     a, b = p.T_workpiece_tcp[k - 1], p.T_workpiece_tcp[k]
     line = a[:3, 3] + share[:, None] * (b[:3, 3] - a[:3, 3])
@@ -95,7 +95,7 @@ def test_straight_lines_between_targets_follow_the_motion(cell: str, name: str) 
             best = np.minimum(best, near)
             on = near <= options.path_tolerance + 3e-6  # passes cross: of several lines here one is the sample's own
             if on.any():
-                _, R = drawn(p, k, share[on])
+                _, R = interpolate_line(p, k, share[on])
                 turn = np.linalg.norm(R - T[on, :3, :3], axis=(1, 2)) / np.sqrt(8)
                 angle[on] = np.minimum(angle[on], 2 * np.arcsin(np.clip(turn, 0, 1)))
         worst_gap, worst_angle = max(worst_gap, float(best.max())), max(worst_angle, float(angle.max()))

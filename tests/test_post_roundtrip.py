@@ -64,7 +64,7 @@ def tolerance(table: dict[str, float], post: str, other: float) -> float:
     return table.get(post, table.get(post.split("_", maxsplit=1)[0], other))
 
 
-def written(folder: Path, p: RobotProgram, post: str, controller: RobotController) -> Path:
+def write_post(folder: Path, p: RobotProgram, post: str, controller: RobotController) -> Path:
     name = format_program_name("part", post)
     write_program(folder, name, p, post, controller)
     return folder / main_file(post, name)
@@ -77,12 +77,12 @@ def urdf_q(parsed: ParsedProgram, post: str, controller: RobotController) -> np.
     return compute_urdf_joints(parsed.axes_deg, m.sign, m.offset_deg, m.coupling)
 
 
-def known(controller: RobotController) -> ProgramRobot:
+def load_known_robot(controller: RobotController) -> ProgramRobot:
     """The robot, as a user with its model reads a program."""
     return ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE)
 
 
-def turned(R0: np.ndarray, R1: np.ndarray) -> float:
+def compute_angle(R0: np.ndarray, R1: np.ndarray) -> float:
     """Largest angle in degrees between rotations, exact for small ones."""
     return float(np.degrees(2 * np.arcsin(np.linalg.norm(R0 - R1, axis=(-2, -1)).max() / math.sqrt(8))))
 
@@ -110,7 +110,7 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotCo
         parsed.T_base_tcp[pose][:, :3, 3] * 1e3, p.T_workpiece_tcp[pose][:, :3, 3] * 1e3, rtol=0, atol=position
     )
     if pose.any():
-        assert turned(parsed.T_base_tcp[pose][:, :3, :3], p.T_workpiece_tcp[pose][:, :3, :3]) < tolerance(
+        assert compute_angle(parsed.T_base_tcp[pose][:, :3, :3], p.T_workpiece_tcp[pose][:, :3, :3]) < tolerance(
             TURN_DEG, post, 1.5e-5
         )
     steps = 0.5e-4 * 1.001 if post in ("fanuc", "fanuc_joint", "jbi", "jbi_rectan") else 0.51e-6
@@ -134,7 +134,7 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotCo
     for frame, expected in frames:
         if frame.T is not None:
             np.testing.assert_allclose(frame.T[:3, 3], expected[:3, 3], rtol=0, atol=1.01e-7)
-            assert turned(frame.T[:3, :3], expected[:3, :3]) < 1.5e-5
+            assert compute_angle(frame.T[:3, :3], expected[:3, :3]) < 1.5e-5
 
 
 @pytest.mark.parametrize("controller", [PLAIN, MAPPED], ids=["plain", "mapped"])
@@ -142,7 +142,7 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotCo
 def test_program_is_read_back(tmp_path: Path, post: str, controller: RobotController) -> None:
     for seed in range(3):
         p = program(Recipe(seed, moves=30, blend=2e-4 * (seed % 2)), controller)
-        check(p, read_program(written(tmp_path, p, post, controller)), post, controller)
+        check(p, read_program(write_post(tmp_path, p, post, controller)), post, controller)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_program_is_read_back(tmp_path: Path, post: str, controller: RobotContro
 def test_long_program_is_split_and_read_back(tmp_path: Path, post: str) -> None:
     controller = replace(MAPPED, moves_per_part=17)
     p = program(Recipe(5, moves=60, blend=1e-4), controller)
-    file = written(tmp_path, p, post, controller)
+    file = write_post(tmp_path, p, post, controller)
     parsed = read_program(file)
     check(p, parsed, post, controller)
     if not post.startswith(("krl", "urscript")):
@@ -165,7 +165,7 @@ def test_long_program_is_split_and_read_back(tmp_path: Path, post: str) -> None:
 @pytest.mark.parametrize("post", ["krl", "rapid", "urscript", "val3", "csv"])
 def test_corners_are_rounded_only_inside_a_cut_without_overlap(tmp_path: Path, post: str) -> None:
     p = program(Recipe(8, moves=60, blend=5e-3))
-    parsed = read_program(written(tmp_path, p, post, PLAIN))
+    parsed = read_program(write_post(tmp_path, p, post, PLAIN))
     stops = {e.index - 1 for e in p.events}
     for k in range(60):
         inside = (
@@ -190,7 +190,7 @@ def test_configuration_bits_and_turns_follow_from_the_joints(tmp_path: Path) -> 
     a = (MAPPED.joint_map or MAPPED).compute_axes_deg(p.q)
     assert (a.min(axis=0) < -90).any()
     assert (a.max(axis=0) > 180).any()
-    parsed = {post: read_program(written(tmp_path / post, p, post, MAPPED)) for post in _folders(tmp_path)}
+    parsed = {post: read_program(write_post(tmp_path / post, p, post, MAPPED)) for post in _folders(tmp_path)}
     for k in np.flatnonzero(p.kind == LIN):
         below = [axis < 0 for axis in a[k].round(5)]
         krl = parsed["krl"].configuration[k]
@@ -229,7 +229,7 @@ def test_pulses_of_a_yaskawa(tmp_path: Path) -> None:
     from machopt.file_formats.source_file import decode_source, read_bytes
     from machopt.programs.yaskawa.reader import read_jbi
 
-    file = written(tmp_path, p, "jbi", controller)
+    file = write_post(tmp_path, p, "jbi", controller)
     parsed = read_jbi(decode_source(file, read_bytes(file)), 5e-6, pulses_per_deg=tuple(scale))
     q = urdf_q(parsed, "jbi", controller)
     half = np.abs(0.5 / scale)  # half a pulse; axis 3 is coupled to axis 2
@@ -301,9 +301,9 @@ def csv_round_trip(recipe: Recipe, post: str, controller: RobotController, folde
         operations=tuple(o.label for o in path.operations),
         operation=path.operation,
     )
-    file = written(folder, p, post, controller)
+    file = write_post(folder, p, post, controller)
     options = ReadOptions(default_feed=0.01)
-    again = read_program_as_toolpath(file, options, robot=known(controller))
+    again = read_program_as_toolpath(file, options, robot=load_known_robot(controller))
     a, b = numbers(first), numbers(csv_text(again))
     joint = np.array(JOINTS_ONLY) == post
     by_axes = np.full(len(a[0]), joint.any()) | (p.kind != LIN)
@@ -341,7 +341,7 @@ def test_csv_to_program_and_back(post: str) -> None:
 
 def test_root_and_flange_are_in_the_frames(tmp_path: Path) -> None:
     p = program(Recipe(1), MAPPED)
-    parsed = read_program(written(tmp_path, p, "rapid", MAPPED))
+    parsed = read_program(write_post(tmp_path, p, "rapid", MAPPED))
     base = next(f for f in parsed.bases if f.name == f"w_{parsed.name}")
     assert base.T is not None
     np.testing.assert_allclose(ROOT @ base.T, WORKPIECE, atol=1e-7)

@@ -16,7 +16,7 @@ SAMPLES = 2001
 WIDE = float(np.radians(30.0))  # an angle that nothing here exceeds
 
 
-def bent(s: Array) -> Array:
+def build_smooth_joints(s: Array) -> Array:
     """Joints that turn smoothly: the tool tip draws a curve about 0.6 m long and turns by about 70°."""
     start = np.radians([0, -80, 95, 20, 50, -30])
     way = np.radians([20, 6, -8, 25, -20, 60])
@@ -24,18 +24,18 @@ def bent(s: Array) -> Array:
     return start + s[:, None] * way + np.sin(2 * np.pi * s)[:, None] * wave
 
 
-MOTION = ARM.compute_fk(bent(np.linspace(0, 1, SAMPLES)), TOOL)
-FINER = ARM.compute_fk(bent(np.linspace(0, 1, 4 * (SAMPLES - 1) + 1)), TOOL)
+MOTION = ARM.compute_fk(build_smooth_joints(np.linspace(0, 1, SAMPLES)), TOOL)
+FINER = ARM.compute_fk(build_smooth_joints(np.linspace(0, 1, 4 * (SAMPLES - 1) + 1)), TOOL)
 
 
-def thickened(ends: Array, tolerance: ProgramTolerance) -> Array:
+def select_target_rows(ends: Array, tolerance: ProgramTolerance) -> Array:
     """Rows of MOTION that are targets in the end."""
     added = insert_targets(MOTION, MOTION[ends], ends.astype(float), np.ones(len(ends), bool), tolerance)
     assert not set(added.tolist()) & set(ends.tolist())
     return np.sort(np.concatenate([ends, added]))
 
 
-def drawn(targets: Array) -> tuple[float, float, float]:
+def compute_line_errors(targets: Array) -> tuple[float, float, float]:
     """Farthest of the finer motion from the lines, by another library's slerp: distance, tool axis, orientation."""
     worst = np.zeros(3)
     for a, b in pairwise(targets.tolist()):
@@ -64,14 +64,14 @@ def drawn(targets: Array) -> tuple[float, float, float]:
 def test_controller_line_follows_the_motion(tolerance: ProgramTolerance) -> None:
     coarse = np.array([0, 700, 1400, SAMPLES - 1])
     limits = np.array([tolerance.position, tolerance.axis, tolerance.turn])
-    assert (drawn(coarse) / limits).max() > 4  # otherwise the test shows nothing
-    rows = thickened(coarse, tolerance)
+    assert (compute_line_errors(coarse) / limits).max() > 4  # otherwise the test shows nothing
+    rows = select_target_rows(coarse, tolerance)
     # looked at between the samples too; the 801 places of a line are up to 0.3 mm apart at first, 0.02° of turn
-    assert (np.array(drawn(rows)) <= limits + np.array([1e-6, np.radians(0.02), np.radians(0.02)])).all()
+    assert (np.array(compute_line_errors(rows)) <= limits + np.array([1e-6, np.radians(0.02), np.radians(0.02)])).all()
     assert 4 < len(rows) < 200
     off = measure_line_deviation(MOTION, MOTION[rows], rows.astype(float), np.ones(len(rows), bool))
     assert off.share(tolerance).max() <= 0.8  # the rest is for what lies between the samples
-    assert off.worst() == pytest.approx(drawn(rows), rel=0.2, abs=2e-5)
+    assert off.worst() == pytest.approx(compute_line_errors(rows), rel=0.2, abs=2e-5)
 
 
 def test_nothing_is_inserted_where_nothing_bends() -> None:
@@ -97,7 +97,7 @@ def test_joint_moves_are_not_lines() -> None:
 
 def test_error_decreases_with_the_square_of_the_point_distance() -> None:
     ends = np.array([0, SAMPLES - 1])
-    counts = [len(thickened(ends, ProgramTolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
+    counts = [len(select_target_rows(ends, ProgramTolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
     assert counts == sorted(counts)
     assert 2 < counts[1] / counts[0] < 5  # √10, as chords of a curve do
     assert 2 < counts[2] / counts[1] < 5

@@ -62,7 +62,7 @@ def program(place: Array, kind: list[int], events: tuple[ToolpathEvent, ...], pl
     )
 
 
-def driven(point: Array, move: Array) -> ExportedMotion:
+def build_motion(point: Array, move: Array) -> ExportedMotion:
     n = len(point)
     q = np.repeat(0.01 * np.arange(n)[:, None], 6, axis=1)
     return ExportedMotion(
@@ -98,7 +98,7 @@ def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> ExpectedCuts:
 def test_event_index_follows_the_distance_between_long_and_short_moves() -> None:
     """340 mm, then 1 mm pieces of an arc, 0.6 mm a sample: point 1 is 0.2 mm behind one sample, 0.4 before the next."""
     toolpath = path([[0, 0, 0], [340, 0, 0], [341, 0, 0]], [MoveKind.CUT] * 3, ())
-    motion = driven(np.array([1 - 0.2 / 340, 1.4]), np.zeros(2, np.int64))
+    motion = build_motion(np.array([1 - 0.2 / 340, 1.4]), np.zeros(2, np.int64))
     (index,) = compute_toolpath_index(motion, np.array([0.2 / 0.6]), toolpath)
     assert abs(index - 1.0) < 1e-6  # the nanometre that a step on which nothing moves counts
 
@@ -143,7 +143,7 @@ def test_samples_within_printed_decimals_are_no_joint_move() -> None:
     for step, passed in ((2e-6, True), (0.0, False)):
         said = program(place, [LIN, LIN, PTP], (), place_step=step)
         at, linear = np.array([0.0, 1.2, 5.0]), np.array([True, True, False])
-        motion = driven(np.array([0, 1, 1, 1, 1.5, 2.0]), move.astype(np.int64))
+        motion = build_motion(np.array([0, 1, 1, 1, 1.5, 2.0]), move.astype(np.int64))
         check = _check_move_kinds(said, motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
@@ -155,7 +155,7 @@ def test_joint_move_at_the_current_place_is_not_on_the_path() -> None:
     place = np.array([[0, 0, 90], [0, 0, 2e-3], [0, 0, 2e-3], [0, 0, 90.0]])
     said = program(place, [PTP, PTP, LIN, PTP], ())
     at, linear = np.array([0.0, 1.0, 1.0, 4.0]), np.array([False, False, True, False])
-    moving = driven(np.array([-1, 0, 0, 0, -1.0]), move.astype(np.int64))
+    moving = build_motion(np.array([-1, 0, 0, 0, -1.0]), move.astype(np.int64))
     q = moving.q.copy()
     q[1:4] = q[1]
     for motion, passed in ((replace(moving, q=q), True), (moving, False)):
@@ -172,13 +172,13 @@ def test_rounding_of_joint_targets_is_allowed_like_pulses() -> None:
     move = np.array([MoveKind.CUT, MoveKind.RETRACT, MoveKind.RETRACT, MoveKind.RAPID, MoveKind.RAPID]).astype(np.int64)
     said = program(np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]]), [LIN, LIN, PTP], ())
     at, linear = np.array([0.0, 0.4, 4.0]), np.array([True, True, False])
-    motion = driven(np.array([0, 1, 1, 1.5, 2.0]), move)
+    motion = build_motion(np.array([0, 1, 1, 1.5, 2.0]), move)
     for step, passed in ((1e-6, True), (1e-7, False)):
         check = _check_move_kinds(replace(said, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
-def turned(T: Array, angle: float) -> Array:
+def tilt_pose(T: Array, angle: float) -> Array:
     """The pose (4, 4), its axis tilted about y."""
     out = T.copy()
     out[:3, :3] = Rotation.from_euler("y", angle).as_matrix() @ T[:3, :3]
@@ -193,7 +193,7 @@ def on_the_spot() -> tuple[Toolpath, ProgramInCell]:
     toolpath = replace(toolpath, axis=axis)
     said = program(np.array([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0.0]]), [LIN] * 4, ())
     for n in (2, 3):
-        said.T_workpiece_tcp[n] = turned(said.T_workpiece_tcp[n], 0.5)
+        said.T_workpiece_tcp[n] = tilt_pose(said.T_workpiece_tcp[n], 0.5)
     return toolpath, said
 
 
@@ -216,11 +216,11 @@ def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
     said = program(np.column_stack([x, 0 * x, 0 * x]), [LIN] * len(x), ())
     T = said.T_workpiece_tcp
     for n, angle in ((4, 0.25), (5, 0.4999), (6, 0.5), (7, 0.5), (8, 0.5)):
-        T[n] = turned(T[n], angle)
+        T[n] = tilt_pose(T[n], angle)
     reached, _, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
     assert reached.tolist()[1:] == [3, 5, 8]
     assert np.nanmax(tilt[1:]) < LINE_TIE_M / AXIS_LEVER_M + 1e-9
-    T[6:8] = turned(T[6], -0.5)  # turned back before it goes: it never was at 0.5 rad where it left
+    T[6:8] = tilt_pose(T[6], -0.5)  # turned back before it goes: it never was at 0.5 rad where it left
     _, _, tilt = _find_cut_moves(T[[0, 1, 2, 3, 7, 8], :3, 3], -T[[0, 1, 2, 3, 7, 8], :3, 2], cuts(toolpath), 2e-5)
     assert tilt[2] > 0.4
 
@@ -228,7 +228,7 @@ def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
 def test_allowed_deviation_applies_to_streamed_motion_not_to_targets() -> None:
     toolpath = path([[0, 0, 0], [30, 0, 0], [60, 0, 0]], [MoveKind.CUT] * 3, ())
     said = program(1e3 * toolpath.position, [LIN] * 3, ())
-    said.T_workpiece_tcp[1] = turned(said.T_workpiece_tcp[1], np.radians(0.5))
+    said.T_workpiece_tcp[1] = tilt_pose(said.T_workpiece_tcp[1], np.radians(0.5))
     for streamed, most, passed in ((True, 1.0, True), (True, 0.4, False), (True, 0.0, False), (False, 1.0, False)):
         wanted = cuts(toolpath, np.radians(most))
         checks = compare_with_cam(replace(said, is_streamed=streamed), wanted, np.arange(3.0))
@@ -242,7 +242,7 @@ def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
     tcp = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (len(x), 1, 1))
     tcp[:, 0, 3] = 1e-3 * x
     rail = np.where(np.abs(x) < 0.5, 0.5 * (x + 0.5) ** 2, np.clip(x, 0.0, None))
-    moving = driven(x, np.zeros(len(x), np.int64))
+    moving = build_motion(x, np.zeros(len(x), np.int64))
     said = program(np.zeros((1, 3)), [LIN], ())
     for beside, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
         motion = replace(moving, external=1e-3 * rail[:, None], slides=(True,))
@@ -273,7 +273,7 @@ def test_sample_of_a_started_rotation_belongs_to_that_move() -> None:
     """The target before is found by its place, so up to a sample late."""
     _, said = on_the_spot()
     T = said.T_workpiece_tcp
-    tcp = np.stack([turned(T[1], 1e-3), T[1]])
+    tcp = np.stack([tilt_pose(T[1], 1e-3), T[1]])
     tcp[1, 0, 3] -= 1e-4  # one on the way, which is left as it is
     tcp[1, :3, :3] = tcp[0, :3, :3]
     rows, move = np.arange(2), np.array([1, 1])

@@ -25,7 +25,9 @@ JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "compas_fab", "ursc
 MAPPED_ROBOT = ProgramRobot(ARM.compute_fk, MAPPED, TOOL, WORKPIECE)
 
 
-def written(folder: Path, post: str, controller: RobotController = MAPPED) -> tuple[Path, np.ndarray, np.ndarray]:
+def write_program_file(
+    folder: Path, post: str, controller: RobotController = MAPPED
+) -> tuple[Path, np.ndarray, np.ndarray]:
     """A program's main file, and tip positions (mm) and kinds of move it was made from."""
     p = program(Recipe(4, moves=30), controller)
     name = format_program_name("part", post)
@@ -36,7 +38,7 @@ def written(folder: Path, post: str, controller: RobotController = MAPPED) -> tu
 @pytest.mark.parametrize("post", list_post_names())
 def test_every_program_is_a_toolpath(tmp_path: Path, post: str) -> None:
     """With the robot every target has its place, whatever it is written in."""
-    file, place, moves = written(tmp_path, post)
+    file, place, moves = write_program_file(tmp_path, post)
     t = read_toolpath(file, robot=MAPPED_ROBOT, default_feed=0.01)
     assert t.format.startswith("robot/")
     np.testing.assert_array_equal(t.move, moves)
@@ -57,7 +59,7 @@ def test_every_program_is_a_toolpath(tmp_path: Path, post: str) -> None:
 
 def test_program_uses_its_own_base_and_tool(tmp_path: Path) -> None:
     """Joint moves between Cartesian ones are placed in the program's base with its tool, not in the cell's."""
-    file, place, moves = written(tmp_path, "rapid")
+    file, place, moves = write_program_file(tmp_path, "rapid")
     elsewhere = WORKPIECE.copy()
     elsewhere[0, 3] += 0.25
     longer = TOOL.copy()
@@ -70,7 +72,7 @@ def test_program_uses_its_own_base_and_tool(tmp_path: Path) -> None:
 
 
 def test_joint_targets_alone_are_placed_in_the_workpiece_of_the_cell(tmp_path: Path) -> None:
-    file, place, _ = written(tmp_path, "fanuc_joint")
+    file, place, _ = write_program_file(tmp_path, "fanuc_joint")
     elsewhere = WORKPIECE @ np.array([[1.0, 0, 0, 0.25], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, MAPPED, TOOL, elsewhere))
     np.testing.assert_allclose(t.position * 1e3, place - [250, 0, 0], rtol=0, atol=2e-3)
@@ -81,7 +83,7 @@ def test_joint_targets_alone_are_placed_in_the_workpiece_of_the_cell(tmp_path: P
 
 def test_base_without_numbers_is_reported_as_the_workpiece(tmp_path: Path) -> None:
     controller = RobotController(joint_map=MAPPED.joint_map, T_base_root=ROOT, base_number=2, tool_number=3)
-    file, place, _ = written(tmp_path, "krl", controller)
+    file, place, _ = write_program_file(tmp_path, "krl", controller)
     t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE))
     assert any("names its base BASE_DATA[2] without numbers" in w for w in t.warnings)
     np.testing.assert_allclose(t.position * 1e3, place, rtol=0, atol=2e-3)
@@ -90,7 +92,7 @@ def test_base_without_numbers_is_reported_as_the_workpiece(tmp_path: Path) -> No
 def test_pulses_require_the_scale_of_the_cell(tmp_path: Path) -> None:
     scale = np.array([1341.4, -1341.4, 1000.0, 900.5, 700.0, 500.0])
     controller = RobotController(joint_map=MAPPED.joint_map, T_base_root=ROOT, pulses_per_deg=scale)
-    file, place, _ = written(tmp_path, "jbi", controller)
+    file, place, _ = write_program_file(tmp_path, "jbi", controller)
     t = read_toolpath(file, robot=ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE))
     half_a_pulse = np.radians(0.5 / 500.0)
     np.testing.assert_allclose(t.position * 1e3, place, rtol=0, atol=7 * half_a_pulse * 4e3)

@@ -21,7 +21,7 @@ PRINTED = 0.01  # m, the preferred number below the zone
 JOINTS = 4  # joint moves, then a line; moves 1 and 2 run on
 
 
-def rounded(*events: ToolpathEvent) -> RobotProgram:
+def build_rounded_program(*events: ToolpathEvent) -> RobotProgram:
     """Four joint moves and two lines; the second and the third of the joint moves end at rounded corners."""
     made = program(Recipe(3, moves=6, events=0))
     kind = np.array([PTP] * JOINTS + [LIN] * 2, np.int8)
@@ -47,13 +47,13 @@ DISTANCES = ["rapid", "urscript", "urscript_movep", "val3", "csv", "json"]
 @pytest.mark.parametrize("post", DISTANCES)
 def test_blend_zone_is_the_largest_preferred_number_below_the_limit(post: str, tmp_path: Path) -> None:
     """The last joint move runs on into a line: it stops."""
-    files = write_program(tmp_path, "part", rounded(), post, PLAIN)
+    files = write_program(tmp_path, "part", build_rounded_program(), post, PLAIN)
     np.testing.assert_allclose(read_program(files[0]).blend[:4], [0.0, PRINTED, PRINTED, 0.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("post", ["krl", "krl_spline"])
 def test_kuka_uses_the_share_directly(post: str, tmp_path: Path) -> None:
-    files = write_program(tmp_path, "part", rounded(), post, PLAIN)
+    files = write_program(tmp_path, "part", build_rounded_program(), post, PLAIN)
     parsed = read_program(files[0])
     list_shares = load_checks(parsed.dialect).list_rounded_shares
     assert list_shares is not None
@@ -67,7 +67,7 @@ def test_kuka_uses_the_share_directly(post: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("post", ["fanuc", "fanuc_joint", "jbi"])
 def test_robot_stops_where_no_distance_bounds_the_blend(post: str, tmp_path: Path) -> None:
     """CNT has no distance; without position_levels_mm PL has none either."""
-    rounding, straight = rounded(), replace(rounded(), rapid_share=None, rapid_zone=None)
+    rounding, straight = build_rounded_program(), replace(build_rounded_program(), rapid_share=None, rapid_zone=None)
     texts = []
     for n, one in enumerate((rounding, straight)):
         folder = tmp_path / str(n)
@@ -83,15 +83,15 @@ def test_robot_stops_where_no_distance_bounds_the_blend(post: str, tmp_path: Pat
 
 def test_yaskawa_uses_the_largest_level_inside_the_zone(tmp_path: Path) -> None:
     levels = np.array([0.001, 0.005, 0.012, 0.05, 0.1, 0.2, 0.3, 0.4])
-    files = write_program(tmp_path, "PART", rounded(), "jbi", replace(PLAIN, position_levels=levels))
+    files = write_program(tmp_path, "PART", build_rounded_program(), "jbi", replace(PLAIN, position_levels=levels))
     found = [w.get("pl") for w in read_program(files[0]).configuration[:JOINTS]]
     assert found == [0, 3, 3, 0]
 
 
 def test_robot_stops_before_an_event_and_at_the_end_of_a_section() -> None:
-    zones = compute_blend_zones(rounded(ToolpathEvent(2, "coolant", "M8"))).distance
+    zones = compute_blend_zones(build_rounded_program(ToolpathEvent(2, "coolant", "M8"))).distance
     np.testing.assert_allclose(zones[:4], [0.0, 0.0, PRINTED, 0.0])
-    np.testing.assert_allclose(compute_blend_zones(rounded(), 2).distance[:4], [0.0, 0.0, PRINTED, 0.0])
+    np.testing.assert_allclose(compute_blend_zones(build_rounded_program(), 2).distance[:4], [0.0, 0.0, PRINTED, 0.0])
 
 
 ZONED = ["rapid", "urscript", "urscript_movep", "val3", "krl", "krl_pos", "krl_spline", "fanuc", "fanuc_joint", "jbi"]
@@ -100,11 +100,13 @@ ZONED = ["rapid", "urscript", "urscript_movep", "val3", "krl", "krl_pos", "krl_s
 @pytest.mark.parametrize("post", [*ZONED, "jbi_rectan"])
 def test_stopping_joint_move_states_an_exact_stop(post: str, tmp_path: Path) -> None:
     """Read back, no joint move has a zone that the program leaves to the controller."""
-    files = write_program(tmp_path, "PART", replace(rounded(), rapid_share=None, rapid_zone=None), post, PLAIN)
+    files = write_program(
+        tmp_path, "PART", replace(build_rounded_program(), rapid_share=None, rapid_zone=None), post, PLAIN
+    )
     np.testing.assert_array_equal(read_program(files[0]).blend[:JOINTS], 0.0)
 
 
 @pytest.mark.parametrize("post", [*ZONED, "jbi_rectan"])
 def test_last_joint_move_before_a_line_stops(post: str, tmp_path: Path) -> None:
-    files = write_program(tmp_path, "PART", rounded(), post, PLAIN)
+    files = write_program(tmp_path, "PART", build_rounded_program(), post, PLAIN)
     assert read_program(files[0]).blend[[0, JOINTS - 1]].tolist() == [0.0, 0.0]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_sequence_search import VELOCITY, every_sequence, random_problem, told
+from test_sequence_search import VELOCITY, every_sequence, get_joints, random_problem
 
 from machopt.data_types.cell import JointLimits
 from machopt.data_types.plan_options import ObjectiveWeights, PlanOptions
@@ -65,7 +65,7 @@ def test_search_costs_of_rapids_equal_those_of_every_sequence(seed: int) -> None
     best = np.inf
     rides: dict[tuple[object, ...], tuple[float, int]] = {}
     for total, worst, sequence in every_sequence(path, candidates, scores, options):
-        q = [told(candidates, s, v) for s, v in enumerate(sequence)]
+        q = [get_joints(candidates, s, v) for s, v in enumerate(sequence)]
         value = total + 0.3 * worst
         if value >= best:
             continue

@@ -19,7 +19,7 @@ def read(folder: Path, text: str, name: str = "part.apt", **options: object) -> 
     return read_toolpath(folder / name, **options)  # type: ignore[arg-type]
 
 
-def refused(folder: Path, text: str, name: str = "part.apt", **options: object) -> InputError:
+def read_refused(folder: Path, text: str, name: str = "part.apt", **options: object) -> InputError:
     with pytest.raises(InputError) as found:
         read(folder, text, name, **options)
     return found.value
@@ -56,7 +56,7 @@ def test_full_and_half_turns_follow_the_clockwise_axis(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sweep", [0.03, 60.0, 88.0, 120.0, 272.0, 0.0])
 def test_sweep_that_contradicts_its_points_is_refused(tmp_path: Path, sweep: float) -> None:
     text = f"UNITS/MM\nFEDRAT/500,MMPM\nGOTO/50,40,0\nCIRCLE/30,40,0,0,0,1,20,{sweep},0,0,0\nGOTO/30,60,0\nFINI\n"
-    assert refused(tmp_path, text).where in ("line 4", "line 5")
+    assert read_refused(tmp_path, text).where in ("line 4", "line 5")
 
 
 def test_movarc_with_words_before_its_numbers(tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ def test_retract_plane_is_normal_to_a_tilted_axis(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("holes", [["20,100,10", "60,100,10,0,0.6,0.8"], ["60,100,10,0.6,0,0.8"]])
 def test_other_axis_has_no_such_plane(tmp_path: Path, holes: list[str]) -> None:
-    assert (refused(tmp_path, cycle("0,0,1", holes), "part.cls").where or "").startswith("line ")
+    assert (read_refused(tmp_path, cycle("0,0,1", holes), "part.cls").where or "").startswith("line ")
 
 
 def test_unknown_word_after_rtrcto_stops_a_plan(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_unknown_word_after_rtrcto_stops_a_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", ["0.15", "0.02", ".1", "0.5", "1.2", "2", "3.5", "4.9", "0.001", "0.08"])
 def test_small_feed_without_a_unit_is_asked_for(tmp_path: Path, value: str) -> None:
     text = f"UNITS/MM\nSPINDL/1000,RPM,CLW\nFEDRAT/{value}\nGOTO/0,0,0\nGOTO/0.03,0,0\nFINI\n"
-    problem = refused(tmp_path, text)
+    problem = read_refused(tmp_path, text)
     assert problem.where == "line 3"
     assert "--feed" in problem.reason
     assert read(tmp_path, text, default_feed=0.005).feed == pytest.approx(0.005)
@@ -132,7 +132,7 @@ def test_other_feeds_without_a_unit_are_per_minute(tmp_path: Path, unit: str, va
 @pytest.mark.parametrize("after", ["GOTO/10,0,0\n", "GODLTA/1,0,0\n", "CIRCLE/0,0,0,0,0,1\nGOTO/5,0,0\n"])
 def test_cut_after_gohome_has_no_start(tmp_path: Path, after: str) -> None:
     text = f"UNITS/MM\nFEDRAT/100,MMPM\nGOTO/0,0,0\nGOTO/5,0,0\nGOHOME\n{after}FINI\n"
-    assert (refused(tmp_path, text).where or "").startswith("line ")
+    assert (read_refused(tmp_path, text).where or "").startswith("line ")
     assert len(read(tmp_path, text.replace("GOHOME\n", "GOHOME\nRAPID\nGOTO/5,0,0\n"))) >= 3
 
 

@@ -22,7 +22,7 @@ COORDINATE = st.integers(-200_000, 200_000).map(lambda v: v / 1000.0)  # mm
 
 def legs(dialect: Dialect) -> st.SearchStrategy[list[Leg]]:
     """Paths that the dialect has words for."""
-    return st.lists(_move(dialect), min_size=1, max_size=8).map(_joined)
+    return st.lists(_move(dialect), min_size=1, max_size=8).map(_join_moves)
 
 
 def _move(d: Dialect) -> st.SearchStrategy[tuple[Any, ...]]:
@@ -41,7 +41,7 @@ def _move(d: Dialect) -> st.SearchStrategy[tuple[Any, ...]]:
     return st.one_of(kinds)
 
 
-def _joined(moves: list[tuple[Any, ...]]) -> list[Leg]:
+def _join_moves(moves: list[tuple[Any, ...]]) -> list[Leg]:
     """Moves one after the other, a rapid one first and a cut at last."""
     at = np.array([1.5, -2.25, 50.0])
     out = [Leg(np.zeros(3), at, float("nan"))]

@@ -23,7 +23,7 @@ def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
     return np.round(toolpath.position * 1e3, 9)  # metres and back costs the last bits
 
 
-def turned(p: np.ndarray, a: int = 0, b: int = 1) -> float:  # type: ignore[type-arg]
+def compute_turned_angle(p: np.ndarray, a: int = 0, b: int = 1) -> float:  # type: ignore[type-arg]
     angle = np.unwrap(np.arctan2(p[:, b], p[:, a]))
     return float(angle[-1] - angle[0])
 
@@ -54,27 +54,29 @@ def test_spindle_starts_once_with_its_speed(tmp_path: Path) -> None:
 def test_arcs_full_circle_helix_radius_and_planes(tmp_path: Path) -> None:
     head = "G21 G90\nG0 X10 Y0 Z0\nG1 F100 X10\n"
     full = mm(read(tmp_path, head + "G3 I-10\n"))[1:]
-    assert turned(full) == pytest.approx(2 * np.pi)
+    assert compute_turned_angle(full) == pytest.approx(2 * np.pi)
     helix = mm(read(tmp_path, head + "G2 X10 Z-3 I-10 J0\n"))[1:]
-    assert turned(helix) == pytest.approx(-2 * np.pi)
+    assert compute_turned_angle(helix) == pytest.approx(-2 * np.pi)
     assert helix[-1, 2] == -3.0
     short = mm(read(tmp_path, head + "G3 X0 Y10 R10\n"))[1:]
-    assert turned(short) == pytest.approx(np.pi / 2)
+    assert compute_turned_angle(short) == pytest.approx(np.pi / 2)
     long = mm(read(tmp_path, head + "G3 X0 Y10 R-10\n"))[1:]
-    assert turned(long - np.array([10.0, 10.0, 0.0])) == pytest.approx(1.5 * np.pi)
+    assert compute_turned_angle(long - np.array([10.0, 10.0, 0.0])) == pytest.approx(1.5 * np.pi)
     modal = mm(read(tmp_path, head + "G3 X0 Y10 I-10\nX-10 Y0 J-10\n"))[1:]
-    assert turned(modal) == pytest.approx(np.pi)
+    assert compute_turned_angle(modal) == pytest.approx(np.pi)
     # G18: counter-clockwise seen from +Y turns z towards x
     g18 = mm(read(tmp_path, head + "G18 G3 X0 Z10 I-10 K0\n"))[1:]
-    assert turned(g18, 2, 0) == pytest.approx(np.pi / 2 - 2 * np.pi) or turned(g18, 2, 0) == pytest.approx(1.5 * np.pi)
+    assert compute_turned_angle(g18, 2, 0) == pytest.approx(np.pi / 2 - 2 * np.pi) or compute_turned_angle(
+        g18, 2, 0
+    ) == pytest.approx(1.5 * np.pi)
     g19 = mm(read(tmp_path, "G21 G90\nG0 X0 Y10 Z0\nG1 F100 X0\nG19 G3 Y0 Z10 J-10 K0\n"))[1:]
-    assert turned(g19, 1, 2) == pytest.approx(np.pi / 2)
+    assert compute_turned_angle(g19, 1, 2) == pytest.approx(np.pi / 2)
 
 
 def test_absolute_centres_are_found_and_reported(tmp_path: Path) -> None:
     t = read(tmp_path, "G21 G90\nG0 X60 Y50 Z0\nG1 F100 X60\nG3 X50 Y60 I50 J50\n")
     assert any("absolute" in w for w in t.warnings)
-    assert turned(mm(t)[1:] - np.array([50.0, 50.0, 0.0])) == pytest.approx(np.pi / 2)
+    assert compute_turned_angle(mm(t)[1:] - np.array([50.0, 50.0, 0.0])) == pytest.approx(np.pi / 2)
 
 
 def test_inch_incremental_and_feed_modes(tmp_path: Path) -> None:
@@ -208,7 +210,7 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
     p = mm(t)
     circle = p[1 : int(np.flatnonzero(np.abs(p[:, 0]) < 1e-9)[-1])]
     assert t.format == "heidenhain"
-    assert turned(circle[:-20]) > 1.5 * np.pi  # the pole of CC holds for both arcs
+    assert compute_turned_angle(circle[:-20]) > 1.5 * np.pi  # the pole of CC holds for both arcs
     assert p[t.cutting][-1].tolist() == [30.0, 30.0, -8.0]
     assert t.feed[t.cutting][-1] == pytest.approx(150 / 60e3)
     assert t.operations[0].label == "T7"

@@ -29,7 +29,7 @@ def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
     return np.round(toolpath.position * 1e3, 9)
 
 
-def turned(p: np.ndarray, a: int = 0, b: int = 1) -> float:  # type: ignore[type-arg]
+def compute_turned_angle(p: np.ndarray, a: int = 0, b: int = 1) -> float:  # type: ignore[type-arg]
     angle = np.unwrap(np.arctan2(p[:, b], p[:, a]))
     return float(angle[-1] - angle[0])
 
@@ -39,11 +39,11 @@ def test_polar_lines_and_helices(tmp_path: Path) -> None:
     p = mm(t)
     assert np.allclose(p[2], [0.0, 20.0, 0.0], atol=1e-9)
     helix = p[2 : int(np.argmin(p[:, 2])) + 1]
-    assert turned(helix) == pytest.approx(4.0 * np.pi)
+    assert compute_turned_angle(helix) == pytest.approx(4.0 * np.pi)
     assert helix[-1].tolist() == [p[2, 0], p[2, 1], -4.0]
     assert np.allclose(p[-1], [-20.0, 0.0, -4.0], atol=1e-9)
     opposite = read(tmp_path, HEAD + "L Z+0 F100\nCC X+0 Y+0\nCP IPA+360 Z-2 DR-\n" + TAIL)
-    assert turned(mm(opposite)[1:]) == pytest.approx(-2.0 * np.pi)
+    assert compute_turned_angle(mm(opposite)[1:]) == pytest.approx(-2.0 * np.pi)
     assert any("opposite signs" in w for w in opposite.warnings)
     with pytest.raises(InputError, match="before a pole"):
         read(tmp_path, HEAD + "LP PR+5 PA+0 F100\n" + TAIL)
@@ -54,7 +54,9 @@ def test_circle_in_a_vertical_plane_and_a_pole_of_three_coordinates(tmp_path: Pa
     p = mm(t)[1:]
     assert np.allclose(p[:, 0], 10.0)
     assert np.allclose(np.hypot(p[:, 1] - 5.0, p[:, 2]), 5.0)
-    assert turned(p - [0.0, 5.0, 0.0], 1, 2) == pytest.approx(-np.pi / 2 + 2 * np.pi)  # from -y to +z, DR+ about x
+    assert compute_turned_angle(p - [0.0, 5.0, 0.0], 1, 2) == pytest.approx(
+        -np.pi / 2 + 2 * np.pi
+    )  # from -y to +z, DR+ about x
     with pytest.raises(InputError, match="its plane is not stated"):
         read(tmp_path, HEAD + "L Z+0 F100\nCC X+0 Y+0 Z+0\nC X-10 DR+\n" + TAIL)
 

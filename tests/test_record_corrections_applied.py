@@ -27,7 +27,7 @@ CELL = CELLS / "kr240_drilling"
 Change = Callable[[Array], Array]
 
 
-def recorded(change: Callable[[Recording], Recording], *, six: bool = False) -> Recording:
+def simulate_changed_record(change: Callable[[Recording], Recording], *, six: bool = False) -> Recording:
     """Load tests of an arm with other springs, and what the change makes of them."""
     rng = np.random.default_rng(8)
     a = arm(CELL.name)
@@ -98,7 +98,7 @@ CASES = {  # a gain of either sign; parts of either sign in offsets and angles
 @pytest.mark.parametrize("name", CASES)
 def test_written_correction_lowers_the_error(name: str, tmp_path: Path) -> None:
     effect, change = CASES[name]
-    recording, clean = recorded(change), recorded(lambda r: r)
+    recording, clean = simulate_changed_record(change), simulate_changed_record(lambda r: r)
     document = diagnose_in_memory(CELL, recording, tmp_path / "recording").result.to_json_types()
     found = [f for f in document["findings"] if f["effect"] == effect]
     assert found, [(f["effect"], f["location"]) for f in document["findings"]]

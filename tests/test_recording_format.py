@@ -53,11 +53,11 @@ def folder(tmp_path: Path, data: str | bytes = GOOD, yaml: str = YAML, name: str
     return path
 
 
-def plain(kind: str = "deflection", data: str = "data.csv") -> str:
+def write_recording_yaml(kind: str = "deflection", data: str = "data.csv") -> str:
     return f"machopt_recording: 1\nkind: {kind}\ndata: {data}\nwrench_frame: base\ndisplacement_frame: base\n"
 
 
-def refused(path: Path, *parts: str) -> str:
+def read_refusal(path: Path, *parts: str) -> str:
     with pytest.raises(InputError) as caught:
         load_recording(path)
     text = str(caught.value)
@@ -110,14 +110,16 @@ def test_bom_crlf_quotes_and_spaces_are_accepted(tmp_path: Path) -> None:
 
 def test_absolute_and_motion(tmp_path: Path) -> None:
     text = f"{Q},x_mm,y_mm,z_mm,qw,qx,qy,qz,temperature_C\n1,2,3,4,5,6,1500,0,1000,0.7071,0,0.7071,0,21.5\n"
-    r = load_recording(folder(tmp_path, text, plain("absolute")))
+    r = load_recording(folder(tmp_path, text, write_recording_yaml("absolute")))
     assert r.position == pytest.approx(np.array([[1.5, 0, 1]]))
     assert r.quaternion is not None
     assert np.linalg.norm(r.quaternion, axis=1) == pytest.approx(1.0, abs=1e-15)
     assert r.temperature == pytest.approx(np.array([21.5]))
     qse = "time_s,qse2_deg,qse3_deg," + Q
     r = load_recording(
-        folder(tmp_path, f"{qse}\n0,20,30,10,20,30,40,50,60\n0.1,21,31,11,21,31,41,51,61\n", plain("motion"))
+        folder(
+            tmp_path, f"{qse}\n0,20,30,10,20,30,40,50,60\n0.1,21,31,11,21,31,41,51,61\n", write_recording_yaml("motion")
+        )
     )
     assert r.q_secondary is not None
     assert np.isnan(r.q_secondary).all(axis=0).tolist() == [True, False, False, True, True, True]
@@ -127,7 +129,7 @@ def test_absolute_and_motion(tmp_path: Path) -> None:
 def test_missing_labels_are_reported(tmp_path: Path) -> None:
     q = ["10,20,30,40,50,60", "10.5,20,30,40,50,60", "10.004,20,30,40,49.999,60"]
     text = PLAIN + "".join(f"\n{q[k]},1,2,3,0,0,0" for k in (1, 0, 2, 1)) + "\n"
-    r = load_recording(folder(tmp_path, text, plain()))
+    r = load_recording(folder(tmp_path, text, write_recording_yaml()))
     assert r.pose.tolist() == [0, 1, 1, 0]
     assert r.cycle.tolist() == [0, 1, 2, 3]
     assert r.session.tolist() == [0, 0, 0, 0]
@@ -152,10 +154,10 @@ def test_poses_by_joint_position() -> None:
 
 def test_missing_moments_are_zero(tmp_path: Path) -> None:
     text = f"{PLAIN},mz_Nm\n{ROW},7\n"
-    r = load_recording(folder(tmp_path, text, plain()))
+    r = load_recording(folder(tmp_path, text, write_recording_yaml()))
     assert r.wrench is not None
     assert r.wrench.tolist() == [[1, 2, 3, 0, 0, 7]]
-    r = load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n", plain()))
+    r = load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n", write_recording_yaml()))
     assert r.wrench is not None
     assert r.wrench.tolist() == [[1, 2, 3, 0, 0, 0]]
     assert r.displacement is not None
@@ -163,7 +165,7 @@ def test_missing_moments_are_zero(tmp_path: Path) -> None:
 
 
 def test_several_files_are_several_sessions(tmp_path: Path) -> None:
-    path = folder(tmp_path, yaml=plain("motion", "[a.csv, b.csv]"))
+    path = folder(tmp_path, yaml=write_recording_yaml("motion", "[a.csv, b.csv]"))
     head = f"cycle,time_s,{Q},{Q.replace('q', 'qcmd')}"
     for name, start in (("a.csv", 0.0), ("b.csv", 0.0)):
         rows = [f"1,{start + 0.1 * k},10.5,2,3,4,5,6,1,2,3,4,5,6" for k in range(2)]
@@ -176,7 +178,7 @@ def test_several_files_are_several_sessions(tmp_path: Path) -> None:
     assert r.place(3) == "b.csv line 3"
     assert r.stated_labels == {"cycle", "session"}
     (path / "b.csv").write_text((path / "b.csv").read_text().replace("cycle", "pose", 1))
-    refused(path, "a.csv: has no column pose but b.csv has", "same columns")
+    read_refusal(path, "a.csv: has no column pose but b.csv has", "same columns")
 
 
 # ---------------------------------------------------------------- warnings
@@ -184,18 +186,18 @@ def test_several_files_are_several_sessions(tmp_path: Path) -> None:
 
 def test_suspicious_values_are_warnings(tmp_path: Path) -> None:
     radians = PLAIN + "\n0.1,-1.57,1.57,0.2,0.7854,3.1416,1,2,3,0,0,0\n"
-    (warning,) = load_recording(folder(tmp_path, radians, plain())).warnings
+    (warning,) = load_recording(folder(tmp_path, radians, write_recording_yaml())).warnings
     assert "look like radians" in warning
     whole = PLAIN + "\n0,-2,3,0,5,1,1,2,3,0,0,0\n"
-    assert load_recording(folder(tmp_path, whole, plain())).warnings == ()
+    assert load_recording(folder(tmp_path, whole, write_recording_yaml())).warnings == ()
     yaml = "machopt_recording: 1\nkind: deflection\ndata: data.csv\n"
     warnings = load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n", yaml)).warnings
     assert [w.split(" is not given")[0] for w in warnings] == ["rec: wrench_frame", "rec: displacement_frame"]
     two = f"pose,{PLAIN}\n3,{ROW}\n3,{ROW.replace('30', '30.2', 1)}\n"
-    (warning,) = load_recording(folder(tmp_path, two, plain())).warnings
+    (warning,) = load_recording(folder(tmp_path, two, write_recording_yaml())).warnings
     assert "readings of pose 3 lie 0.2° apart in q3_deg" in warning
     unused = f"{PLAIN},x_mm,y_mm,z_mm\n{ROW},1,2,3\n"
-    (warning,) = load_recording(folder(tmp_path, unused, plain())).warnings
+    (warning,) = load_recording(folder(tmp_path, unused, write_recording_yaml())).warnings
     assert "x_mm, y_mm, z_mm are not used in a recording of kind deflection" in warning
 
 
@@ -226,19 +228,19 @@ def test_suspicious_values_are_warnings(tmp_path: Path) -> None:
 )
 def test_wrong_keys_are_refused(tmp_path: Path, old: str, new: str, parts: list[str]) -> None:
     assert old in YAML
-    refused(folder(tmp_path, yaml=YAML.replace(old, new)), "recording.yaml", *parts)
+    read_refusal(folder(tmp_path, yaml=YAML.replace(old, new)), "recording.yaml", *parts)
 
 
 def test_wrong_folders_are_refused(tmp_path: Path) -> None:
-    refused(tmp_path / "gone", "gone: no such file or folder; expected a recording folder")
-    refused(tmp_path, "holds no recording.yaml")
+    read_refusal(tmp_path / "gone", "gone: no such file or folder; expected a recording folder")
+    read_refusal(tmp_path, "holds no recording.yaml")
     path = folder(tmp_path)
-    refused(path / "data.csv", "is not a recording; expected a folder with recording.yaml")
+    read_refusal(path / "data.csv", "is not a recording; expected a folder with recording.yaml")
     outside = tmp_path / "outside.csv"
     outside.write_text(GOOD)
     (path / "data.csv").unlink()
     (path / "data.csv").symlink_to(outside)
-    refused(path, "line 3: data: 'data.csv' lies outside the recording folder")
+    read_refusal(path, "line 3: data: 'data.csv' lies outside the recording folder")
 
 
 @pytest.mark.parametrize(
@@ -268,7 +270,7 @@ def test_wrong_folders_are_refused(tmp_path: Path) -> None:
 )
 def test_wrong_cells_are_refused(tmp_path: Path, old: str, new: str, parts: list[str]) -> None:
     assert old in GOOD
-    refused(folder(tmp_path, GOOD.replace(old, new, 1)), "data.csv", *parts)
+    read_refusal(folder(tmp_path, GOOD.replace(old, new, 1)), "data.csv", *parts)
 
 
 @pytest.mark.parametrize(
@@ -344,22 +346,24 @@ def test_wrong_cells_are_refused(tmp_path: Path, old: str, new: str, parts: list
     ],
 )
 def test_wrong_tables_are_refused(tmp_path: Path, data: str, kind: str, parts: list[str]) -> None:
-    refused(folder(tmp_path, data, plain(kind)), "data.csv", *parts)
+    read_refusal(folder(tmp_path, data, write_recording_yaml(kind)), "data.csv", *parts)
 
 
 def test_other_encodings_are_refused(tmp_path: Path) -> None:
-    refused(folder(tmp_path, GOOD.replace("a comment", "20 °C").encode("latin-1")), "line 1", "is not UTF-8 text")
-    refused(folder(tmp_path, GOOD.encode("utf-16")), "is not UTF-8 text; expected CSV in UTF-8")
+    read_refusal(folder(tmp_path, GOOD.replace("a comment", "20 °C").encode("latin-1")), "line 1", "is not UTF-8 text")
+    read_refusal(folder(tmp_path, GOOD.encode("utf-16")), "is not UTF-8 text; expected CSV in UTF-8")
 
 
 def test_time_increases_within_a_session(tmp_path: Path) -> None:
     head = f"session,time_s,{Q},fx_N,fy_N,fz_N"
     rows = [f"{s},{t},10,20,30,40,50,60,0,0,0" for s, t in ((1, 0.0), (1, 0.1), (2, 0.0), (1, 0.2), (2, 0.1))]
-    path = folder(tmp_path, "\n".join([head, *rows, ""]), plain("motion"))
+    path = folder(tmp_path, "\n".join([head, *rows, ""]), write_recording_yaml("motion"))
     assert load_recording(path).session.tolist() == [1, 1, 2, 1, 2]
     rows[3] = rows[3].replace("0.2", "0.1")
-    path = folder(tmp_path, "\n".join([head, *rows, ""]), plain("motion"))
-    refused(path, "data.csv: line 5, column time_s: time does not rise: 0.1 s after 0.1 s in line 3", "column session")
+    path = folder(tmp_path, "\n".join([head, *rows, ""]), write_recording_yaml("motion"))
+    read_refusal(
+        path, "data.csv: line 5, column time_s: time does not rise: 0.1 s after 0.1 s in line 3", "column session"
+    )
 
 
 @settings(max_examples=scale_example_count(150), deadline=None)
@@ -389,7 +393,7 @@ def test_damaged_file_is_read_or_refused(data: st.DataObject, tmp_path_factory: 
 def test_parquet_needs_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder(tmp_path, b"PAR1 and so on")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    refused(
+    read_refusal(
         path,
         "is Parquet, which needs pyarrow: pip install '.[parquet]' in machopt's folder, or save the table as CSV",
     )
@@ -417,17 +421,17 @@ def test_parquet_equals_csv(tmp_path: Path) -> None:
     assert_same(load_recording(path), from_csv, but={"line", "files"})
     assert load_recording(path).line.tolist() == [1, 2, 3]
     write(q1_deg=[0.0, None, 1.0])
-    refused(path, "data.parquet: row 2, column q1_deg: found an empty cell; expected a number")
+    read_refusal(path, "data.parquet: row 2, column q1_deg: found an empty cell; expected a number")
     write(q1_deg=[0.0, 1.0, float("nan")])
-    refused(path, "row 3, column q1_deg: found nan; expected a finite number")
+    read_refusal(path, "row 3, column q1_deg: found nan; expected a finite number")
     write(q1_deg=["0", "1", "2"])
-    refused(path, "schema, column q1_deg: is of type string; expected numbers")
+    read_refusal(path, "schema, column q1_deg: is of type string; expected numbers")
     write(branch=[1, 2, 3])
-    refused(path, "row 1, column branch: found 1; expected a word")
+    read_refusal(path, "row 1, column branch: found 1; expected a word")
     write(q13_deg=[1.0, 2.0, 3.0])
-    refused(path, "schema: unknown column 'q13_deg'; valid: pose")
+    read_refusal(path, "schema: unknown column 'q13_deg'; valid: pose")
     file.write_bytes(b"PAR1 and so on")
-    refused(path, "is not readable as Parquet")
+    read_refusal(path, "is not readable as Parquet")
 
 
 # ---------------------------------------------------------------- several recordings
@@ -470,24 +474,24 @@ def test_session_with_its_own_pose_numbers_is_matched(tmp_path: Path) -> None:
 
     head = f"session,pose,{PLAIN}\n" + "".join(lines(1, k + 1, a) for k, a in enumerate(q))
     anew = head + "".join(lines(2, k + 1, a + 0.01) for k, a in enumerate(q[::2]))
-    r = load_recording(folder(tmp_path, anew, plain()))
+    r = load_recording(folder(tmp_path, anew, write_recording_yaml()))
     assert r.pose.tolist() == [*range(12), *range(0, 12, 2)]
     assert any("session 2 counts its poses anew" in w for w in r.warnings)
     assert not any("one label is meant for one robot pose" in w for w in r.warnings)
     sign, zero, half = np.array([1, 1, 1, 1, -1, 1]), np.array([0, 0, 7.0, 0, 0, 0]), np.full(6, np.pi / 180)
     for written in (q * sign, q + zero, q * half, q):
         same = head + "".join(lines(2, k + 1, a) for k, a in enumerate(written))
-        assert load_recording(folder(tmp_path, same, plain())).pose.tolist() == [*range(1, 13)] * 2
+        assert load_recording(folder(tmp_path, same, write_recording_yaml())).pose.tolist() == [*range(1, 13)] * 2
 
 
 def test_unlabelled_poses_are_matched_by_joint_position(tmp_path: Path) -> None:
     one, two = f"{PLAIN}\n{ROW}\n", f"{PLAIN}\n{ROW.replace('10.5', '11', 1)}\n{ROW}\n"
-    a, b = folder(tmp_path, one, plain(), "a"), folder(tmp_path, two, plain(), "b")
+    a, b = folder(tmp_path, one, write_recording_yaml(), "a"), folder(tmp_path, two, write_recording_yaml(), "b")
     r = load_recordings([a, b])
     assert r.pose.tolist() == [0, 1, 0]
     assert r.session.tolist() == [0, 1, 1]
     assert r.stated_labels == {"session"}
-    c = folder(tmp_path, f"pose,{PLAIN}\n5,{ROW}\n", plain(), "c")
+    c = folder(tmp_path, f"pose,{PLAIN}\n5,{ROW}\n", write_recording_yaml(), "c")
     r = load_recordings([a, c])
     assert r.pose.tolist() == [0, 0]
     assert any("all poses are numbered by joint position" in w for w in r.warnings)
@@ -599,7 +603,7 @@ def test_round_trip(made: Recording, tmp_path_factory: pytest.TempPathFactory) -
 
 
 def test_labels_are_written_where_informative(tmp_path: Path) -> None:
-    made = replace(load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n{ROW}\n", plain())), source="out")
+    made = replace(load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n{ROW}\n", write_recording_yaml())), source="out")
     write_recording(tmp_path / "out", made)
     assert (tmp_path / "out" / "data.csv").read_text().startswith("q1_deg,")
     assert_same(load_recording(tmp_path / "out"), made)
@@ -612,7 +616,7 @@ def test_labels_are_written_where_informative(tmp_path: Path) -> None:
 
 
 def test_unwritable_recording_is_refused(tmp_path: Path) -> None:
-    made = load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n", plain()))
+    made = load_recording(folder(tmp_path, f"{PLAIN}\n{ROW}\n", write_recording_yaml()))
     with pytest.raises(InputError, match="reading 1 of fx_N is nan"):
         write_recording(tmp_path / "out", replace(made, wrench=np.full((1, 6), np.nan)))
     with pytest.raises(InputError, match="holds no reading"):
@@ -635,11 +639,12 @@ def test_long_recordings_load_and_name_the_cell(tmp_path: Path) -> None:
     )
     cells = ",".join(["12.345678"] * 39)
     rows = [f"{0.004 * k:.3f},{cells}" for k in range(n)]
-    path = folder(tmp_path, "\n".join([head, *rows, ""]), plain("motion"))
+    path = folder(tmp_path, "\n".join([head, *rows, ""]), write_recording_yaml("motion"))
     assert len(load_recording(path)) == n
     rows[90_000] = rows[90_000].replace("12.345678", "12.34567S", 1)
-    refused(
-        folder(tmp_path, "\n".join([head, *rows, ""]), plain("motion")), "line 90002, column q1_deg: found '12.34567S'"
+    read_refusal(
+        folder(tmp_path, "\n".join([head, *rows, ""]), write_recording_yaml("motion")),
+        "line 90002, column q1_deg: found '12.34567S'",
     )
 
 

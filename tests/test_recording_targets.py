@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_recording_format import folder, refused
+from test_recording_format import folder, read_refusal
 
 from machopt.errors import InputError
 from machopt.measurement.recording import load_recording, load_recordings, write_recording
@@ -78,7 +78,7 @@ def test_stations_of_two_folders_differ(tmp_path: Path) -> None:
     ],
 )
 def test_invalid_content_is_reported(tmp_path: Path, yaml: str, table: str, parts: tuple[str, ...]) -> None:
-    refused(folder(tmp_path, table, yaml), *parts)
+    read_refusal(folder(tmp_path, table, yaml), *parts)
 
 
 def motion(*, motors: bool = True, current: bool = True, slip: float = 0.0) -> str:
@@ -134,7 +134,7 @@ def test_coupling_matrix_converts_motor_to_joint_values(tmp_path: Path) -> None:
     ],
 )
 def test_impossible_motors_are_refused(tmp_path: Path, yaml: str, table: str, parts: tuple[str, ...]) -> None:
-    refused(folder(tmp_path, table, yaml), *parts)
+    read_refusal(folder(tmp_path, table, yaml), *parts)
 
 
 def test_empty_tilts_of_a_link_are_preserved(tmp_path: Path) -> None:
@@ -150,6 +150,6 @@ def test_empty_tilts_of_a_link_are_preserved(tmp_path: Path) -> None:
     again = load_recording(tmp_path / "again")
     np.testing.assert_array_equal(again.tilt, found.tilt)
     assert (again.tilt_link, again.uncertainty) == (found.tilt_link, found.uncertainty)
-    refused(folder(tmp_path, table.replace("0.5,-0.25", "0.5,x"), yaml, "b"), "line 2", "tilt_y_mrad", "'x'")
+    read_refusal(folder(tmp_path, table.replace("0.5,-0.25", "0.5,x"), yaml, "b"), "line 2", "tilt_y_mrad", "'x'")
     empty = "\n".join(f"{line},{'tilt_x_mrad,tilt_y_mrad' if n == 0 else ','}" for n, line in enumerate(lines)) + "\n"
-    refused(folder(tmp_path, empty, yaml, "c"), "tilt_x_mrad", "holds no number")
+    read_refusal(folder(tmp_path, empty, yaml, "c"), "tilt_x_mrad", "holds no number")

@@ -11,7 +11,7 @@ from external_axis_cells import external_cell
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from property_example_count import scale_example_count
-from test_continuous_refinement import MOVING, chosen, weaving
+from test_continuous_refinement import MOVING, build_weaving_slot, plan_by_grids
 from test_external_axes import OPTIONS, UP, K
 from test_planning_path import Rows, toolpath
 
@@ -83,14 +83,14 @@ def test_jumps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.Monkey
     for leaps in (0, 0), refinement_restarts.LEAPS:
         monkeypatch.setattr(refinement_restarts, "LEAPS", leaps)
         monkeypatch.setattr(refinement_restarts, "WORTH_IT", 1e-4)
-        found.append(worth(find_best_plan(cell, weaving(), MOVING)))
+        found.append(worth(find_best_plan(cell, build_weaving_slot(), MOVING)))
     assert found[1] <= found[0] * (1 + ROUNDED)
 
 
 @pytest.mark.slow
 def test_refinement_begins_on_its_own_curves(tmp_path: FilePath) -> None:
     """What a start has that no offset takes away is gone; and a curve stays what it is."""
-    plan, groups, axes = chosen(tmp_path, weaving(), MOVING, rail=True)
+    plan, groups, axes = plan_by_grids(tmp_path, build_weaving_slot(), MOVING, rail=True)
     refinement = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     a = plan.chosen.assignment
     ragged = RefinementStart(a.phi + 1e-3 * (-1.0) ** np.arange(len(a.phi)), plan.path.external, a.q)

@@ -30,7 +30,7 @@ E_ZONE = SteeringRule(points=(9, 16), joint="rail", away=(-0.05, 0.15), unit="mm
 PIN, ZONE = SteeringRule(points=(10, 10), gamma=0.4), SteeringRule(points=(12, 17), forbid=(-0.4, 0.8))
 
 
-def weaving() -> Toolpath:
+def build_weaving_path() -> Toolpath:
     y = np.linspace(-0.6, 0.6, 20)
     rows: Rows = [((0.0, y[0], 0.05), UP, MoveKind.RAPID)]
     rows += [((0.25 * float(np.sin(7.0 * v)), float(v), 0.0), UP, MoveKind.CUT) for v in y]
@@ -39,7 +39,7 @@ def weaving() -> Toolpath:
 
 def before_and_after(folder: FilePath, wishes: tuple[SteeringRule, ...], mode: ExternalMode) -> tuple[Plan, Plan]:
     """What the search by grids comes to, and what is exported."""
-    cell, path = replace(external_cell(folder, rail=True), stiffness=K), weaving()
+    cell, path = replace(external_cell(folder, rail=True), stiffness=K), build_weaving_path()
     options = replace(
         OPTIONS,
         rotation_step=np.radians(15.0),
@@ -50,7 +50,7 @@ def before_and_after(folder: FilePath, wishes: tuple[SteeringRule, ...], mode: E
     return first, find_best_plan(cell, path, options)
 
 
-def gained(first: Plan, best: Plan) -> float:
+def compute_gain(first: Plan, best: Plan) -> float:
     worth = AxisPlanRanking.build(first.setup, resolve_axis_options(first.setup.cell, first.options))
     return 1.0 - worth.plan(best) / worth.plan(first)
 
@@ -58,7 +58,7 @@ def gained(first: Plan, best: Plan) -> float:
 @pytest.mark.slow
 def test_plan_with_steering_is_refined_and_respects_it(tmp_path: FilePath) -> None:
     first, best = before_and_after(tmp_path, (E_PIN, E_ZONE, PIN, ZONE), "moving")
-    assert gained(first, best) > 1e-3
+    assert compute_gain(first, best) > 1e-3
     index, rail = best.path.index, best.path.external[:, 0]
     assert (rail[(index >= 4) & (index <= 6)] == 0.35).all()  # to the bit: no curve of the refinement goes there
     there = rail[(index >= 9) & (index <= 16)]
@@ -84,7 +84,7 @@ def test_refinement_with_steering_makes_no_plan_worse(
     if mode == "operation":
         wishes = [w for w in wishes if w is not E_PIN]  # one place would keep both, and the refinement nothing to do
     first, best = before_and_after(tmp_path, tuple(wishes), mode)
-    assert gained(first, best) >= -1e-12
+    assert compute_gain(first, best) >= -1e-12
     assert len(best.missing) <= len(first.missing)
     if not len(best.missing):
         assert is_assignment_allowed(best.chosen.assignment, best.path, best.options)

@@ -36,7 +36,7 @@ def exit_code(cell: str, job: Path, out: Path, options: tuple[str, ...]) -> int:
     return run_optimize(OptimizeRequest(cell=ROOT / "cells" / cell, toolpath=job, out=out, overrides=options)).exit_code
 
 
-def lost(seed: int, folder: Path, cells: list[str]) -> list[str]:
+def find_lost_options(seed: int, folder: Path, cells: list[str]) -> list[str]:
     """What makes a job infeasible that is feasible under stricter options."""
     rng = np.random.default_rng(seed)
     cell = cells[seed % len(cells)]
@@ -50,10 +50,13 @@ def lost(seed: int, folder: Path, cells: list[str]) -> list[str]:
 
 @pytest.mark.slow
 def test_relaxed_options_keep_a_job_feasible(tmp_path: Path) -> None:
-    assert lost(2, tmp_path, ["kr500_milling"]) == []
+    assert find_lost_options(2, tmp_path, ["kr500_milling"]) == []
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", [10, 12])
 def test_relaxed_options_keep_jobs_feasible(seed: int, tmp_path: Path) -> None:
-    assert lost(seed, tmp_path, ["kr500_milling", "irb6700_drilling", "cutting_cobot", "kr240_drilling"]) == []
+    assert (
+        find_lost_options(seed, tmp_path, ["kr500_milling", "irb6700_drilling", "cutting_cobot", "kr240_drilling"])
+        == []
+    )

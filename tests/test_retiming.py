@@ -135,7 +135,7 @@ def zigzag() -> Array:
     return np.concatenate(rows)
 
 
-def scaled(factor: float) -> JointLimits:
+def scale_limits(factor: float) -> JointLimits:
     return replace(
         LIMITS, velocity=LIMITS.velocity * factor, acceleration=LIMITS.acceleration * factor, jerk=LIMITS.jerk * factor
     )
@@ -177,7 +177,7 @@ RUNS: dict[str, tuple[Callable[[], RunInput], float]] = {  # and the least share
         lambda: make([[0, 0, 0], [0, 0, 0.1], [0.3, 0.1, 0.1], [0.3, 0.1, 0.05]], feed=np.array([0.5, 0.5, 0.5, 0.02])),
         0.6,
     ),
-    "axes too slow": (lambda: make(*contour(60, 0.003), limits=scaled(0.01)), 0.0),
+    "axes too slow": (lambda: make(*contour(60, 0.003), limits=scale_limits(0.01)), 0.0),
 }
 
 

@@ -51,7 +51,7 @@ ELSEWHERE = {
 }
 
 
-def _ignored(tree: ast.AST) -> list[ast.Call]:
+def _list_ignored_calls(tree: ast.AST) -> list[ast.Call]:
     return [
         n
         for n in ast.walk(tree)
@@ -65,7 +65,7 @@ def test_every_ignored_word_is_reviewed() -> None:
     known += [f"CYCL DEF {n}" for n in harmless_words.HEIDENHAIN_CYCLES]
     missing = []
     for file in sorted(f for f in READERS.rglob("*.py") if f.parent.name != "tables"):  # columns: unknown_columns.py
-        for call in _ignored(ast.parse(file.read_text(encoding="utf-8"))):
+        for call in _list_ignored_calls(ast.parse(file.read_text(encoding="utf-8"))):
             flag = next(k.value for k in call.keywords if k.arg == "understood")
             word = call.args[0]
             if not (isinstance(flag, ast.Constant) and flag.value is True and isinstance(word, ast.Constant)):

@@ -28,7 +28,7 @@ MASS = '<inertial><mass value="40"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz
 LIMIT = '<limit lower="-2" upper="2" velocity="3" effort="1"/>'
 
 
-def made(text: str, folder: Path, **options: object) -> InitResult:
+def run_init_on_text(text: str, folder: Path, **options: object) -> InitResult:
     file = folder / "arm.urdf"
     file.write_text(text)
     return run_init(InitRequest(robot=file, out=folder / "cell", workpiece_mm=PLACE, **options))  # type: ignore[arg-type]
@@ -77,7 +77,7 @@ SIDE = {
 @pytest.mark.parametrize("name", sorted(SIDE))
 def test_joint_outside_the_chain_is_left_out_and_reported(name: str, tmp_path: Path) -> None:
     """Planner and verifier have the bodies and the kinematics of the arm without it; masses stay."""
-    cell = made(with_parts(SIDE[name]), tmp_path).cell
+    cell = run_init_on_text(with_parts(SIDE[name]), tmp_path).cell
     said = [w for w in cell.warnings if "outside of the chain" in w]
     bodies = SIDE[name].count("<collision>")
     assert bool(said) == bool(bodies or "<mass" in SIDE[name])
@@ -87,7 +87,9 @@ def test_joint_outside_the_chain_is_left_out_and_reported(name: str, tmp_path: P
     plain = tmp_path / "plain"
     plain.mkdir()
     q = np.linspace(-1.0, 1.0, 6)
-    np.testing.assert_allclose(robot.compute_fk(q), load_robot(made(urdf_text(), plain).cell).compute_fk(q), atol=1e-12)
+    np.testing.assert_allclose(
+        robot.compute_fk(q), load_robot(run_init_on_text(urdf_text(), plain).cell).compute_fk(q), atol=1e-12
+    )
     np.testing.assert_allclose(
         UrdfKinematics(cell).compute_configuration(q[None]).flange[0], robot.compute_fk(q), atol=1e-12
     )
@@ -104,7 +106,7 @@ def test_coupled_wrist_is_refused_without_wrong_advice(tmp_path: Path) -> None:
         '<mimic joint="a5" multiplier="-1"/></joint>'
     )
     with pytest.raises(InputError) as refused:
-        made(text.replace("</robot>", bend + "</robot>"), tmp_path)
+        run_init_on_text(text.replace("</robot>", bend + "</robot>"), tmp_path)
     assert "would be planned" not in str(refused.value)
 
 
@@ -132,8 +134,8 @@ UNUSED = {
 def test_unused_elements_cause_a_note(name: str, tmp_path: Path) -> None:
     old, new = UNUSED[name]
     assert old in urdf_text()
-    cell = made(urdf_text().replace(old, new, 1), tmp_path).cell
-    known = len(made(urdf_text(), plain_folder(tmp_path)).cell.warnings)
+    cell = run_init_on_text(urdf_text().replace(old, new, 1), tmp_path).cell
+    known = len(run_init_on_text(urdf_text(), plain_folder(tmp_path)).cell.warnings)
     assert len(cell.warnings) > known or any("not used" in n for n in cell.notes)
     assert load_robot(cell).axis.shape == (6, 3)
 
@@ -166,7 +168,7 @@ def test_ambiguous_elements_are_refused(name: str, tmp_path: Path) -> None:
         read_robot(tmp_path / "arm.urdf")
 
 
-def limited(joints: tuple[str, ...], **values: float) -> str:
+def limit_joints(joints: tuple[str, ...], **values: float) -> str:
     text = urdf_text()
     for name in joints:
         at = text.index("<limit", text.index(f'<joint name="{name}"'))
@@ -180,19 +182,19 @@ def limited(joints: tuple[str, ...], **values: float) -> str:
 
 @pytest.mark.parametrize("turn", [6.2832, 6.29, 6.4, 7.85, 9.43, 12.57, 12.6, 13.0, 18.9, 25.0])
 def test_limits_above_a_turn_are_those_of_a_wrist(turn: float, tmp_path: Path) -> None:
-    cell = made(limited(("a4", "a6"), lower=-turn, upper=turn), tmp_path).cell
+    cell = run_init_on_text(limit_joints(("a4", "a6"), lower=-turn, upper=turn), tmp_path).cell
     assert cell.limits.upper[[3, 5]] == pytest.approx([turn, turn], abs=2e-4)
 
 
 @pytest.mark.parametrize("degrees", [45.0, 90.0, 185.0, 360.0])
 def test_limits_in_degrees_are_refused_with_the_values_in_radians(degrees: float, tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
-    file.write_text(limited(("a1", "a4", "a6"), lower=-degrees, upper=degrees))
+    file.write_text(limit_joints(("a1", "a4", "a6"), lower=-degrees, upper=degrees))
     with pytest.raises(InputError) as refused:
         run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=PLACE))
     radians = float(re.findall(r"to ([\d.]+) would work", str(refused.value))[0])
     assert radians == pytest.approx(np.radians(degrees), rel=1e-4)
-    made(limited(("a1", "a4", "a6"), lower=-radians, upper=radians), tmp_path)
+    run_init_on_text(limit_joints(("a1", "a4", "a6"), lower=-radians, upper=radians), tmp_path)
 
 
 @pytest.mark.parametrize("velocity", [200.0, 1000.0, 3.6e5, 1e-5])
@@ -200,7 +202,7 @@ def test_impossible_velocity_names_the_urdf_and_the_option(
     velocity: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "arm.urdf"
-    file.write_text(limited(("a3",), velocity=velocity))
+    file.write_text(limit_joints(("a3",), velocity=velocity))
     command = ["init", str(file), "-o", str(tmp_path / "cell"), "--workpiece-mm", "1500,0,600"]
     assert main(command) == 2
     told = capsys.readouterr().err
@@ -220,7 +222,7 @@ def test_impossible_velocity_names_the_urdf_and_the_option(
     ("velocity", "warned"), [(2.0, False), (26.0, False), (34.0, False), (36.0, True), (100.0, True)]
 )
 def test_velocity_above_every_data_sheet_causes_a_warning(velocity: float, warned: bool, tmp_path: Path) -> None:
-    cell = made(limited(("a6",), velocity=velocity), tmp_path).cell
+    cell = run_init_on_text(limit_joints(("a6",), velocity=velocity), tmp_path).cell
     assert any("faster than any arm" in w for w in cell.warnings) == warned
 
 
@@ -259,7 +261,7 @@ def test_robot_options_are_refused_for_other_files(
     (tmp_path / "p.csv").write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min\n0,0,0,0,0,1,600\n1,0,0,0,0,1,600\n")
     assert main(["inspect", str(tmp_path / "p.csv"), option, f"a={tmp_path}"]) == 2
     assert option in capsys.readouterr().err
-    cell = made(urdf_text(), tmp_path).folder
+    cell = run_init_on_text(urdf_text(), tmp_path).folder
     assert main(["inspect", str(cell), option, f"a={tmp_path}"]) == 2
     assert main(["inspect", str(tmp_path / "arm.urdf"), "--xacro-arg", "a=1"]) == 2
 
@@ -298,7 +300,7 @@ def test_adapter_plate_is_no_wrong_unit(name: str, tmp_path: Path) -> None:
     trimesh.creation.box((0.005, 0.005, 0.002)).export(tmp_path / "plate.stl")
     trimesh.creation.box((5.0, 5.0, 2.0)).export(tmp_path / "plate_mm.stl")
     plate = f'<link name="flange"><collision><geometry>{PLATES[name]}</geometry></collision></link>'
-    made(urdf_text().replace('<link name="flange"/>', plate), tmp_path)
+    run_init_on_text(urdf_text().replace('<link name="flange"/>', plate), tmp_path)
 
 
 @pytest.mark.parametrize("sides", [(0.0003, 0.0002, 0.0001), (0.0015, 0.001, 0.001), (0.0028, 0.001, 0.001)])
@@ -306,16 +308,18 @@ def test_link_in_thousandths_is_refused(sides: tuple[float, ...], tmp_path: Path
     trimesh.creation.box(sides).export(tmp_path / "a.stl")
     mesh = '<link name="flange"><collision><geometry><mesh filename="a.stl"/></geometry></collision></link>'
     with pytest.raises(InputError, match="scale=") as refused:
-        made(urdf_text().replace('<link name="flange"/>', mesh), tmp_path)
+        run_init_on_text(urdf_text().replace('<link name="flange"/>', mesh), tmp_path)
     scale = re.findall(r'scale="[^"]*"', str(refused.value))[0]
-    made(urdf_text().replace('<link name="flange"/>', mesh.replace("/></geo", f" {scale}/></geo")), tmp_path)
+    run_init_on_text(
+        urdf_text().replace('<link name="flange"/>', mesh.replace("/></geo", f" {scale}/></geo")), tmp_path
+    )
 
 
 def test_endless_joint_becomes_continuous_as_advised(tmp_path: Path) -> None:
-    text = limited(("a6",), lower=-1e4, upper=1e4)
+    text = limit_joints(("a6",), lower=-1e4, upper=1e4)
     with pytest.raises(InputError, match='type="continuous"'):
-        made(text, tmp_path)
-    made(text.replace('<joint name="a6" type="revolute">', '<joint name="a6" type="continuous">'), tmp_path)
+        run_init_on_text(text, tmp_path)
+    run_init_on_text(text.replace('<joint name="a6" type="revolute">', '<joint name="a6" type="continuous">'), tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["seven", "turntable"])
@@ -331,7 +335,7 @@ def test_advised_link_gives_an_arm(kind: str, tmp_path: Path) -> None:
     )
     text = text.replace("</robot>", joint + "</robot>")
     with pytest.raises(InputError) as refused:
-        made(text, tmp_path)
+        run_init_on_text(text, tmp_path)
     for option, link in re.findall(r"--(base|flange)-link (\S+?)[ ;]", str(refused.value)):
         place = {} if option == "base" else {"workpiece_mm": PLACE}
         file = tmp_path / "arm.urdf"
@@ -341,7 +345,7 @@ def test_advised_link_gives_an_arm(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("uri", ["package://gone/meshes/a.stl", "gone.stl", "../gone.stl"])
 def test_missing_mesh_is_a_note_where_only_kinematics_is_needed(uri: str, tmp_path: Path) -> None:
-    folder = made(urdf_text(), tmp_path).folder
+    folder = run_init_on_text(urdf_text(), tmp_path).folder
     body = f'<collision><geometry><mesh filename="{uri}"/></geometry></collision>'
     robot = folder / "robot.urdf"
     robot.write_text(robot.read_text().replace('<link name="flange"/>', f'<link name="flange">{body}</link>'))
@@ -351,4 +355,4 @@ def test_missing_mesh_is_a_note_where_only_kinematics_is_needed(uri: str, tmp_pa
     assert sum("'flange' is missing" in w for w in cell.warnings) == 1
     assert len(load_chain(cell)[1]) == 7
     with pytest.raises(InputError, match=r"--package gone=FOLDER" if "package" in uri else "gone"):
-        made(robot.read_text(), plain_folder(tmp_path))
+        run_init_on_text(robot.read_text(), plain_folder(tmp_path))

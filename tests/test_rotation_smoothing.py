@@ -59,7 +59,7 @@ def valley(
     )
 
 
-def straight(n: int, length: float = 0.3, feed: float = 0.002) -> PlanningPath:
+def build_straight_path(n: int, length: float = 0.3, feed: float = 0.002) -> PlanningPath:
     rows: Rows = [((0, 0, 0), UP, R)] + [((x, 0, 0), UP, C) for x in np.linspace(0, length, n)[1:]]
     return build_planning_path(toolpath(rows, feed=feed))
 
@@ -76,7 +76,7 @@ def best_of(
 @pytest.mark.parametrize("turn_at", [0.3, 3.0])
 def test_known_optimum_between_grid_steps_is_found(turn_at: float) -> None:
     """Also where it crosses the seam of the grid at 180° (turn_at = 3 rad)."""
-    path = straight(101, feed=0.02)
+    path = build_straight_path(101, feed=0.02)
     s = path.s[path.stations] / path.s[-1]
     target = turn_at + 0.4 * np.sin(3 * s)
     candidates, scores = valley(path, target)
@@ -97,7 +97,7 @@ def test_known_optimum_between_grid_steps_is_found(turn_at: float) -> None:
 def test_curve_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPatch) -> None:
     """Convergence order: half the spacing halves the jumps of the second difference quotient; kinks double them."""
     monkeypatch.setattr(path_station_selection, "MAX_STATIONS", 150)
-    path = straight(1201, feed=0.1)
+    path = build_straight_path(1201, feed=0.1)
     target = 0.3 + 0.5 * np.sin(5 * path.s[path.stations] / path.s[-1])
     candidates, scores = valley(path, target)
     options = PlanOptions(weights=FREE)
@@ -119,7 +119,7 @@ def test_curve_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPa
 
 
 def test_curve_stays_in_the_feasible_range() -> None:
-    path = straight(101)
+    path = build_straight_path(101)
     target = np.linspace(0.0, 1.5, len(path.stations))
     candidates, scores = valley(path, target, low=np.radians(-10), high=np.radians(50))
     options = PlanOptions(weights=FREE)
@@ -135,7 +135,7 @@ def test_curve_stays_in_the_feasible_range() -> None:
 
 
 def test_corridor_ends_at_infeasible_rotations_and_jumps() -> None:
-    path = straight(11)
+    path = build_straight_path(11)
     candidates, scores = valley(path, np.zeros(len(path.stations)))
     candidates.q[:, 40:, 0, 2] = 2.0  # from 20° on another posture under the same branch index
     choice = best_of(path, candidates, scores, PlanOptions(weights=FREE))
@@ -167,7 +167,7 @@ def test_plunges_keep_the_rotation() -> None:
 
 @pytest.mark.parametrize("degrees", [12.34, -31.0])
 def test_fixed_rotation_is_exact_on_a_contour(degrees: float) -> None:
-    path = straight(101)
+    path = build_straight_path(101)
     k = 50
     p = at_point(path, k)
     options = PlanOptions(
@@ -215,7 +215,7 @@ def test_hole_uses_the_minimum_of_its_valley() -> None:
 
 
 def test_missing_stations_leave_a_gap_and_the_rest_is_smooth() -> None:
-    path = straight(61)
+    path = build_straight_path(61)
     candidates, scores = valley(path, np.full(len(path.stations), 0.3))
     candidates.feasible[20] = False
     choice = best_of(path, candidates, scores, PlanOptions(weights=FREE))

@@ -24,7 +24,7 @@ HINGES = {0: np.diag([3e-7, 2e-7, 1e-7]), 2: np.diag([5e-7, 3e-7, 5e-7]), 7: np.
 
 
 @cache
-def recorded(frame: str, hinge: int | None = None) -> Recording:
+def simulate_load_tests(frame: str, hinge: int | None = None) -> Recording:
     rng = np.random.default_rng(17)
     a = arm(CELL)
     hinges = {} if hinge is None else {hinge: HINGES[hinge]}
@@ -32,18 +32,18 @@ def recorded(frame: str, hinge: int | None = None) -> Recording:
     return load_tests(a, truth, plan_load_tests(a, rng, poses=10, loads=2, sessions=1, moment=150.0), rng, frame=frame)
 
 
-def turned(v: np.ndarray, Q: np.ndarray) -> np.ndarray:
+def rotate_vectors(v: np.ndarray, Q: np.ndarray) -> np.ndarray:
     return np.concatenate([v[:, k : k + 3] @ Q.T for k in range(0, v.shape[1], 3)], axis=1)
 
 
 @pytest.mark.parametrize(("frame", "degrees"), [("tool", 31.0), ("base", 118.0)])
 @pytest.mark.parametrize("quantity", ["wrench", "displacement"])
 def test_any_rotation_is_fitted_and_corrected(frame: str, degrees: float, quantity: str) -> None:
-    cell, right = load_cell(CELLS / CELL), recorded(frame)
+    cell, right = load_cell(CELLS / CELL), simulate_load_tests(frame)
     robot, T = load_robot(cell), cell.tool.T_flange_tcp
     axis = np.array([0.6, 0.2, -0.77])
     Q = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis)).as_matrix()
-    wrong = replace(right, **{quantity: turned(getattr(right, quantity), Q)})
+    wrong = replace(right, **{quantity: rotate_vectors(getattr(right, quantity), Q)})
     assert cell.stiffness is not None
     corrected, findings, _ = correct_static_record(wrong, robot, T, cell.stiffness.joints)
     place = "sensor:force" if quantity == "wrench" else "sensor:displacement"
@@ -57,11 +57,11 @@ def test_any_rotation_is_fitted_and_corrected(frame: str, degrees: float, quanti
 
 
 def test_identify_asks_for_the_axes() -> None:
-    cell, right = load_cell(CELLS / CELL), recorded("tool")
+    cell, right = load_cell(CELLS / CELL), simulate_load_tests("tool")
     robot = load_robot(cell)
     assert right.wrench is not None
     Q = Rotation.from_euler("xyz", [10, -35, 70], degrees=True).as_matrix()
-    wrong = replace(right, wrench=turned(right.wrench, Q))
+    wrong = replace(right, wrench=rotate_vectors(right.wrench, Q))
     tests = build_load_test_experiment(wrong, robot, cell.tool.T_flange_tcp)
     (fault,) = check_sensor_axes(tests, robot)
     assert (fault.code, fault.column) == ("sensor_axes", "fx_N")
@@ -73,5 +73,5 @@ def test_identify_asks_for_the_axes() -> None:
 def test_soft_bodies_are_no_rotation(hinge: int | None) -> None:
     cell = load_cell(CELLS / CELL)
     robot = load_robot(cell)
-    tests = build_load_test_experiment(recorded("tool", hinge), robot, cell.tool.T_flange_tcp)
+    tests = build_load_test_experiment(simulate_load_tests("tool", hinge), robot, cell.tool.T_flange_tcp)
     assert find_rotated_axes(tests, robot) is None

@@ -18,7 +18,7 @@ LIMIT = np.radians(50.0)  # of every joint
 AHEAD = (0, 1, 7)  # rotations that a small turn from rotation 0 leads to
 
 
-def broken(
+def build_break(
     reasons: dict[int, InfeasibilityReason],
     joints: dict[int, tuple[int, float]] | None = None,
     pairs: dict[int, int] | None = None,
@@ -76,19 +76,19 @@ def broken(
 
 
 def test_joint_limit_of_the_nearest_continuation_is_named() -> None:
-    one = broken(dict.fromkeys(AHEAD, InfeasibilityReason.LIMIT), {0: (3, 54.0), 1: (3, 52.5), 7: (4, -58.0)})
+    one = build_break(dict.fromkeys(AHEAD, InfeasibilityReason.LIMIT), {0: (3, 54.0), 1: (3, 52.5), 7: (4, -58.0)})
     assert (one.code, one.joint) == ("joint_limit", 4)
     assert (one.value, one.limit) == pytest.approx((52.5, 50.0))
     assert one.text == (
         "joint 4 would have to go to 52.5°, its limit with the margin is 50.0° "
         "(of 3 continuous ways 3 break a joint limit)"
     )
-    below = broken({7: InfeasibilityReason.LIMIT}, {7: (4, -58.0)})
+    below = build_break({7: InfeasibilityReason.LIMIT}, {7: (4, -58.0)})
     assert (below.joint, below.value, below.limit) == (5, pytest.approx(-58.0), pytest.approx(-50.0))
 
 
 def test_most_frequent_reason_is_reported() -> None:
-    one = broken(
+    one = build_break(
         {
             0: InfeasibilityReason.SINGULAR_WRIST,
             1: InfeasibilityReason.SINGULAR_ELBOW,
@@ -102,42 +102,42 @@ def test_most_frequent_reason_is_reported() -> None:
 
 
 def test_most_frequent_contact_pair_is_named() -> None:
-    one = broken(dict.fromkeys(AHEAD, InfeasibilityReason.COLLIDING), pairs={0: 1, 1: 0, 7: 1})
+    one = build_break(dict.fromkeys(AHEAD, InfeasibilityReason.COLLIDING), pairs={0: 1, 1: 0, 7: 1})
     assert (one.code, one.pair) == ("collision", "tool ~ table")
     assert one.text.startswith("tool ~ table touch or come nearer than the clearance on the way (of 3 ")
 
 
 def test_blocked_motion_between_free_poses_names_the_obstacle() -> None:
-    barred = broken({0: InfeasibilityReason.OK}, banned={2: 0})
+    barred = build_break({0: InfeasibilityReason.OK}, banned={2: 0})
     assert (barred.code, barred.pair) == ("collision", "link_4 ~ post")
-    poseless = broken({0: InfeasibilityReason.OK}, banned={2: -1})
+    poseless = build_break({0: InfeasibilityReason.OK}, banned={2: -1})
     assert (poseless.code, poseless.pair) == ("no_pose", "")
     assert "no pose of the same configuration is within limits and margins" in poseless.text
     assert "more points between them" in poseless.help
 
 
 def test_smallest_joint_jump_is_reported() -> None:
-    one = broken({0: InfeasibilityReason.OK, 1: InfeasibilityReason.OK}, {0: (1, 160.0), 1: (2, -150.0)})
+    one = build_break({0: InfeasibilityReason.OK, 1: InfeasibilityReason.OK}, {0: (1, 160.0), 1: (2, -150.0)})
     assert (one.code, one.joint) == ("joint_jump", 3)
     assert one.value == pytest.approx(150.0)
     assert one.text.startswith("joint 3 would have to jump by 150.0° (at most ")
 
 
 def test_plunge_keeps_its_rotation() -> None:
-    one = broken({}, other=1, plunge=True)
+    one = build_break({}, other=1, plunge=True)
     assert (one.code, one.limit) == ("rotation", 0.0)
     assert one.value == pytest.approx(45.0)
     assert "the rotation is kept along a plunge, and none works at both ends (the nearest are 45.0° apart)" in one.text
 
 
 def test_too_large_rotation_steps_are_reported() -> None:
-    one = broken({}, other=4)
+    one = build_break({}, other=4)
     assert (one.code, one.value) == ("rotation", pytest.approx(180.0))
     assert one.limit < 180.0
     assert one.text == "the rotations that work are 180° apart"
 
 
 def test_flipped_configuration_suggests_a_retract() -> None:
-    one = broken({}, other=0)
+    one = build_break({}, other=0)
     assert one.code == "configuration"
     assert "where the arm may turn over" in one.help

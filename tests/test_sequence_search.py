@@ -70,7 +70,7 @@ def random_problem(
     return path, candidates, CandidateScores(cost=cost, index="stiffness", scale=1.0)
 
 
-def told(candidates: CandidateGrid, s: int, v: Vertex) -> np.ndarray:
+def get_joints(candidates: CandidateGrid, s: int, v: Vertex) -> np.ndarray:
     return candidates.q[s, v[0], v[1]] + candidates.turns[v[2]]
 
 
@@ -86,7 +86,7 @@ def transition(
 ) -> float:
     """Price of going from vertex a at station s − 1 to b at s; infinite where the rules forbid it."""
     w, share = options.weights, path.motion_share[path.stations[s]]
-    dq = np.abs(told(candidates, s, b) - told(candidates, s - 1, a))
+    dq = np.abs(get_joints(candidates, s, b) - get_joints(candidates, s - 1, a))
     travel = w.travel / np.pi * share * dq.sum()
     if window[s] < 0:  # a rapid move; a short one should not turn the arm over
         way = np.linalg.norm(np.diff(path.position[path.stations[[s - 1, s]]], axis=0))
@@ -109,7 +109,9 @@ class Priced:
     index: Callable[[int, Vertex], float]  # nothing where it does not count
 
 
-def priced(path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions) -> Priced:
+def compute_costs(
+    path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
+) -> Priced:
     window, seconds = compute_transition_windows(path, candidates, float(VELOCITY.min()))
     counted = path.counted[path.stations]
     gamma = wrap_angle(candidates.phi[None] + path.offset[path.stations][:, None])
@@ -141,7 +143,7 @@ def every_sequence(
     path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
 ) -> Iterator[tuple[float, float, list[Vertex]]]:
     """(price without the worst index, worst index, sequence) of every allowed sequence, depth first."""
-    p = priced(path, candidates, scores, options)
+    p = compute_costs(path, candidates, scores, options)
 
     def go(s: int, before: list[Vertex], total: float, worst: float) -> Iterator[tuple[float, float, list[Vertex]]]:
         if s == len(p.vertices):
@@ -160,7 +162,7 @@ def every_price(
     path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) price without the worst index and (N,) worst index of the same sequences, all of a length at a time."""
-    p = priced(path, candidates, scores, options)
+    p = compute_costs(path, candidates, scores, options)
     last, total, worst = np.zeros(1, int), np.zeros(1), np.zeros(1)  # which vertex each sequence has come to
     for s, here in enumerate(p.vertices):
         before = p.vertices[s - 1] if s else [(0, 0, 0)]
@@ -210,7 +212,7 @@ def test_cheapest_of_all_sequences(seed: int) -> None:
     assert not choice.dropped.any()
     assert price_of(sequence(choice), path, candidates, scores, options)[0] == pytest.approx(best[0], rel=1e-12)
     for s, v in enumerate(sequence(choice)):
-        np.testing.assert_array_equal(choice.q[s], told(candidates, s, v))
+        np.testing.assert_array_equal(choice.q[s], get_joints(candidates, s, v))
 
 
 @pytest.mark.parametrize("rapid", [(0, 3), (0,), (0, 2, 4)])

@@ -141,7 +141,7 @@ def test_ratios_out_of_range_are_refused(tmp_path: Path, value: str) -> None:
 RATIOS = (2.0, 1.4, 1.0, 0.6, 0.2, None)
 
 
-def lost(seed: int, folder: Path) -> list[float | None]:
+def find_lost_ratios(seed: int, folder: Path) -> list[float | None]:
     """Relaxed ratios at which a job is infeasible that is feasible with a stricter one."""
     rng = np.random.default_rng(seed)
     origin, axis = choose_place_above_cut(ROOT / "toolpaths" / "contour_5axis.csv", rng)
@@ -158,13 +158,13 @@ def lost(seed: int, folder: Path) -> list[float | None]:
 
 @pytest.mark.slow
 def test_relaxing_the_limit_keeps_a_job_feasible(tmp_path: Path) -> None:
-    assert lost(3, tmp_path) == []
+    assert find_lost_ratios(3, tmp_path) == []
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", [20, 22, 24])
 def test_relaxing_the_limit_keeps_jobs_feasible(seed: int, tmp_path: Path) -> None:
-    assert lost(seed, tmp_path) == []
+    assert find_lost_ratios(seed, tmp_path) == []
 
 
 @pytest.mark.slow

@@ -258,7 +258,7 @@ def test_preferences_are_never_in_a_conflict() -> None:
     assert format_steering_rule(wishes[1]) == "the rotation 11.4592° for operation 'a'"
 
 
-def still(external: np.ndarray) -> ExportedMotion:
+def build_resting_motion(external: np.ndarray) -> ExportedMotion:
     """A motion with one sample at each point of :func:`two_operations`."""
     path, n = two_operations(), len(external)
     labels = tuple(path.operations[k].label for k in path.operation)
@@ -294,7 +294,7 @@ def test_verifier_detects_a_wrong_external_joint(tmp_path: Path) -> None:
     ):
         (told,) = (
             c
-            for c in check_requested_choices(cell, path, points, np.arange(n), options, still(at))
+            for c in check_requested_choices(cell, path, points, np.arange(n), options, build_resting_motion(at))
             if "external" in c.name
         )
         assert told.passed
@@ -302,7 +302,7 @@ def test_verifier_detects_a_wrong_external_joint(tmp_path: Path) -> None:
         between[3] += 0.0002  # on the way from one pinned point to another
         (told,) = (
             c
-            for c in check_requested_choices(cell, path, points, np.arange(n), options, still(between))
+            for c in check_requested_choices(cell, path, points, np.arange(n), options, build_resting_motion(between))
             if "external" in c.name
         )
         assert (told.passed, told.unit, told.value) == (False, "mm off", pytest.approx(0.2))
@@ -310,7 +310,9 @@ def test_verifier_detects_a_wrong_external_joint(tmp_path: Path) -> None:
     points.external[6] = 0.33
     options = PlanOptions(collision=False, steer=(pin, zone))
     (told,) = (
-        c for c in check_requested_choices(cell, path, points, np.arange(n), options, still(at)) if "external" in c.name
+        c
+        for c in check_requested_choices(cell, path, points, np.arange(n), options, build_resting_motion(at))
+        if "external" in c.name
     )
     assert (told.passed, told.value, told.where) == (False, pytest.approx(20.0), "point 6")
 
@@ -332,7 +334,9 @@ def test_verifier_detects_a_violated_zone_and_branch(tmp_path: Path) -> None:
     def checks() -> dict[str, VerificationCheck]:
         return {
             c.name: c
-            for c in check_requested_choices(cell, path, points, np.arange(n), options, still(np.zeros((n, 0))))
+            for c in check_requested_choices(
+                cell, path, points, np.arange(n), options, build_resting_motion(np.zeros((n, 0)))
+            )
         }
 
     by_name = checks()

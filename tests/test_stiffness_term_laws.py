@@ -129,7 +129,7 @@ def load_torque(q: np.ndarray, w: np.ndarray) -> np.ndarray:
     return np.asarray(J.T @ w)
 
 
-def turned(q: np.ndarray, j: int, angle: float) -> np.ndarray:
+def compute_joint_twist(q: np.ndarray, j: int, angle: float) -> np.ndarray:
     """(6,) twist of the TCP that turning joint j by a small angle makes, to first order: central differences."""
     step, places = 1e-5, []
     for sign in (1.0, -1.0):
@@ -145,7 +145,7 @@ def turned(q: np.ndarray, j: int, angle: float) -> np.ndarray:
 # --- each law again, a number at a time --------------------------------------------------------------------
 
 
-def _played(tau: float, threshold: float) -> float:
+def _step_play_operator(tau: float, threshold: float) -> float:
     """A play operator driven up to τ in small steps."""
     state = 0.0
     for value in np.linspace(0.0, tau, 400):
@@ -189,7 +189,7 @@ def _extra(name: str, j: int, q: np.ndarray, w: np.ndarray) -> float:
         return counted(lambda t: 0.5 * p["width_arcmin"] * ARCMIN * clip(t / p["transition_Nm"], 1.0))
     if name == "hysteresis":
         pairs = list(zip(p["weights_rad_per_Nm"], p["thresholds_Nm"], strict=True))
-        return sum(a * _played(tau, r) for a, r in pairs)
+        return sum(a * _step_play_operator(tau, r) for a, r in pairs)
     if name == "creep":
         return float(p["extra_rad_per_Nm"] * _crept(tau, p["time_constant_s"]))
     if name == "harmonics":
@@ -212,7 +212,7 @@ def test_each_law_against_an_independent_computation(name: str) -> None:
     q, w = postures(), wrenches(6)
     j = int(term.location.removeprefix("joint:")) - 1
     more = elasticity(term).evaluate(q).compute_twist(w) - elasticity().evaluate(q).compute_twist(w)
-    expected = np.array([turned(a, j, _extra(name, j, a, b)) for a, b in zip(q, w, strict=True)])
+    expected = np.array([compute_joint_twist(a, j, _extra(name, j, a, b)) for a, b in zip(q, w, strict=True)])
     size = np.abs(expected[:, :3]).max()
     assert size > 2e-6  # m: the cases do exercise the law
     np.testing.assert_allclose(more, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

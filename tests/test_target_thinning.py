@@ -26,7 +26,7 @@ def poses(place: np.ndarray, tilt: np.ndarray | None = None) -> np.ndarray:
     return T
 
 
-def needed(T: np.ndarray, feed: float = 0.02, fixed: tuple[int, ...] = ()) -> np.ndarray:
+def find_needed(T: np.ndarray, feed: float = 0.02, fixed: tuple[int, ...] = ()) -> np.ndarray:
     marks = np.zeros(len(T), bool)
     marks[list(fixed)] = True
     return find_needed_targets(T, np.empty((len(T), 0)), np.full(len(T), feed), marks, TOLERANCE)
@@ -50,7 +50,7 @@ def test_dense_points_are_thinned_within_the_tolerance(shape: str, step: float) 
         "noise": 0.004 * np.random.default_rng(1).standard_normal(len(s)),
     }[shape]
     T = poses(np.column_stack([s, across, 0 * s]))
-    kept = needed(T)
+    kept = find_needed(T)
     off = departures(T, kept)
     assert off[:, 0].max() <= 2e-5  # m, the CAM file's own points
     if shape != "noise":
@@ -61,14 +61,14 @@ def test_dense_points_are_thinned_within_the_tolerance(shape: str, step: float) 
 
 def test_targets_needed_by_the_path_remain() -> None:
     corner = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0], [0.1, 0.1, 0]])
-    assert 2 in needed(poses(corner))  # a corner 35 µm off any line past it
+    assert 2 in find_needed(poses(corner))  # a corner 35 µm off any line past it
     line = poses(np.column_stack([0.01 * np.arange(100), np.zeros((100, 2))]))
-    assert {30, 60} <= set(needed(line, fixed=(30, 60)).tolist())
+    assert {30, 60} <= set(find_needed(line, fixed=(30, 60)).tolist())
     turning = poses(np.zeros((30, 3)), np.radians(3.0) * np.arange(30))
-    kept = needed(turning)
+    kept = find_needed(turning)
     assert departures(turning, kept)[:, 1].max(initial=0.0) <= np.radians(0.05)
     far = poses(np.column_stack([np.arange(10.0), np.zeros((10, 2))]))
-    assert needed(far).tolist() == list(range(10))  # nothing is left out of a path with wide points
+    assert find_needed(far).tolist() == list(range(10))  # nothing is left out of a path with wide points
 
 
 @pytest.mark.slow

@@ -131,7 +131,7 @@ def test_each_tool_has_the_plan_of_its_own_job(done: tuple[Cell, Toolpath, tuple
     np.testing.assert_allclose(gain.mean, 1.0 - o.mean / whole.plan.cam_default.objective.mean)
 
 
-def written(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Path, *tools: str) -> Path:
+def write_output(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Path, *tools: str) -> Path:
     _, path, segments, whole = done
     assert whole.timeline is not None
     assert whole.timeline.trajectory is not None
@@ -143,7 +143,7 @@ def written(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: 
     return out
 
 
-def held(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Path) -> Verification:
+def verify_output(done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], out: Path) -> Verification:
     return verify_tool_segments(done[2], out, options=OPTIONS)
 
 
@@ -159,7 +159,7 @@ def test_motion_changes_tools_at_rest_and_is_verified(
         np.testing.assert_array_equal(motion.q[n], motion.q[n + 1])
         np.testing.assert_allclose(motion.q[n], CHANGE, atol=1e-12)
         assert np.isnan(motion.point[[n, n + 1]]).all()
-    found = held(done, written(done, tmp_path))
+    found = verify_output(done, write_output(done, tmp_path))
     assert not found.failed, found.failed
     text = (tmp_path / "trajectory.csv").read_text().splitlines()
     assert [line.rpartition(",")[2] for line in (text[1], text[at[0] + 2], text[-1])] == ["3", "BALL", "3"]
@@ -168,20 +168,20 @@ def test_motion_changes_tools_at_rest_and_is_verified(
 def test_verifier_detects_a_wrong_tool_and_a_misplaced_change(
     done: tuple[Cell, Toolpath, tuple[ToolSegment, ...], JobPlan], tmp_path: Path
 ) -> None:
-    out = written(done, tmp_path, "BALL", "3", "BALL")
-    assert [c.name for c in held(done, out).failed] == ["tool changes"]
-    out = written(done, tmp_path)
+    out = write_output(done, tmp_path, "BALL", "3", "BALL")
+    assert [c.name for c in verify_output(done, out).failed] == ["tool changes"]
+    out = write_output(done, tmp_path)
     lines = (out / "trajectory.csv").read_text().splitlines()
     n = next(k for k, line in enumerate(lines) if line.endswith(",BALL"))
     lines[n - 3 : n] = [line.removesuffix("3") + "BALL" for line in lines[n - 3 : n]]  # while the arm still moves
     (out / "trajectory.csv").write_text("\n".join(lines) + "\n")
-    (check,) = held(done, out).failed
+    (check,) = verify_output(done, out).failed
     assert "BALL comes on" in check.where
     assert "from where tools are changed" in check.where
     cell, path, segments, whole = done
     longer = replace(segments[1].cell.tool, T_flange_tcp=pose(0, 0, 0.451))  # a millimetre
     other = (segments[0], replace(segments[1], cell=replace(segments[1].cell, tool=longer)), segments[2])
-    failed = {c.name: c for c in held((cell, path, other, whole), written(done, tmp_path)).failed}
+    failed = {c.name: c for c in verify_output((cell, path, other, whole), write_output(done, tmp_path)).failed}
     assert {"path", "points.csv on the toolpath"} <= set(failed)
     assert failed["path"].where.startswith("tool BALL, points counted from 10:")
 
@@ -229,5 +229,5 @@ def test_repeated_place_has_a_sample_for_each_point(tmp_path: Path) -> None:
     cell = small_cell(tmp_path, stiffness=K, obstacles=())
     segments = split_into_tool_segments(cell, path)
     whole = plan_job(segments, path, OPTIONS, StageTimings())
-    out = written((cell, path, segments, whole), tmp_path / "out")
+    out = write_output((cell, path, segments, whole), tmp_path / "out")
     assert not verify_tool_segments(segments, out, options=OPTIONS).failed

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_cell import small_cell
 from test_cell_format import change, expect, folder, refusal  # noqa: F401 the fixture
-from test_verify_trajectory import sound, toolpath, verified
+from test_verify_trajectory import build_correct_columns, toolpath, verify_damaged
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cell.tool_selection import match_operation_tools, match_tool, select_single_tool
@@ -132,12 +132,12 @@ def test_exported_table_names_the_tool(cell: Cell, tmp_path: Path) -> None:
 
     plain = small_cell(tmp_path)
     small = replace(plain, tools={"3": plain.tool, "5": plain.tool}, tool_name="3")
-    table = sound(small)
-    assert {c.name for c in verified(small, table, tmp_path).failed} == {"trajectory.csv can be read"}
+    table = build_correct_columns(small)
+    assert {c.name for c in verify_damaged(small, table, tmp_path).failed} == {"trajectory.csv can be read"}
     table["tool"] = ["3"] * len(table["time_s"])
-    assert verified(small, table, tmp_path).ok
+    assert verify_damaged(small, table, tmp_path).ok
     table["tool"][40] = "5"
-    (failed,) = verified(small, table, tmp_path).failed
+    (failed,) = verify_damaged(small, table, tmp_path).failed
     assert "data row 41, tool: '5' is not the tool '3'; the toolpath wants another" in failed.where
 
 

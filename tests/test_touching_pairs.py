@@ -34,7 +34,7 @@ def excluded_by_planner(cell: Cell) -> list[tuple[str, str]]:
     return [(e.a, e.b) for e in model.excluded if np.isfinite(e.share)]
 
 
-def confirmed(cell: Cell, listed: list[tuple[str, str]]) -> tuple[set[frozenset[str]], list[str]]:
+def list_checked_and_unconfirmed(cell: Cell, listed: list[tuple[str, str]]) -> tuple[set[frozenset[str]], list[str]]:
     """The pairs that the verifier checks, and listed ones that it does not confirm."""
     arm = UrdfKinematics(cell)
     found, unfounded = list_checked_pairs(cell, arm, build_bodies(cell, arm), CLEARANCE, listed)
@@ -46,14 +46,14 @@ def confirmed(cell: Cell, listed: list[tuple[str, str]]) -> tuple[set[frozenset[
 def test_verifier_confirms_what_the_planner_excludes(size: float, offset: float, tmp_path: Path) -> None:
     cell = cell_with(tmp_path, size, offset)
     listed = excluded_by_planner(cell)
-    checked, unfounded = confirmed(cell, listed)
+    checked, unfounded = list_checked_and_unconfirmed(cell, listed)
     assert unfounded == []
     assert not {frozenset(pair) for pair in listed} & checked
 
 
 def test_pair_that_does_not_touch_is_named_and_checked(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, 0.1, 0.0)
-    checked, unfounded = confirmed(cell, [("link_2_0", "box")])
+    checked, unfounded = list_checked_and_unconfirmed(cell, [("link_2_0", "box")])
     assert unfounded == ["link_2_0 ~ box"]
     assert frozenset(("link_2_0", "box")) in checked
 

@@ -16,7 +16,7 @@ from machopt.planning.sequence_search.transition_cost_table import TransitionCos
 OPTIONS = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=0.7, travel=0.3, rotation=0.4))
 
 
-def same(a: SequenceChoice, b: SequenceChoice) -> bool:
+def is_equal(a: SequenceChoice, b: SequenceChoice) -> bool:
     """To the bit."""
     return (
         all(np.array_equal(x, y) for x, y in ((a.rotation, b.rotation), (a.branch, b.branch), (a.turn, b.turn)))
@@ -33,7 +33,7 @@ def test_repeated_search_over_a_grid_gives_the_same_choice(seed: int, stable: bo
     used = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
     for k in range(4):  # each round loses vertices, in the last ones whole stations: the one before is then another
         fresh = TransitionCostTable.none_yet(used.window, *candidates.q.shape[1:3], stable)
-        assert same(used.choose(), replace(used, priced=fresh).choose())
+        assert is_equal(used.choose(), replace(used, priced=fresh).choose())
         assert used.priced.turns.any()
         gone = np.random.default_rng((seed, k)).uniform(size=candidates.feasible.shape) < 0.4
         candidates.feasible[gone] = False
@@ -48,8 +48,8 @@ def test_limited_memory_for_steps_gives_the_same_choice(stable: bool, monkeypatc
     monkeypatch.setattr(transition_cost_table, "MOST", len(whole.priced.price) // 2)
     half = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
     assert 0 < len(half.priced.price) <= len(whole.priced.price) // 2
-    assert same(half.choose(), whole.choose())
+    assert is_equal(half.choose(), whole.choose())
     monkeypatch.setattr(transition_cost_table, "MOST", 0)
     none = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
     assert not len(none.priced.price)
-    assert same(none.choose(), whole.choose())
+    assert is_equal(none.choose(), whole.choose())

@@ -20,7 +20,7 @@ from machopt.numerics.mesh_construction import (
 )
 
 
-def same(ours: TriangleMesh | None, theirs: trimesh.Trimesh) -> bool:
+def is_equal(ours: TriangleMesh | None, theirs: trimesh.Trimesh) -> bool:
     return (
         ours is not None
         and np.array_equal(ours.vertices, theirs.vertices)
@@ -41,8 +41,8 @@ def test_binary_stl_is_read_as_by_trimesh(solid: trimesh.Trimesh, tmp_path: Path
     solid.export(file)
     raw = parse_binary_stl(file.read_bytes())
     assert raw is not None
-    assert same(raw, trimesh.load_mesh(file, process=False))
-    assert same(merge_equal_vertices(raw), trimesh.load(file, force="mesh"))
+    assert is_equal(raw, trimesh.load_mesh(file, process=False))
+    assert is_equal(merge_equal_vertices(raw), trimesh.load(file, force="mesh"))
     assert parse_binary_stl(file.read_bytes()[:-1]) is None
     assert parse_binary_stl(solid.export(file_type="stl_ascii").encode()) is None
 
@@ -59,9 +59,9 @@ def test_nonfinite_corners_are_left_out_with_their_triangles(tmp_path: Path) -> 
 
 
 def test_boxes_and_cylinders_equal_trimesh() -> None:
-    assert same(build_box((0.4, 0.3, 0.05)), trimesh.creation.box((0.4, 0.3, 0.05)))
+    assert is_equal(build_box((0.4, 0.3, 0.05)), trimesh.creation.box((0.4, 0.3, 0.05)))
     for radius, height in ((0.005, 0.04), (0.3, 1.7)):
-        assert same(
+        assert is_equal(
             build_cylinder(radius, height, 48), trimesh.creation.cylinder(radius=radius, height=height, sections=48)
         )
 

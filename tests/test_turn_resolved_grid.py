@@ -19,7 +19,9 @@ from machopt.planning.sequence_search.worst_value_constraint import GAP
 MANY = 10**6
 
 
-def small(seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool) -> ValueGridSequences:
+def build_small_grid(
+    seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
+) -> ValueGridSequences:
     """Three stations, of six joints two that have turns to choose from."""
     x = random_lattice(seed, priced, flags, stable)
     more = np.minimum(x.more, np.array([1, 0, 0, 0, 0, 2], np.int8))
@@ -68,7 +70,7 @@ def every_price_with_turns(x: ValueGridSequences) -> dict[tuple[int, ...], float
 def test_bound_and_best_equal_those_of_every_sequence_with_every_turn(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> None:
-    problem = small(seed, priced, flags, stable)
+    problem = build_small_grid(seed, priced, flags, stable)
     told = every_price_with_turns(problem)
     ideal = min(told.values(), default=np.inf)
     apart = resolve_turns(problem, np.zeros_like(problem.node), MANY)
@@ -103,7 +105,7 @@ def test_turns_are_consistent_where_the_best_steps_can_be_driven(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> None:
     """No bound that lets each step choose is above the truth, and it is the truth where they fit."""
-    problem = small(seed, priced, flags, stable)
+    problem = build_small_grid(seed, priced, flags, stable)
     found = problem.best()
     if found is None:
         return
@@ -116,7 +118,7 @@ def test_turns_are_consistent_where_the_best_steps_can_be_driven(
 
 def test_winding_joint_has_to_unwind() -> None:
     """Three steps of a third of a turn each lead beyond what limits of little more than a turn leave."""
-    x = small(0, (1.0, 0.3, 0.0, 0.0), 0, False)
+    x = build_small_grid(0, (1.0, 0.3, 0.0, 0.0), 0, False)
     third = TURN / 3.0
     q = np.zeros((3, 1, 6))
     q[:, 0, 5] = np.array([2.0, 0.1, 1.0]) * third

@@ -111,7 +111,12 @@ def test_violated_rules_are_detected() -> None:
 
 @pytest.mark.parametrize("change", [uncertain, small_gain])
 def test_unnamed_correction_is_written_but_not_listed(change) -> None:
-    d = replace(explained(), findings=(hysteresis(), change(zero_offset())), heldout_before=0.06, heldout_after=0.025)
+    d = replace(
+        explained(),
+        findings=(hysteresis(), change(zero_offset())),
+        heldout_before=0.06,
+        heldout_after=0.025,
+    )
     judged = apply_verdict_rules(replace(d, measured_noise=0.024))
     assert [f.effect for f in judged.findings] == ["joint_hysteresis"]
     (written,) = document(judged).unnamed_corrections

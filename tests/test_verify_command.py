@@ -46,7 +46,7 @@ def plain(damage_job: Callable[[str], Job]) -> Job:
     return damage_job("pass")
 
 
-def verified(job: Job, *options: str) -> int:
+def run_verify(job: Job, *options: str) -> int:
     return main(["verify", str(job.cell), str(job.toolpath), str(job.out), *options])
 
 
@@ -66,7 +66,7 @@ def test_disabled_checks_are_reported_everywhere_alike(
     assert result["verdict"] == manifest.verdict == add_scope_to_verdict("done", words)
     assert add_scope_to_verdict("VERIFIED", words) in (out / "report.html").read_text()
     assert "contacts" not in {c.what for c in manifest.checked}
-    assert verified(without_collision) == 0
+    assert run_verify(without_collision) == 0
     assert capsys.readouterr().out.splitlines()[-1] == add_scope_to_verdict("verification passed", words)
 
 
@@ -107,11 +107,11 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     assert run_optimize(asked).exit_code == 0
     assert read_manifest(tmp_path / "out")[0].reading == {"feed_mm_min": 1100.0}
     job = Job(KR500, toolpath, tmp_path / "out")
-    assert verified(job) == 0
+    assert run_verify(job) == 0
     told = capsys.readouterr().out
     assert "note:" not in told
     assert told.splitlines()[-1] == "verification passed, path tolerance 0.4 mm instead of 0.02 mm"
-    assert verified(job, "--set", "collision=false", "--feed", "500") == 4  # driven faster than that
+    assert run_verify(job, "--set", "collision=false", "--feed", "500") == 4  # driven faster than that
     told = capsys.readouterr().out
     assert "note: collision = False here, but the folder was made with True" in told
     assert "note: feed_mm_min = 500.0 here, but the folder was made with 1100.0" in told
@@ -122,7 +122,7 @@ def test_verify_names_the_inputs_of_the_folder(plain: Job, tmp_path: Path, capsy
     file = job.cell / "stiffness.yaml"
     recorded = next(f for f in read_manifest(job.out)[0].inputs if f.role == "stiffness")
     file.write_text(file.read_text() + "# measured again\n")
-    assert verified(job) == 4
+    assert run_verify(job) == 4
     told = capsys.readouterr()
     assert "another stiffness: stiffness.yaml" in told.err
     assert recorded.sha256[:12] in told.err
@@ -132,7 +132,7 @@ def test_same_files_elsewhere_are_the_same_inputs(plain: Job, tmp_path: Path) ->
     job = copy_job(plain, tmp_path)
     renamed = job.toolpath.with_name("renamed.csv")
     job.toolpath.rename(renamed)
-    assert verified(Job(job.cell, renamed, job.out)) == 0
+    assert run_verify(Job(job.cell, renamed, job.out)) == 0
 
 
 def test_folder_without_manifest_is_checked_and_fails_by_name(
@@ -140,7 +140,7 @@ def test_folder_without_manifest_is_checked_and_fails_by_name(
 ) -> None:
     job = copy_job(plain, tmp_path)
     (job.out / "manifest.json").unlink()
-    assert verified(job, "--set", "rotation_step_deg=15") == 4
+    assert run_verify(job, "--set", "rotation_step_deg=15") == 4
     told = capsys.readouterr()
     assert "was written by a version before manifests, or the file was removed" in told.err
     assert "ok   path" in told.out  # what the tables say is checked all the same
@@ -154,7 +154,7 @@ def test_invalid_manifest_is_a_named_failure(
 ) -> None:
     job = copy_job(plain, tmp_path)
     (job.out / "manifest.json").write_text(text)
-    assert verified(job, "--quiet") == 4
+    assert run_verify(job, "--quiet") == 4
     assert "manifest.json" in capsys.readouterr().err
 
 
@@ -175,11 +175,11 @@ def test_infeasible_plan_leaves_no_program_and_verifies_as_such(
     assert "withheld" in (out / "report.html").read_text()
     assert read_manifest(out)[0].programs == ()
     capsys.readouterr()
-    assert verified(Job(KR500, toolpath, out)) == 3
+    assert run_verify(Job(KR500, toolpath, out)) == 3
     assert "intact, but without a motion" in capsys.readouterr().out
     text = (out / "points.csv").read_text()
     (out / "points.csv").write_text(text.replace("unreachable", "ok", 1))
-    assert verified(Job(KR500, toolpath, out)) == 4
+    assert run_verify(Job(KR500, toolpath, out)) == 4
 
 
 def test_plan_that_fails_verification_leaves_no_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -244,7 +244,7 @@ def test_folders_of_other_commands_are_refused_by_name(
     assert manifest.unchecked == (NOT_CHECKED,)
     assert manifest.verdict.endswith(NOT_CHECKED)
     assert {f.role for f in manifest.inputs} >= {"cell", "urdf", "stiffness"}
-    assert verified(Job(plain.cell, plain.toolpath, tmp_path / "map"), "--quiet") == 4
+    assert run_verify(Job(plain.cell, plain.toolpath, tmp_path / "map"), "--quiet") == 4
     assert "is of machopt map" in capsys.readouterr().err
 
 

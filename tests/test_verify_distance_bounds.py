@@ -61,7 +61,7 @@ SHAPES = {
 }
 
 
-def known(shape: Any) -> ConvexParts:
+def build_known_parts(shape: Any) -> ConvexParts:
     parts = build_convex_parts(shape)
     assert parts is not None
     return parts
@@ -80,7 +80,7 @@ def poses(count: int, far: float, seed: int) -> np.ndarray:
     return T
 
 
-def measured(a: Any, b: Any, T: np.ndarray) -> np.ndarray:
+def measure_distance(a: Any, b: Any, T: np.ndarray) -> np.ndarray:
     """(K,) m by coal, 0 in contact."""
     still = coal.Transform3s(np.eye(3), np.zeros(3))
     return np.array(
@@ -101,8 +101,8 @@ def test_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
     for n, second in enumerate(SHAPES):
         a, b = SHAPES[first](), SHAPES[second]()
         T = np.concatenate([poses(40, far, 10 * n + k) for k, far in enumerate((0.35, 0.6, 2.0))])
-        below, above = bound_distances(known(a), known(b), T)
-        d = measured(a, b, T)
+        below, above = bound_distances(build_known_parts(a), build_known_parts(b), T)
+        d = measure_distance(a, b, T)
         apart = d > 0.0  # of a shell inside another coal tells how far its surface is
         apart &= ~((above == 0.0) & ({first, second} <= {"shell", "bowl"}))
         off = ROUND if "cylinder" in (first, second) else EXACT
@@ -114,12 +114,12 @@ def test_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
 
 
 def test_no_false_claim_is_proven() -> None:
-    a, b = known(SHAPES["bowl"]()), known(SHAPES["shell"]())
+    a, b = build_known_parts(SHAPES["bowl"]()), build_known_parts(SHAPES["shell"]())
     T = poses(300, 0.6, 5)
     corners = box_mesh()[0]
     moved = np.einsum("nij,kj->nki", T[:, :3, :3], corners) + T[:, None, :3, 3]
     way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(moved, axis=0), axis=2).max(axis=1)))  # a shell's corners
-    d = measured(SHAPES["bowl"](), SHAPES["shell"](), T)
+    d = measure_distance(SHAPES["bowl"](), SHAPES["shell"](), T)
     claim = d + np.where(np.arange(300) % 7 == 0, 1e-6, -2e-2)  # one in seven is not what it claims to be
     rows = np.flatnonzero(np.arange(300) % 5 != 2)
     below, above = bound_distances(a, b, T, rows, way, claim)
@@ -180,7 +180,7 @@ def test_exact_distance_is_computed_only_for_unproven_claims(tmp_path: Any, monk
 
 
 def test_no_row_is_assumed_free_without_motion() -> None:
-    a = known(coal.Box(*SIZE))
+    a = build_known_parts(coal.Box(*SIZE))
     T = np.tile(np.eye(4), (2, 1, 1))
     T[0, 0, 3], T[1, 0, 3] = 2.0, 0.5  # far away, then near
     below, _ = bound_distances(a, a, T, claim=np.full(2, 0.5))

@@ -49,7 +49,7 @@ def solve(m: Machine, cell: Cell, tips: np.ndarray, x: np.ndarray) -> np.ndarray
     return x
 
 
-def sound(cell: Cell) -> tuple[Columns, np.ndarray]:
+def build_correct_columns(cell: Cell) -> tuple[Columns, np.ndarray]:
     """Columns of a sound trajectory, and (P, 6 + E) where the points are."""
     m = load_machine(cell, load_robot(cell))
     home = np.append(cell.home, cell.external_home)
@@ -139,11 +139,11 @@ Made = tuple[Cell, Columns, Columns]
 @pytest.fixture(scope="module", params=KINDS)
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
     cell = external_cell(tmp_path_factory.mktemp("cell"), **KINDS[request.param])
-    table, at = sound(cell)
+    table, at = build_correct_columns(cell)
     return cell, table, points_table(cell, at)
 
 
-def verified(
+def verify_damaged(
     made: Made, out: Path, damage: Damage | None = None, points: Damage | None = None, cell: Cell | None = None
 ) -> Verification:
     motion, told = ({name: list(column) for name, column in of.items()} for of in made[1:])
@@ -160,7 +160,7 @@ def external(made: Made) -> str:
 
 
 def test_correct_motion_passes(made: Made, tmp_path: Path) -> None:
-    result = verified(made, tmp_path)
+    result = verify_damaged(made, tmp_path)
     assert result.ok, result.failed
     by_name = {check.name: check for check in result.checks}
     assert by_name["path"].value < 1e-4
@@ -172,20 +172,22 @@ def test_damages_are_detected(made: Made, tmp_path: Path) -> None:
     cut = np.flatnonzero(np.array(made[1]["move"]) == "cut")
     middle, e = int(cut[len(cut) // 2]), external(made)
     here, size = slice(middle, middle + 1), 0.1  # mm or deg
-    assert {"path", "joint jerk"} <= names(verified(made, tmp_path, shift(e, here, size)))
-    assert {"path", "from home to home"} <= names(verified(made, tmp_path, shift(e, slice(None), size)))
-    assert "points.csv on the toolpath" in names(verified(made, tmp_path, None, shift(e, slice(2, 3), size)))
+    assert {"path", "joint jerk"} <= names(verify_damaged(made, tmp_path, shift(e, here, size)))
+    assert {"path", "from home to home"} <= names(verify_damaged(made, tmp_path, shift(e, slice(None), size)))
+    assert "points.csv on the toolpath" in names(verify_damaged(made, tmp_path, None, shift(e, slice(2, 3), size)))
 
     def exchanged(t: Columns) -> None:
         wrong = e.replace("_mm", "_deg") if e.endswith("_mm") else e.replace("_deg", "_mm")
         t[wrong] = t.pop(e)
 
-    (unread,) = verified(made, tmp_path, exchanged).failed
+    (unread,) = verify_damaged(made, tmp_path, exchanged).failed
     assert f"column '{e}' is missing" in unread.where
 
     cell = made[0]
     slower = replace(cell.limits, velocity=np.append(cell.limits.velocity[:6], 0.01 * cell.limits.velocity[6:]))
-    (fast,) = (c for c in verified(made, tmp_path, cell=replace(cell, limits=slower)).failed if "velocity" in c.name)
+    (fast,) = (
+        c for c in verify_damaged(made, tmp_path, cell=replace(cell, limits=slower)).failed if "velocity" in c.name
+    )
     assert "external axis e" in fast.where
 
 
@@ -221,7 +223,7 @@ def program(cell: Cell, motion: ExportedMotion, tolerance: ProgramTolerance) -> 
 def test_program_with_uniform_axis_motion_between_targets(made: Made, tmp_path: Path) -> None:
     """Enough targets and it is the motion; without what lies between, the axes go another way than the motion's."""
     cell = made[0]
-    verified(made, tmp_path)
+    verify_damaged(made, tmp_path)
     motion = read_motion(tmp_path / "trajectory.csv", cell)
     for tolerance, passed in ((ProgramTolerance(), True), (ProgramTolerance(external=1.0), False)):
         write_program(tmp_path, "slot", program(cell, motion, tolerance), "krl", cell.controller)

@@ -40,7 +40,7 @@ def mesh(folder: Path, made: trimesh.Trimesh) -> tuple[CollisionShape, CoalBody]
     ), body(loaded)
 
 
-def at(x: float, y: float, z: float, tilt: float = 0.0) -> np.ndarray:
+def build_pose(x: float, y: float, z: float, tilt: float = 0.0) -> np.ndarray:
     T = np.eye(4)
     c, s = np.cos(tilt), np.sin(tilt)
     T[:3, :3] = [[1, 0, 0], [0, -c, s], [0, -s, -c]]  # the TCP looks down
@@ -65,8 +65,8 @@ def test_tilted_cutter_in_a_flat_face(tmp_path: Path) -> None:
     expected = 0.006 * np.sin(tilt)
     block = trimesh.creation.box((0.2, 0.2, 0.05))
     block.apply_translation((0, 0, -0.025))
-    T = np.array([at(0, 0, 0.001), at(0.01, 0, 0, tilt), at(0.02, 0, 0)])
-    for part in (body(coal.Box(0.2, 0.2, 0.05), at(0, 0, -0.025)), mesh(tmp_path, block)[1]):
+    T = np.array([build_pose(0, 0, 0.001), build_pose(0.01, 0, 0, tilt), build_pose(0.02, 0, 0)])
+    for part in (body(coal.Box(0.2, 0.2, 0.05), build_pose(0, 0, -0.025)), mesh(tmp_path, block)[1]):
         depth, row, x = find_deepest_point(part, points, T, LIMIT)
         assert row == 1
         assert depth == pytest.approx(expected, abs=2e-6)
@@ -79,7 +79,7 @@ def test_depth_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -
     shape, part = mesh(tmp_path, ring)
     cutter = CutterGeometry(0.01, 0.06, 0.002)
     rng = np.random.default_rng(4)
-    T = np.array([at(*row) for row in rng.uniform((-0.1, -0.1, -0.03, -0.5), (0.1, 0.1, 0.05, 0.5), (25, 4))])
+    T = np.array([build_pose(*row) for row in rng.uniform((-0.1, -0.1, -0.03, -0.5), (0.1, 0.1, 0.05, 0.5), (25, 4))])
     ours = planners((shape,), build_cutter_points(cutter), T, LIMIT).depth
     theirs = np.array(
         [find_deepest_point(part, verification_build_cutter_points(cutter), row[None], LIMIT)[0] for row in T]
@@ -92,9 +92,9 @@ def test_depth_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -
 
 def test_only_cutting_moves_count_and_the_place_is_named() -> None:
     cutter = CutterGeometry(0.012, 0.05)
-    tcp = np.array([at(0.001 * n, 0, 0) for n in range(40)])
+    tcp = np.array([build_pose(0.001 * n, 0, 0) for n in range(40)])
     tcp[20:, 2, 3] = -0.0007
-    part: Any = body(coal.Box(0.2, 0.2, 0.05), at(0, 0, -0.025))
+    part: Any = body(coal.Box(0.2, 0.2, 0.05), build_pose(0, 0, -0.025))
     arm: Any = SimpleNamespace(cell=SimpleNamespace(tool=SimpleNamespace(cutter=cutter)))
     motion: Any = SimpleNamespace(describe_row=lambda n: f"sample {n}", point=np.linspace(0.0, 1.0, 40))
     line: Any = SimpleNamespace()  # asked only where the path is shifted

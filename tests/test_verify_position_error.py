@@ -37,7 +37,9 @@ class Columns:
         return np.array([10.0, 95.0, 120.0, np.nan] if name == "q3_deg" else [10.0, 20.0, 90.5, np.nan])
 
 
-def said(told: dict[str, Any] | None, known: PositionError | None = KNOWN, kinematics: object = "some") -> list[str]:
+def check_stated_error(
+    told: dict[str, Any] | None, known: PositionError | None = KNOWN, kinematics: object = "some"
+) -> list[str]:
     result = SimpleNamespace(position_error=None if told is None else PositionErrorSection(**told))
     path = type("Path", (), {"__len__": lambda _: 4, "cutting": np.ones(4, bool)})()
     stiffness = None if known is None else SimpleNamespace(position=known)
@@ -46,9 +48,9 @@ def said(told: dict[str, Any] | None, known: PositionError | None = KNOWN, kinem
 
 
 def test_values_that_follow_from_cell_and_points_pass() -> None:
-    assert said(RIGHT) == []
-    assert said(None, known=None) == []
-    assert said(RIGHT | {"std_mm": 0.9, "corrected": False}, kinematics=None) == []
+    assert check_stated_error(RIGHT) == []
+    assert check_stated_error(None, known=None) == []
+    assert check_stated_error(RIGHT | {"std_mm": 0.9, "corrected": False}, kinematics=None) == []
 
 
 @pytest.mark.parametrize(
@@ -65,11 +67,11 @@ def test_values_that_follow_from_cell_and_points_pass() -> None:
     ],
 )
 def test_inconsistent_values_are_reported(changed: dict[str, Any]) -> None:
-    wrong = said(RIGHT | changed)
+    wrong = check_stated_error(RIGHT | changed)
     assert wrong
     assert all(w.startswith(f"position_error.{next(iter(changed))}") or "outside" in w for w in wrong)
 
 
 def test_unfounded_and_missing_errors_are_reported() -> None:
-    assert said(RIGHT, known=None)
-    assert said(None)
+    assert check_stated_error(RIGHT, known=None)
+    assert check_stated_error(None)

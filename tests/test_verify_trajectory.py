@@ -72,7 +72,7 @@ def solve(robot: Robot, cell: Cell, tip: np.ndarray, q: np.ndarray) -> np.ndarra
     return q
 
 
-def sound(cell: Cell) -> dict[str, list[object]]:
+def build_correct_columns(cell: Cell) -> dict[str, list[object]]:
     """Columns of a sound trajectory: home, rapid, down, cut, up, home."""
     robot = load_robot(cell)
     q = solve(robot, cell, POINTS[0], np.deg2rad([0, -60, 100, 0, 50, 0]))
@@ -170,13 +170,13 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 @pytest.fixture(scope="module")
 def table(cell: Cell) -> dict[str, list[object]]:
-    return sound(cell)
+    return build_correct_columns(cell)
 
 
 Damage = Callable[[dict[str, list[object]]], None]
 
 
-def verified(
+def verify_damaged(
     cell: Cell,
     table: dict[str, list[object]],
     out: Path,
@@ -200,7 +200,7 @@ def names(result: Verification) -> set[str]:
 
 
 def test_correct_trajectory_passes(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
-    result = verified(cell, table, tmp_path)
+    result = verify_damaged(cell, table, tmp_path)
     assert result.ok, result.failed
     assert result.samples == len(table["time_s"])
     by_name = {check.name: check for check in result.checks}
@@ -226,7 +226,7 @@ def test_each_damage_is_detected(cell: Cell, table: dict[str, list[object]], tmp
     here = slice(middle, middle + 1)
 
     def failed(damage: Damage, **more: object) -> set[str]:
-        return names(verified(cell, table, tmp_path, damage, **more))  # type: ignore[arg-type]
+        return names(verify_damaged(cell, table, tmp_path, damage, **more))  # type: ignore[arg-type]
 
     # 0.002° of joint 1 at 1.5 m radius is 52 µm of path.
     assert {"path", "joint jerk"} <= failed(shift("q1_deg", here, 0.002))
@@ -277,19 +277,19 @@ def test_contradicting_points_are_detected(cell: Cell, table: dict[str, list[obj
         t["q6_deg"][2] = float(t["q6_deg"][2]) + 5.0  # type: ignore[arg-type]
 
     assert {"points.csv as driven", "points.csv gamma_deg"} <= names(
-        verified(cell, table, tmp_path, points=other_wrist)
+        verify_damaged(cell, table, tmp_path, points=other_wrist)
     )
 
     def elsewhere(t: dict[str, list[object]]) -> None:
         t["q1_deg"][3] = float(t["q1_deg"][3]) + 0.01  # type: ignore[arg-type]
 
-    assert "points.csv on the toolpath" in names(verified(cell, table, tmp_path, points=elsewhere))
+    assert "points.csv on the toolpath" in names(verify_damaged(cell, table, tmp_path, points=elsewhere))
 
     def shorter(t: dict[str, list[object]]) -> None:
         for column in t.values():
             del column[-1]
 
-    assert names(verified(cell, table, tmp_path, points=shorter)) == {"points.csv complete"}
+    assert names(verify_damaged(cell, table, tmp_path, points=shorter)) == {"points.csv complete"}
 
 
 def test_gaps_are_accepted_only_where_allowed(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
@@ -303,10 +303,10 @@ def test_gaps_are_accepted_only_where_allowed(cell: Cell, table: dict[str, list[
         for i in range(1, 7):
             t[f"q{i}_deg"][3] = np.nan
 
-    assert "cutting points visited" in names(verified(cell, table, tmp_path, stop_early, given_up))
+    assert "cutting points visited" in names(verify_damaged(cell, table, tmp_path, stop_early, given_up))
     # the gap itself is allowed; that the tool goes there all the same, under another name, is not
     gap = PlanOptions(allow_gaps=True)
-    failed = names(verified(cell, table, tmp_path, stop_early, given_up, gap))
+    failed = names(verify_damaged(cell, table, tmp_path, stop_early, given_up, gap))
     assert {"points given up are not driven", "moves of the samples", "points.csv status"} <= failed
     assert not {"cutting points visited", "cut throughout"} & failed
 
@@ -315,7 +315,7 @@ def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_p
     part = cell.workpiece
 
     def hits(changed: Cell, damage: Damage | None = None) -> str:
-        result = verified(changed, table, tmp_path, damage)
+        result = verify_damaged(changed, table, tmp_path, damage)
         assert names(result) in ({"contacts"}, {"contacts", "requested: clearance_mm"}), result.failed
         return next(check.where for check in result.failed if check.name == "contacts")
 
@@ -334,7 +334,7 @@ def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_p
     wall = CollisionShape(
         name="wall", kind="box", size=(0.02, 2.0, 2.0), mesh=None, T_parent_shape=pose(-0.5, 0.0, 1.5)
     )  # behind: nothing moves there
-    assert verified(replace(cell, obstacles=(*cell.obstacles, wall)), table, tmp_path).ok
+    assert verify_damaged(replace(cell, obstacles=(*cell.obstacles, wall)), table, tmp_path).ok
     bulky = Tool(
         T_flange_tcp=cell.tool.T_flange_tcp,
         geometry=(
@@ -348,13 +348,13 @@ def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_p
     def rapid(t: dict[str, list[object]]) -> None:
         t["move"] = ["rapid" if word == "retract" else word for word in t["move"]]  # the file leaves the slot at a feed
 
-    assert {"moves of the samples", "in order"} <= names(verified(cell, table, tmp_path, rapid))
+    assert {"moves of the samples", "in order"} <= names(verify_damaged(cell, table, tmp_path, rapid))
 
     def unmeasured(t: dict[str, list[object]]) -> None:
         t["clearance_mm"] = [np.nan] * len(POINTS)
         t["nearest_pair"] = [""] * len(POINTS)
 
-    off = verified(
+    off = verify_damaged(
         replace(cell, obstacles=(*cell.obstacles, clamp)),
         table,
         tmp_path,
@@ -388,7 +388,7 @@ def test_contact_between_samples_is_detected(cell: Cell, table: dict[str, list[o
     )
     pin = replace(cell.tool.cutter, diameter=0.002, length=0.003) if cell.tool.cutter else None
     slim = replace(cell, tool=replace(cell.tool, cutter=pin), obstacles=(sheet,))
-    result = verified(slim, table, tmp_path)
+    result = verify_damaged(slim, table, tmp_path)
     assert "sheet ~ cutter" in {c.name: c for c in result.checks}["contacts"].where
 
 
@@ -442,7 +442,7 @@ def test_unreadable_tables_are_refused(cell: Cell, table: dict[str, list[object]
         t["q2_deg"][4] = "1,5"
 
     for damage, message in ((drop, "'q3_deg' is missing"), (word, "'fly' is no move"), (number, "not a finite number")):
-        (check,) = verified(cell, table, tmp_path, damage).failed
+        (check,) = verify_damaged(cell, table, tmp_path, damage).failed
         assert check.name == "trajectory.csv can be read"
         assert message in check.where
     (check,) = verify_motion(cell, toolpath(), tmp_path / "nowhere").failed

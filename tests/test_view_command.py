@@ -34,7 +34,7 @@ from machopt.view.session import ViewSession
 pytestmark = pytest.mark.slow
 
 
-def quiet(_: str) -> None:
+def ignore_progress(_: str) -> None:
     """No progress."""
 
 
@@ -43,7 +43,7 @@ def job(folder: Path, *overrides: str) -> OptimizeRequest:
 
 
 def begun(folder: Path, *overrides: str) -> ViewSession:
-    return ViewSession.start(load_optimize_inputs(job(folder, *overrides)), folder / "plan.yaml", (), quiet)
+    return ViewSession.start(load_optimize_inputs(job(folder, *overrides)), folder / "plan.yaml", (), ignore_progress)
 
 
 def gammas(session: ViewSession) -> list[float]:
@@ -54,7 +54,9 @@ def test_session_pins_compares_restores_and_saves(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
     free = gammas(session)
     want = round(free[6] + 21.3, 1)
-    message, shown = session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
+    message, shown = session.replan(
+        {"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, ignore_progress
+    )
     assert (shown, message.startswith("Planned in")) == (True, True)
     assert gammas(session)[6] == pytest.approx(want, abs=0.25)  # deg; as verify holds it
     assert session.list_wishes()["fixed"] == [{"point": 6, "gamma_deg": want}]
@@ -77,7 +79,7 @@ def test_pinned_column_is_marked_as_excluding_the_rest(tmp_path: Path) -> None:
     made = session.current.job_result.plan
     before = build_rotation_map(made, compute_collision_map(made), np.zeros(len(session.optimize_inputs.toolpath)))
     want = round(gammas(session)[6], 1)
-    session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, quiet)
+    session.replan({"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, ignore_progress)
     made = session.current.job_result.plan
     after = build_rotation_map(made, compute_collision_map(made), np.zeros(len(session.optimize_inputs.toolpath)))
     assert before is not None
@@ -94,14 +96,14 @@ def test_pinned_column_is_marked_as_excluding_the_rest(tmp_path: Path) -> None:
 def test_verified_state_remains_until_another_plan_is_shown(tmp_path: Path) -> None:
     session = begun(tmp_path, "rotation_step_deg=10")
     nothing = session.list_wishes()
-    assert session.verify(quiet).good
+    assert session.verify(ignore_progress).good
     kept = session.current
     assert '"verified":{' in session.build_html()
-    assert session.replan(nothing, quiet)[1]
+    assert session.replan(nothing, ignore_progress)[1]
     assert session.current is kept  # nothing was planned again
     assert session.previous is None
     pin = {**nothing, "fixed": [{"point": 6, "gamma_deg": round(gammas(session)[6] + 15, 1)}]}
-    assert session.replan(pin, quiet)[1]
+    assert session.replan(pin, ignore_progress)[1]
     assert '"verified":null' in session.build_html()
     session.swap_plans()
     assert '"verified":{' in session.build_html()
@@ -110,7 +112,9 @@ def test_verified_state_remains_until_another_plan_is_shown(tmp_path: Path) -> N
 def test_dragging_a_handle_shows_angle_deflection_and_state(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
     server = serve_view(
-        ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
+        ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"),
+        ignore_progress,
+        ignore_progress,
     )
 
     def user(browser: Browser) -> None:
@@ -141,14 +145,14 @@ def test_dragging_a_handle_shows_angle_deflection_and_state(tmp_path: Path) -> N
         assert browser.script("document.getElementById('status-message').textContent").startswith("Planned in")
         assert browser.complaints == []
 
-    driven(server, user)
+    drive_page(server, user)
 
 
 def test_infeasible_plan_is_reported_and_the_old_one_remains(tmp_path: Path) -> None:
     session = begun(tmp_path)
     old = session.current
     act = SessionActions(session).run_action
-    found = act("plan", {"steer": [{"points": [5, 5], "branch": 0}, {"points": [9, 9], "branch": 7}]}, quiet)
+    found = act("plan", {"steer": [{"points": [5, 5], "branch": 0}, {"points": [9, 9], "branch": 7}]}, ignore_progress)
     assert not found.shown
     assert "branch 0 at point 5" in found.message or "branch 7 at point 9" in found.message
     assert session.current is old
@@ -159,7 +163,7 @@ def test_infeasible_plan_is_reported_and_the_old_one_remains(tmp_path: Path) -> 
         ({"seed": 3}, "fixed, steer, external can be set here"),
         ({"steer": [{"gamma_deg": "x"}]}, "expected a number"),
     ):
-        found = act("plan", wishes, quiet)
+        found = act("plan", wishes, ignore_progress)
         assert part in found.message
         assert not found.good
     assert session.current is old
@@ -178,7 +182,7 @@ def test_optimize_first_reports_contradicting_pins(tmp_path: Path, capsys: pytes
     assert page.index("No plan keeps") < page.index("No feasible plan for")
 
 
-def driven(server: PageServer, drive: Callable[[Browser], None]) -> None:
+def drive_page(server: PageServer, drive: Callable[[Browser], None]) -> None:
     """Do what the page asks while ``drive`` plays the user in a browser; what it found wrong is raised here."""
     failed: list[BaseException] = []
     over = threading.Event()
@@ -214,7 +218,9 @@ CURVE = "DATA.map.lines.find(l => l.name === 'chosen').y"
 def test_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) -> None:
     request = job(tmp_path, "rotation_step_deg=10")
     server = serve_view(
-        ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"), quiet, quiet
+        ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml"),
+        ignore_progress,
+        ignore_progress,
     )
     pinned: dict[str, float] = {}
 
@@ -260,7 +266,7 @@ def test_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) ->
             f"127.0.0.1:{server.port}"
         }
 
-    driven(server, user)
+    drive_page(server, user)
     out = tmp_path / "out"
     assert optimized(KR500, request.toolpath, out, "--plan", str(tmp_path / "plan.yaml")) == 0
     result = json.loads((out / "result.json").read_text())
@@ -277,8 +283,8 @@ def test_cells_and_reports_are_served_separately(tmp_path: Path) -> None:
                 request=OptimizeRequest(cell=places[0], toolpath=places[0], out=tmp_path),
                 save=tmp_path / "p",
             ),
-            quiet,
-            quiet,
+            ignore_progress,
+            ignore_progress,
         )
         server.close()
         assert part in server.html
@@ -289,8 +295,8 @@ def test_cells_and_reports_are_served_separately(tmp_path: Path) -> None:
                 request=OptimizeRequest(cell=CELLS, toolpath=CELLS, out=tmp_path),
                 save=tmp_path / "p",
             ),
-            quiet,
-            quiet,
+            ignore_progress,
+            ignore_progress,
         )
 
 

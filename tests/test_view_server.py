@@ -18,7 +18,7 @@ DONE = ViewAnswerDocument(message="", good=True)
 
 
 @contextmanager
-def served(
+def serve_page(
     act: Callable[..., ViewAnswerDocument], page: Callable[[], str] = lambda: "<p>page</p>"
 ) -> Iterator[PageServer]:
     server = PageServer(page, act, ("plan",))
@@ -44,7 +44,7 @@ def ask(
 
 
 def test_page_is_served_with_the_token() -> None:
-    with served(lambda *_: DONE) as server:
+    with serve_page(lambda *_: DONE) as server:
         assert server.url == f"http://127.0.0.1:{server.port}/{server.token}/"
         assert len(server.token) >= 24  # 18 random bytes
         status, text, headers = ask(server, "GET", "")
@@ -57,7 +57,7 @@ def test_page_is_served_with_the_token() -> None:
 
 @pytest.mark.parametrize("path", ["/", "/progress", "/x/", "/favicon.ico", "/../etc/passwd", "//"])
 def test_nothing_is_served_without_the_token(path: str) -> None:
-    with served(lambda *_: DONE) as server:
+    with serve_page(lambda *_: DONE) as server:
         for method in ("GET", "POST"):
             status, text, _ = ask(server, method, path, "{}", Content_Type="application/json")
             assert status == 403
@@ -67,7 +67,7 @@ def test_nothing_is_served_without_the_token(path: str) -> None:
 
 def test_other_hosts_and_origins_are_refused() -> None:
     """A name that leads to 127.0.0.1 brings a page of others here, with its own name as host (DNS rebinding)."""
-    with served(lambda *_: DONE) as server:
+    with serve_page(lambda *_: DONE) as server:
         for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1", f"127.0.0.1:{server.port + 1}", ""):
             assert ask(server, "GET", "", Host=host)[0] == 403
         assert ask(server, "GET", "", Host=f"localhost:{server.port}")[0] == 200
@@ -77,7 +77,7 @@ def test_other_hosts_and_origins_are_refused() -> None:
 
 
 def test_invalid_requests_are_refused() -> None:
-    with served(lambda *_: DONE) as server:
+    with serve_page(lambda *_: DONE) as server:
         json_ = "application/json"
         assert ask(server, "POST", "plan", "{}", Content_Type="text/plain")[0] == 415
         assert ask(server, "POST", "plan", "[1]", Content_Type=json_)[0] == 400
@@ -102,7 +102,7 @@ def test_requests_are_executed_one_at_a_time() -> None:
 
     seen: list[str] = []
     busy: list[int] = []
-    with served(act, lambda: next(pages)) as server:
+    with serve_page(act, lambda: next(pages)) as server:
         found: list[tuple[int, str]] = []
         page = threading.Thread(
             target=lambda: found.append(ask(server, "POST", "plan", '{"x": 3}', Content_Type="application/json")[:2])
@@ -118,7 +118,7 @@ def test_requests_are_executed_one_at_a_time() -> None:
 
 
 def test_waiting_requests_are_released_at_the_end() -> None:
-    with served(lambda *_: DONE) as server:
+    with serve_page(lambda *_: DONE) as server:
         found: list[int] = []
         page = threading.Thread(
             target=lambda: found.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])

@@ -68,7 +68,7 @@ def grid_of(
     )
 
 
-def banned(edges: ForbiddenTransitions, s: int, u: int, v: int, T: int) -> ForbiddenTransitions:
+def forbid_motion(edges: ForbiddenTransitions, s: int, u: int, v: int, T: int) -> ForbiddenTransitions:
     """The way from vertex u to every turn of v, as the search strikes ways out."""
     rows = np.full(T, s), np.full(T, u), v * T + np.arange(T)
     return edges.plus(*(x.astype(np.int32) for x in rows))
@@ -85,7 +85,7 @@ def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
         edges = ForbiddenTransitions.none()
         for s in np.flatnonzero(grid.window >= 0).tolist():
             for _ in range(rng.integers(0, 6)):
-                edges = banned(edges, s, int(rng.integers(R * B * T)), int(rng.integers(R * B)), T)
+                edges = forbid_motion(edges, s, int(rng.integers(R * B * T)), int(rng.integers(R * B)), T)
             for _ in range(rng.integers(0, 2)):
                 edges = edges.plus_closed(np.array([(s, rng.integers(R * B), rng.integers(R * B))]))
         part = SequenceStretch(grid, edges, slice(0, S))
@@ -121,9 +121,9 @@ def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
 
 def test_motion_is_forbidden_in_every_turn_only_if_no_turn_remains() -> None:
     feasible = np.ones((2, 1, 1, 2), bool)
-    one = banned(ForbiddenTransitions.none(), 1, 0, 0, 2)  # turn 0 to both turns
+    one = forbid_motion(ForbiddenTransitions.none(), 1, 0, 0, 2)  # turn 0 to both turns
     assert not len(one.in_every_turn(feasible))
-    assert len(banned(one, 1, 1, 0, 2).in_every_turn(feasible)) == 1
+    assert len(forbid_motion(one, 1, 1, 0, 2).in_every_turn(feasible)) == 1
     feasible[0, 0, 0, 0] = False  # the forbidden turn is gone by itself, the other one still leads on
     assert not len(one.in_every_turn(feasible))
 
@@ -138,7 +138,7 @@ def test_closed_motion_is_forbidden_turn_by_turn(seed: int) -> None:
         closed, each = ForbiddenTransitions.none().plus_closed(ways), ForbiddenTransitions.none()
         for s, u, v in ways.tolist():
             for t in range(T):
-                each = banned(each, s, u * T + t, v, T)
+                each = forbid_motion(each, s, u * T + t, v, T)
         by_way, by_turn = (
             SequenceStretch(grid, e, slice(0, S)).solve(grid.candidates.feasible) for e in (closed, each)
         )

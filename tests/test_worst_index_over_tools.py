@@ -133,7 +133,7 @@ def test_break_of_a_segment_names_its_ends(alone: list[Plan]) -> None:
     assert shift_break_indices(back, after).where == "from point 15 to home"
 
 
-def told(total: float, worst: float) -> Plan:
+def build_segment_plan(total: float, worst: float) -> Plan:
     """As much of a plan as its price."""
     objective = SimpleNamespace(total=total, worst=worst)
     return cast(Plan, SimpleNamespace(chosen=SimpleNamespace(objective=objective)))
@@ -142,13 +142,13 @@ def told(total: float, worst: float) -> Plan:
 def test_improvements_are_accepted_together_or_one_by_one() -> None:
     """J = Σ share (total − w worst) + w max worst; by hand."""
     share, w = np.array([0.5, 0.5]), 1.0
-    best = [told(2.0, 1.0), told(2.0, 1.0)]
+    best = [build_segment_plan(2.0, 1.0), build_segment_plan(2.0, 1.0)]
     assert module._sum_job_objective([p.chosen.objective for p in best], share, w) == pytest.approx(2.0)
-    both = [told(1.5, 0.5), told(1.5, 0.5)]
+    both = [build_segment_plan(1.5, 0.5), build_segment_plan(1.5, 0.5)]
     assert module._select_better(best, both, share, w) == both  # 1 + 0.5
-    first = [told(1.5, 1.0), told(3.0, 1.0)]
+    first = [build_segment_plan(1.5, 1.0), build_segment_plan(3.0, 1.0)]
     assert module._select_better(best, first, share, w) == [first[0], best[1]]
-    worse = [told(3.0, 1.0), told(2.5, 1.5)]
+    worse = [build_segment_plan(3.0, 1.0), build_segment_plan(2.5, 1.5)]
     assert module._select_better(best, worse, share, w) is best
 
 

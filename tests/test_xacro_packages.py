@@ -45,11 +45,11 @@ INCLUDE = '<xacro:include filename="$(find made_support)/urdf/made_macro.xacro"/
 CALL = '<xacro:made prefix=""/>'
 
 
-def plain() -> Files:
+def build_plain_package() -> Files:
     return {"urdf/made_macro.xacro": macro(body()), "urdf/made.xacro": robot(INCLUDE + CALL)}
 
 
-def replaced(old: str, new: str, count: int = 1, **more: str) -> Files:
+def replace_in_macro(old: str, new: str, count: int = 1, **more: str) -> Files:
     text = body()
     assert old in text
     return {
@@ -73,7 +73,7 @@ def limits_of_yaml() -> Files:
     }
 
 
-def nested() -> Files:
+def build_nested_package() -> Files:
     return {
         "urdf/common/values.xacro": f'<robot {XMLNS}><xacro:property name="reach" value="${{1.0 + 0.15}}"/></robot>',
         "urdf/common/all.xacro": f'<robot {XMLNS}><xacro:include filename="values.xacro"/></robot>',
@@ -86,7 +86,7 @@ def nested() -> Files:
 
 
 def name_space() -> Files:
-    files = nested()
+    files = build_nested_package()
     text = files["urdf/made_macro.xacro"].replace("all.xacro", "values.xacro").replace("${reach}", "${own.reach}")
     return files | {"urdf/made_macro.xacro": text.replace('values.xacro"', 'values.xacro" ns="own"')}
 
@@ -174,12 +174,14 @@ def loop() -> Files:
 
 
 def collada() -> Files:
-    files = replaced('<link name="${prefix}link_1">', '<link name="${prefix}link_1">' + LINK.replace(".stl", ".dae"))
+    files = replace_in_macro(
+        '<link name="${prefix}link_1">', '<link name="${prefix}link_1">' + LINK.replace(".stl", ".dae")
+    )
     return files | {"meshes/made/collision/link.dae": cube(asset='<unit meter="0.1"/>')}
 
 
 def other_package() -> Files:
-    files = nested()
+    files = build_nested_package()
     text = files["urdf/made_macro.xacro"].replace(
         "$(find made_support)/urdf/common/all", "$(find made_resources)/urdf/values"
     )
@@ -191,7 +193,7 @@ def other_package() -> Files:
     }
 
 
-def forwarded() -> Files:
+def build_forwarded_package() -> Files:
     """Values of a YAML file, passed through macros and put into the caller's scope, and a package named by one."""
     head = (
         '<xacro:macro name="read" params="file"><xacro:property name="config" value="${xacro.load_yaml(file)}"/>'
@@ -212,19 +214,21 @@ def forwarded() -> Files:
 
 
 VARIANTS: dict[str, Callable[[], Files]] = {
-    "plain": plain,
-    "mathematics": lambda: replaced('xyz="1.15 0.0 0.0"', 'xyz="${sqrt(1.15**2) * cos(radians(0))} 0 ${-pi/2 + pi/2}"'),
-    "formatted": lambda: replaced('xyz="1.15 0.0 0.0"', "xyz=\"${'%.3f' % 1.15} ${str(0)} ${round(0.001)}\""),
-    "list": lambda: replaced('xyz="1.15 0.0 0.0"', "xyz=\"${' '.join(map(str, [1.15, 0, 0]))}\""),
-    "byte_order_mark": lambda: {k: "\ufeff" + v for k, v in plain().items()},
-    "mesh": lambda: replaced('<link name="${prefix}link_1">', '<link name="${prefix}link_1">' + LINK),
-    "comments": lambda: replaced("</link>", "</link><!-- ${none} $(env HOME) <xacro:none/> -->"),
-    "dollars": lambda: replaced(
+    "plain": build_plain_package,
+    "mathematics": lambda: replace_in_macro(
+        'xyz="1.15 0.0 0.0"', 'xyz="${sqrt(1.15**2) * cos(radians(0))} 0 ${-pi/2 + pi/2}"'
+    ),
+    "formatted": lambda: replace_in_macro('xyz="1.15 0.0 0.0"', "xyz=\"${'%.3f' % 1.15} ${str(0)} ${round(0.001)}\""),
+    "list": lambda: replace_in_macro('xyz="1.15 0.0 0.0"', "xyz=\"${' '.join(map(str, [1.15, 0, 0]))}\""),
+    "byte_order_mark": lambda: {k: "\ufeff" + v for k, v in build_plain_package().items()},
+    "mesh": lambda: replace_in_macro('<link name="${prefix}link_1">', '<link name="${prefix}link_1">' + LINK),
+    "comments": lambda: replace_in_macro("</link>", "</link><!-- ${none} $(env HOME) <xacro:none/> -->"),
+    "dollars": lambda: replace_in_macro(
         '<link name="${prefix}flange"/>', '<link name="${prefix}flange"/><gazebo>$${a} $$(b)</gazebo>'
     ),
     "limits_of_yaml": limits_of_yaml,
-    "nested": nested,
-    "forwarded": forwarded,
+    "nested": build_nested_package,
+    "forwarded": build_forwarded_package,
     "name_space": name_space,
     "blocks": blocks,
     "conditions": conditions,
@@ -239,7 +243,7 @@ VARIANTS: dict[str, Callable[[], Files]] = {
 }
 
 
-def written(folder: Path, files: Files) -> Path:
+def write_package(folder: Path, files: Files) -> Path:
     package = folder / "made_support"
     for name, text in files.items():
         file = (package / name).resolve()
@@ -262,7 +266,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 @pytest.mark.parametrize("name", sorted(VARIANTS))
 def test_package_becomes_a_cell_without_editing(name: str, expected: np.ndarray, tmp_path: Path) -> None:
-    file = written(tmp_path, VARIANTS[name]())
+    file = write_package(tmp_path, VARIANTS[name]())
     done = run_init(
         InitRequest(
             robot=file,
@@ -281,7 +285,7 @@ def test_two_arms_of_one_macro_have_their_prefixes(tmp_path: Path) -> None:
         f'<child link="{p}_base_link"/></joint>'
         for p in ("left", "right")
     )
-    file = written(tmp_path, plain() | {"urdf/made.xacro": robot(INCLUDE + call)})
+    file = write_package(tmp_path, build_plain_package() | {"urdf/made.xacro": robot(INCLUDE + call)})
     links = read_standalone_description(file).urdf.links
     assert {"left_link_6", "right_link_6"} <= set(links)
     with pytest.raises(InputError, match="more than one arm"):

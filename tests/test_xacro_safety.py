@@ -187,25 +187,29 @@ def test_escape_is_refused_in_every_evaluation(place: str, tmp_path: Path, monke
         read_robot(tmp_path / "r.xacro")
 
 
-def doubled(start: str, step: str) -> str:
+def build_doubling_chain(start: str, step: str) -> str:
     return start + "".join(step.replace("NEW", f"p{n + 1}").replace("OLD", f"p{n}") for n in range(60))
 
 
 GROWING = {
-    "properties": doubled(
+    "properties": build_doubling_chain(
         '<xacro:property name="p0" value="aaaaaaaaaa"/>', '<xacro:property name="NEW" value="${OLD}${OLD}"/>'
     )
     + '<link name="${p60}"/>',
-    "sums": doubled("<xacro:property name='p0' value='aaaaaaaaaa'/>", '<xacro:property name="NEW" value="${OLD+OLD}"/>')
+    "sums": build_doubling_chain(
+        "<xacro:property name='p0' value='aaaaaaaaaa'/>", '<xacro:property name="NEW" value="${OLD+OLD}"/>'
+    )
     + '<link name="${p60}"/>',
-    "lists": doubled("<xacro:property name='p0' value='${[1]}'/>", '<xacro:property name="NEW" value="${[OLD, OLD]}"/>')
+    "lists": build_doubling_chain(
+        "<xacro:property name='p0' value='${[1]}'/>", '<xacro:property name="NEW" value="${[OLD, OLD]}"/>'
+    )
     + '<link name="${p60}"/>',
-    "macros": doubled(
+    "macros": build_doubling_chain(
         '<xacro:macro name="p0"><link name="l"/></xacro:macro>',
         '<xacro:macro name="NEW"><xacro:OLD/><xacro:OLD/></xacro:macro>',
     )
     + "<xacro:p60/>",
-    "blocks": doubled(
+    "blocks": build_doubling_chain(
         '<xacro:property name="p0"><link name="l"/></xacro:property>',
         '<xacro:property name="NEW"><xacro:insert_block name="OLD"/><xacro:insert_block name="OLD"/></xacro:property>',
     )

@@ -12,21 +12,27 @@ def _in_dwell(rows: list[dict[str, str]]) -> None:
         rows[k]["q1_deg"] = f"{float(rows[k]['q1_deg']) + 0.01:.6f}"
 
 
-def _longer(rows: list[dict[str, str]]) -> None:
+def lengthen_dwells(rows: list[dict[str, str]]) -> None:
     for row in rows:
         row["dwell_s"] = "9.5"
 
 
-def _jump(rows: list[dict[str, str]]) -> None:
+def shift_joint_6(rows: list[dict[str, str]]) -> None:
     for row in rows[len(rows) // 2 :]:
         row["q6_deg"] = f"{float(row['q6_deg']) + 10.0:.6f}"
 
 
 DAMAGES = [
     Damage(
-        "trajectory.csv joint 6 jumps", "10°", build_table_change("trajectory.csv", _jump), "joint velocity", "in krl"
+        "trajectory.csv joint 6 jumps",
+        "10°",
+        build_table_change("trajectory.csv", shift_joint_6),
+        "joint velocity",
+        "in krl",
     ),
-    Damage("points.csv dwell", "+8 s", build_table_change("points.csv", _longer), "points.csv dwell_s", "in krl"),
+    Damage(
+        "points.csv dwell", "+8 s", build_table_change("points.csv", lengthen_dwells), "points.csv dwell_s", "in krl"
+    ),
     Damage(
         "trajectory.csv moves while it dwells",
         "0.01°",

@@ -16,7 +16,7 @@ POINTS, MOTION = "points.csv can be read", "trajectory.csv can be read"
 LISTED, MANIFEST, INPUTS = "files as listed", "manifest.json", "made from these inputs"
 
 
-def at(file: str, act: Callable[[Path], object]) -> Callable[[Job], None]:
+def change_file(file: str, act: Callable[[Path], object]) -> Callable[[Job], None]:
     """Something done to one file of the folder."""
 
     def apply(job: Job) -> None:
@@ -50,7 +50,7 @@ def roles(manifest: dict[str, Any], named: dict[str, str]) -> None:
         manifest["files"][name]["role"] = role
 
 
-def scaled(value: dict[str, Any], key: str, factor: float) -> None:
+def scale_value(value: dict[str, Any], key: str, factor: float) -> None:
     value[key] *= factor
 
 
@@ -60,26 +60,26 @@ def cut(file: Path, share: float) -> None:
     file.write_bytes(data[: int(share * len(data))])
 
 
-def longer(file: Path, data: bytes) -> None:
+def append_data(file: Path, data: bytes) -> None:
     with file.open("ab") as stream:
         stream.write(data)
 
 
-def flipped(file: Path, where: int | None = None) -> None:
+def flip_bit(file: Path, where: int | None = None) -> None:
     """One bit of a byte, in the middle unless told."""
     data = bytearray(file.read_bytes())
     data[len(data) // 2 if where is None else where] ^= 1
     file.write_bytes(data)
 
 
-def elsewhere(file: Path) -> None:
+def replace_by_external_link(file: Path) -> None:
     """The same bytes, by a link from outside the folder."""
     target = file.parent.parent / f"{file.name}.away"
     shutil.move(file, target)
     os.symlink(target, file)
 
 
-def commented(file: Path) -> None:
+def prepend_comment(file: Path) -> None:
     file.write_bytes(b"# lengths are in inch\n" + file.read_bytes())
 
 
@@ -89,12 +89,14 @@ def as_folder(file: Path) -> None:
 
 
 FILES = [
-    Damage("points.csv removed", "1 file", at("points.csv", Path.unlink), POINTS),
-    Damage("trajectory.csv removed", "1 file", at("trajectory.csv", Path.unlink), MOTION),
-    Damage("result.json removed", "1 file", at("result.json", Path.unlink), "result.json"),
-    Damage("report.html removed", "1 file", at("report.html", Path.unlink), "result.json outputs"),
-    Damage("the program removed", "1 of 2 files", at("*.src", Path.unlink), "result.json programs"),
-    Damage("the program's data file removed", "1 of 2 files", at("*.dat", Path.unlink), "result.json programs"),
+    Damage("points.csv removed", "1 file", change_file("points.csv", Path.unlink), POINTS),
+    Damage("trajectory.csv removed", "1 file", change_file("trajectory.csv", Path.unlink), MOTION),
+    Damage("result.json removed", "1 file", change_file("result.json", Path.unlink), "result.json"),
+    Damage("report.html removed", "1 file", change_file("report.html", Path.unlink), "result.json outputs"),
+    Damage("the program removed", "1 of 2 files", change_file("*.src", Path.unlink), "result.json programs"),
+    Damage(
+        "the program's data file removed", "1 of 2 files", change_file("*.dat", Path.unlink), "result.json programs"
+    ),
     Damage(
         "a stray file",
         "1 byte",
@@ -116,24 +118,36 @@ FILES = [
     Damage(
         "the program renamed",
         "1 file",
-        at("*.src", lambda f: f.rename(f.with_name("other.src"))),
+        change_file("*.src", lambda f: f.rename(f.with_name("other.src"))),
         "result.json programs",
     ),
-    Damage("trajectory.csv renamed", "1 file", at("trajectory.csv", lambda f: f.rename(f.with_name("t.csv"))), MOTION),
-    Damage("the program cut in half", "50 %", at("*.src", lambda f: cut(f, 0.5)), "result.json programs"),
-    Damage("trajectory.csv cut", "last 5 %", at("trajectory.csv", lambda f: cut(f, 0.95)), MOTION),
-    Damage("points.csv cut to its header", "all rows", at("points.csv", lambda f: cut(f, 0.05)), POINTS),
-    Damage("trajectory.csv emptied", "all", at("trajectory.csv", lambda f: cut(f, 0.0)), MOTION),
-    Damage("result.json cut", "50 %", at("result.json", lambda f: cut(f, 0.5)), "result.json"),
-    Damage("result.json is a list", "all", at("result.json", lambda f: f.write_text("[]")), "result.json"),
-    Damage("one bit of trajectory.csv", "1 bit", at("trajectory.csv", flipped), LISTED, by_hash_alone=True),
-    Damage("one bit of the report", "1 bit", at("report.html", flipped), LISTED, by_hash_alone=True),
     Damage(
-        "lines appended to the program", "1 line", at("*.src", lambda f: longer(f, b"; more\n")), "result.json programs"
+        "trajectory.csv renamed",
+        "1 file",
+        change_file("trajectory.csv", lambda f: f.rename(f.with_name("t.csv"))),
+        MOTION,
     ),
-    Damage("bytes appended to points.csv", "1 row", at("points.csv", lambda f: longer(f, b"99,x\n")), POINTS),
-    Damage("points.csv by a link", "0 bytes", at("points.csv", elsewhere), LISTED, reseal=False),
-    Damage("points.csv a folder", "1 file", at("points.csv", as_folder), LISTED, reseal=False),
+    Damage("the program cut in half", "50 %", change_file("*.src", lambda f: cut(f, 0.5)), "result.json programs"),
+    Damage("trajectory.csv cut", "last 5 %", change_file("trajectory.csv", lambda f: cut(f, 0.95)), MOTION),
+    Damage("points.csv cut to its header", "all rows", change_file("points.csv", lambda f: cut(f, 0.05)), POINTS),
+    Damage("trajectory.csv emptied", "all", change_file("trajectory.csv", lambda f: cut(f, 0.0)), MOTION),
+    Damage("result.json cut", "50 %", change_file("result.json", lambda f: cut(f, 0.5)), "result.json"),
+    Damage("result.json is a list", "all", change_file("result.json", lambda f: f.write_text("[]")), "result.json"),
+    Damage("one bit of trajectory.csv", "1 bit", change_file("trajectory.csv", flip_bit), LISTED, by_hash_alone=True),
+    Damage("one bit of the report", "1 bit", change_file("report.html", flip_bit), LISTED, by_hash_alone=True),
+    Damage(
+        "lines appended to the program",
+        "1 line",
+        change_file("*.src", lambda f: append_data(f, b"; more\n")),
+        "result.json programs",
+    ),
+    Damage(
+        "bytes appended to points.csv", "1 row", change_file("points.csv", lambda f: append_data(f, b"99,x\n")), POINTS
+    ),
+    Damage(
+        "points.csv by a link", "0 bytes", change_file("points.csv", replace_by_external_link), LISTED, reseal=False
+    ),
+    Damage("points.csv a folder", "1 file", change_file("points.csv", as_folder), LISTED, reseal=False),
     Damage(
         "the report says otherwise",
         "1 word",
@@ -146,13 +160,17 @@ FILES = [
 MANIFESTS = [
     Damage(f"manifest: {name}", how_much, apply, MANIFEST, reseal=False, as_is=MANIFEST)
     for name, how_much, apply in (
-        ("removed", "1 file", at("manifest.json", Path.unlink)),
-        ("cut", "half of it", at("manifest.json", lambda f: cut(f, 0.5))),
-        ("emptied", "all", at("manifest.json", lambda f: cut(f, 0.0))),
-        ("no JSON", "all", at("manifest.json", lambda f: f.write_text("files:\n  points.csv: ok\n"))),
-        ("no UTF-8", "1 byte", at("manifest.json", lambda f: longer(f, b"\xff"))),
-        ("written by hand", "all", at("manifest.json", lambda f: f.write_text('{"files": {"points.csv": "ok"}}'))),
-        ("nested too deeply", "all", at("manifest.json", lambda f: f.write_text("[" * 100_000))),
+        ("removed", "1 file", change_file("manifest.json", Path.unlink)),
+        ("cut", "half of it", change_file("manifest.json", lambda f: cut(f, 0.5))),
+        ("emptied", "all", change_file("manifest.json", lambda f: cut(f, 0.0))),
+        ("no JSON", "all", change_file("manifest.json", lambda f: f.write_text("files:\n  points.csv: ok\n"))),
+        ("no UTF-8", "1 byte", change_file("manifest.json", lambda f: append_data(f, b"\xff"))),
+        (
+            "written by hand",
+            "all",
+            change_file("manifest.json", lambda f: f.write_text('{"files": {"points.csv": "ok"}}')),
+        ),
+        ("nested too deeply", "all", change_file("manifest.json", lambda f: f.write_text("[" * 100_000))),
         ("a key twice", "1 key", build_text_change("manifest.json", '"exit_code"', '"exit_code": 0,\n "exit_code"')),
         ("of the next format", "1 number", in_manifest(lambda m: m.update(machopt_manifest=2))),
         ("an unknown key", "1 key", in_manifest(lambda m: m.update(approved="yes"))),
@@ -286,7 +304,7 @@ def lower_information(result: dict[str, Any]) -> None:
 
 
 COMMENTS = [
-    Damage(f"a comment on units in {name}", "1 line", at(name, commented), "result.json outputs")
+    Damage(f"a comment on units in {name}", "1 line", change_file(name, prepend_comment), "result.json outputs")
     for name in ("points.csv", "trajectory.csv")
 ]
 
@@ -299,13 +317,13 @@ RESULTS = [
         (
             "worst point's deflection",
             "−10 %",
-            lambda r: scaled(r["worst_point"], "deflection_mm", 0.9),
+            lambda r: scale_value(r["worst_point"], "deflection_mm", 0.9),
             "result.json worst point",
         ),
         (
             "worst point's stiffness",
             "+0.01 %",
-            lambda r: scaled(r["worst_point"], "k_axial_N_mm", 1.0001),
+            lambda r: scale_value(r["worst_point"], "k_axial_N_mm", 1.0001),
             "result.json worst point",
         ),
         (
@@ -352,20 +370,25 @@ RESULTS = [
             lambda r: r["infeasible_points"].append({"point": 2, "reason": "why not"}),
             "result.json infeasible",
         ),
-        ("objective's mean", "−1 %", lambda r: scaled(r["objective"]["chosen"], "mean", 0.99), "result.json objective"),
+        (
+            "objective's mean",
+            "−1 %",
+            lambda r: scale_value(r["objective"]["chosen"], "mean", 0.99),
+            "result.json objective",
+        ),
         (
             "objective's total",
             "−1 %",
-            lambda r: scaled(r["objective"]["chosen"], "total", 0.99),
+            lambda r: scale_value(r["objective"]["chosen"], "total", 0.99),
             "result.json objective",
         ),
         (
             "the grid optimum's mean",
             "+1 %",
-            lambda r: scaled(r["objective"]["grid"], "mean", 1.01),
+            lambda r: scale_value(r["objective"]["grid"], "mean", 1.01),
             "result.json objective",
         ),
-        ("the scale of the index", "÷ 2", lambda r: scaled(r, "index_scale", 0.5), "result.json objective"),
+        ("the scale of the index", "÷ 2", lambda r: scale_value(r, "index_scale", 0.5), "result.json objective"),
         ("gain", "+1 %", lambda r: r["objective"]["gain"][1].update(mean_percent=99.0), "result.json objective"),
         ("index", "1 word", lambda r: r.update(index="jiao2022"), "result.json options"),
         ("an option", "1 word", lambda r: r["options"].update(clearance_mm=50.0), "result.json options"),
@@ -433,7 +456,7 @@ RESULTS = [
         (
             "the bound of the search",
             "above its best",
-            lambda r: scaled(r["objective"]["search"], "lower_bound", 2.0),
+            lambda r: scale_value(r["objective"]["search"], "lower_bound", 2.0),
             "result.json objective",
         ),
         (
@@ -482,7 +505,7 @@ OTHERS = [
     Damage(
         "another mesh",
         "1 bit of its title",
-        lambda job: flipped(job.cell / "meshes/link1.stl", 20),
+        lambda job: flip_bit(job.cell / "meshes/link1.stl", 20),
         INPUTS,
         as_is=INPUTS,
         reseal=False,
@@ -498,7 +521,7 @@ OTHERS = [
     Damage(
         "another toolpath by one comment",
         "1 line",
-        lambda job: longer(job.toolpath, b"# seen\n"),
+        lambda job: append_data(job.toolpath, b"# seen\n"),
         INPUTS,
         as_is=INPUTS,
         reseal=False,

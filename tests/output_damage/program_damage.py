@@ -124,7 +124,7 @@ def swap(pattern: str, found: str, by: str | Callable[[re.Match[str]], str], nth
     return apply
 
 
-def shifted(number: int, by: float) -> Callable[[re.Match[str]], str]:
+def add_to_group(number: int, by: float) -> Callable[[re.Match[str]], str]:
     """Add to the number in a group of the match."""
 
     def change(found: re.Match[str]) -> str:
@@ -136,11 +136,11 @@ def shifted(number: int, by: float) -> Callable[[re.Match[str]], str]:
     return change
 
 
-def scaled(number: int, by: float) -> Callable[[re.Match[str]], str]:
+def scale_group(number: int, by: float) -> Callable[[re.Match[str]], str]:
     """Multiply the number in a group of the match."""
 
     def change(found: re.Match[str]) -> str:
-        return shifted(number, float(found.group(number)) * (by - 1.0))(found)
+        return add_to_group(number, float(found.group(number)) * (by - 1.0))(found)
 
     return change
 
@@ -178,7 +178,7 @@ def line_ends(pattern: str) -> Callable[[Job], None]:
     return apply
 
 
-def copied(pattern: str, name: str) -> Callable[[Job], None]:
+def copy_program(pattern: str, name: str) -> Callable[[Job], None]:
     """A second program under another name."""
     return lambda job: shutil.copy(find_single_file(job.out, pattern), job.out / name) and None
 
@@ -193,10 +193,10 @@ MOVEL = r"^ +MoveL \[\[(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\],\[(-?[\d.]+),.*\r\n"
 QUATERNION = r"\],\[(-?[\d.]+),(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)\],\[-?\d,"
 S, M, L, U, J = (f"{name}: " for name in (KRL, MOD, LS, UR, JBI))
 DAMAGES = [
-    row("krl", "a coordinate of a cut", "0.1 mm", swap(KRL, LIN, shifted(3, 0.1), 4), S),
-    row("krl", "a coordinate off the line", "0.03 mm", swap(KRL, LIN, shifted(3, 0.03), 4), S + "CAM points"),
-    row("krl", "an angle", "0.2 deg", swap(KRL, LIN, shifted(6, 0.2), 4), S + "tool axis at targets"),
-    row("krl", "a joint of a rapid move", "0.5 deg", swap(KRL, r"^PTP \{A1 (-?[\d.]+)", shifted(1, 0.5), 1), S),
+    row("krl", "a coordinate of a cut", "0.1 mm", swap(KRL, LIN, add_to_group(3, 0.1), 4), S),
+    row("krl", "a coordinate off the line", "0.03 mm", swap(KRL, LIN, add_to_group(3, 0.03), 4), S + "CAM points"),
+    row("krl", "an angle", "0.2 deg", swap(KRL, LIN, add_to_group(6, 0.2), 4), S + "tool axis at targets"),
+    row("krl", "a joint of a rapid move", "0.5 deg", swap(KRL, r"^PTP \{A1 (-?[\d.]+)", add_to_group(1, 0.5), 1), S),
     row("krl", "the status", "1 bit", swap(KRL, r",S 6|,S 2", ",S 3", 2), S + "configuration"),
     row(
         "krl", "the turn", "1 bit", swap(KRL, r",T (\d+)\}", lambda m: f",T {int(m[1]) ^ 1}}}", 2), S + "configuration"
@@ -212,26 +212,32 @@ DAMAGES = [
     row("krl", "a move doubled", "1 line", swap(KRL, LIN, r"\g<0>\g<0>", 5), S + "wording"),
     row("krl", "a LIN made PTP", "1 word", swap(KRL, r"^LIN ", "PTP ", 4), S + "kinds of moves"),
     row(
-        "krl", "a feed in mm/s instead of m/s", "x 1000", swap(KRL, r"CP=([\d.]+)", scaled(1, 1000), 1), S + "CAM feed"
+        "krl",
+        "a feed in mm/s instead of m/s",
+        "x 1000",
+        swap(KRL, r"CP=([\d.]+)", scale_group(1, 1000), 1),
+        S + "CAM feed",
     ),
-    row("krl", "a feed in m/min", "x 60", swap(KRL, r"CP=([\d.]+)", scaled(1, 60), 1), S + "CAM feed"),
-    row("krl", "a feed of another operation", "x 0.9", swap(KRL, r"CP=([\d.]+)", scaled(1, 0.9), 1), S + "CAM feed"),
-    row("krl", "a zone", "x 50", swap(KRL, r"CDIS=([\d.]+)", scaled(1, 50)), S + "zones"),
+    row("krl", "a feed in m/min", "x 60", swap(KRL, r"CP=([\d.]+)", scale_group(1, 60), 1), S + "CAM feed"),
+    row(
+        "krl", "a feed of another operation", "x 0.9", swap(KRL, r"CP=([\d.]+)", scale_group(1, 0.9), 1), S + "CAM feed"
+    ),
+    row("krl", "a zone", "x 50", swap(KRL, r"CDIS=([\d.]+)", scale_group(1, 50)), S + "zones"),
     row("krl", "the tool by number", "1 line", swap(KRL, r"\$TOOL=MO_TOOL", "$TOOL=TOOL_DATA[7]"), S + "wording"),
     row("krl", "the base left out", "1 line", swap(KRL, r"\$BASE=MO_BASE\r\n", ""), S + "wording"),
-    row("krl", "the load", "40 kg", swap("part_apt.dat", r"LOAD=\{M ([\d.]+)", shifted(1, -40)), S + "wording"),
+    row("krl", "the load", "40 kg", swap("part_apt.dat", r"LOAD=\{M ([\d.]+)", add_to_group(1, -40)), S + "wording"),
     row(
         "krl",
         "the tool's length",
         "1 mm",
-        swap("part_apt.dat", r"TOOL=\{X (-?[\d.]+)", shifted(1, 1)),
+        swap("part_apt.dat", r"TOOL=\{X (-?[\d.]+)", add_to_group(1, 1)),
         S + "tool and base",
     ),
     row(
         "krl",
         "the workpiece's place",
         "0.1 mm",
-        swap("part_apt.dat", r"BASE=\{X (-?[\d.]+)", shifted(1, 0.1)),
+        swap("part_apt.dat", r"BASE=\{X (-?[\d.]+)", add_to_group(1, 0.1)),
         S + "tool and base",
     ),
     row("krl", "another .dat", "1 name", swap("part_apt.dat", r"DEFDAT part_apt", "DEFDAT other"), S + "wording"),
@@ -255,40 +261,52 @@ DAMAGES = [
         swap(KRL, r"\Z", "DEF second( )\r\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\r\nEND\r\n"),
         S + "wording",
     ),
-    row("krl", "a second program beside it", "1 file", copied(KRL, "second.src"), "second.src: a program of this job"),
+    row(
+        "krl",
+        "a second program beside it",
+        "1 file",
+        copy_program(KRL, "second.src"),
+        "second.src: a program of this job",
+    ),
     row("krl_pos", "a joint move's turn", "1 bit", swap(KRL, r",T (\d+)\}", lambda m: f",T {int(m[1]) ^ 8}}}", 1), S),
     row(
         "krl_spline",
         "a point of the spline",
         "1 mm",
-        swap(KRL, r"^SPL \{X (-?[\d.]+),Y (-?[\d.]+)", shifted(2, 1), 2),
+        swap(KRL, r"^SPL \{X (-?[\d.]+),Y (-?[\d.]+)", add_to_group(2, 1), 2),
         S,
     ),
     row("krl_spline", "the spline not closed", "1 line", swap(KRL, r"^ENDSPLINE\r\n", ""), S + "wording"),
-    row("rapid", "a coordinate", "1 mm", swap(MOD, MOVEL, shifted(3, 1), 4), M),
+    row("rapid", "a coordinate", "1 mm", swap(MOD, MOVEL, add_to_group(3, 1), 4), M),
     row(
         "rapid",
         "confdata",
         "1 quarter",
-        swap(MOD, r"\],\[(-?\d),(-?\d),(-?\d),(\d)\]", shifted(3, 1), 3),
+        swap(MOD, r"\],\[(-?\d),(-?\d),(-?\d),(\d)\]", add_to_group(3, 1), 3),
         M + "configuration",
     ),
     row("rapid", "a quaternion's length", "1 %", swap(MOD, QUATERNION, longer_quaternion, 4), M + "every word"),
     row("rapid", "a MoveL made MoveJ", "1 word", swap(MOD, r"MoveL", "MoveJ", 4), M),
-    row("rapid", "speeddata", "/ 1000", swap(MOD, r"v2_part_apt:=\[([\d.]+)", scaled(1, 0.001)), M + "CAM feed"),
-    row("rapid", "a zone", "20 mm", swap(MOD, r"zonedata z1_part_apt:=\[FALSE,([\d.]+)", shifted(1, 20)), M + "zones"),
+    row("rapid", "speeddata", "/ 1000", swap(MOD, r"v2_part_apt:=\[([\d.]+)", scale_group(1, 0.001)), M + "CAM feed"),
+    row(
+        "rapid",
+        "a zone",
+        "20 mm",
+        swap(MOD, r"zonedata z1_part_apt:=\[FALSE,([\d.]+)", add_to_group(1, 20)),
+        M + "zones",
+    ),
     row(
         "rapid",
         "tooldata",
         "1 mm",
-        swap(MOD, r"tooldata t_part_apt:=\[TRUE,\[\[(-?[\d.]+)", shifted(1, 1)),
+        swap(MOD, r"tooldata t_part_apt:=\[TRUE,\[\[(-?[\d.]+)", add_to_group(1, 1)),
         M + "tool and base",
     ),
-    row("rapid", "the tool's mass", "90 kg", swap(MOD, r"\]\],\[([\d.]+),\[", shifted(1, -90)), M + "wording"),
+    row("rapid", "the tool's mass", "90 kg", swap(MOD, r"\]\],\[([\d.]+),\[", add_to_group(1, -90)), M + "wording"),
     row("rapid", "another tool", "1 word", swap(MOD, r"t_part_apt\\", r"tool0\\", 3), M),
     row("rapid", "the end of the module", "1 line", swap(MOD, r"^ENDMODULE\r\n", ""), M),
     row("rapid", "a comment for a move", "1 character", swap(MOD, r"^ +MoveL", "    !MoveL", 4), M + "wording"),
-    row("fanuc", "a coordinate", "1 mm", swap(LS, r"Z = (-?[\d.]+) mm", shifted(1, 1), 3), L),
+    row("fanuc", "a coordinate", "1 mm", swap(LS, r"Z = (-?[\d.]+) mm", add_to_group(1, 1), 3), L),
     row(
         "fanuc",
         "CONFIG",
@@ -296,38 +314,38 @@ DAMAGES = [
         swap(LS, r"CONFIG : '([NF])", lambda m: m[0][:-1] + "FN"[m[1] == "F"], 3),
         L + "configuration",
     ),
-    row("fanuc", "a turn number", "1 turn", swap(LS, r"(\d)',\r", shifted(1, 1), 3), L + "configuration"),
+    row("fanuc", "a turn number", "1 turn", swap(LS, r"(\d)',\r", add_to_group(1, 1), 3), L + "configuration"),
     row("fanuc", "the speed in cm/min", "1 unit", swap(LS, r"mm/sec", "cm/min", 3), L + "CAM feed"),
     row("fanuc", "the termination of an end", "CNT100", swap(LS, r"(L P.*)FINE", r"\1CNT100"), L + "zones"),
     row("fanuc", "the user frame", "1 number", swap(LS, r"UFRAME_NUM=1", "UFRAME_NUM=2"), L),
-    row("fanuc", "LINE_COUNT", "1 line", swap(LS, r"LINE_COUNT\t= (\d+)", shifted(1, 1)), L + "wording"),
+    row("fanuc", "LINE_COUNT", "1 line", swap(LS, r"LINE_COUNT\t= (\d+)", add_to_group(1, 1)), L + "wording"),
     row("fanuc", "/END removed", "1 line", swap(LS, r"^/END\r\n", ""), L),
-    row("fanuc_joint", "a joint on the path", "1 deg", swap(LS, r"J1= (-?[\d.]+) deg", shifted(1, 1), 4), L),
+    row("fanuc_joint", "a joint on the path", "1 deg", swap(LS, r"J1= (-?[\d.]+) deg", add_to_group(1, 1), 4), L),
     row("fanuc_joint", "the speed of joint moves", "80 to 100 %", swap(LS, r"80%", "100%"), L + "wording"),
-    row("urscript", "mm for m", "x 1000", swap(UR, r"workpiece, p\[(-?[\d.]+)", scaled(1, 1000), 4), U),
-    row("urscript", "a blend over half a line", "30 mm", swap(UR, r"r=(0\.\d+)", shifted(1, 0.03), 3), U),
+    row("urscript", "mm for m", "x 1000", swap(UR, r"workpiece, p\[(-?[\d.]+)", scale_group(1, 1000), 4), U),
+    row("urscript", "a blend over half a line", "30 mm", swap(UR, r"r=(0\.\d+)", add_to_group(1, 0.03), 3), U),
     row(
         "urscript",
         "the tool centre point",
         "1 mm",
-        swap(UR, r"set_tcp\(p\[(-?[\d.]+)", shifted(1, 0.001)),
+        swap(UR, r"set_tcp\(p\[(-?[\d.]+)", add_to_group(1, 0.001)),
         U + "tool and base",
     ),
     row("urscript", "halt", "1 line", swap(UR, r"^  sleep", "  halt\n  sleep"), U),
-    row("urscript_servoj", "a sample", "0.01 rad", swap(UR, r"servoj\(\[(-?[\d.]+)", shifted(1, 0.01), 300), U),
-    row("urscript_servoj", "the cycle", "x 2", swap(UR, r"0, 0, ([\d.]+),", scaled(1, 2), 300), U + "times"),
+    row("urscript_servoj", "a sample", "0.01 rad", swap(UR, r"servoj\(\[(-?[\d.]+)", add_to_group(1, 0.01), 300), U),
+    row("urscript_servoj", "the cycle", "x 2", swap(UR, r"0, 0, ([\d.]+),", scale_group(1, 2), 300), U + "times"),
     row(
         "val3",
         "a coordinate",
         "1 mm",
-        swap("part_apt.dtx", r'<Value key="3" x="(-?[\d.]+)"', shifted(1, 1)),
+        swap("part_apt.dtx", r'<Value key="3" x="(-?[\d.]+)"', add_to_group(1, 1)),
         "part_apt/part_apt.pjx: ",
     ),
     row(
         "val3",
         "the speed of a corner",
         "x 60",
-        swap("part_apt.dtx", r'tmax="([\d.]+)"', scaled(1, 60), 2),
+        swap("part_apt.dtx", r'tmax="([\d.]+)"', scale_group(1, 60), 2),
         "part_apt/part_apt.pjx: ",
     ),
     row(
@@ -337,7 +355,7 @@ DAMAGES = [
         swap("start.pgx", r"^  waitEndMove\(\)\r\nend", "end"),
         "part_apt/part_apt.pjx: wording",
     ),
-    row("jbi", "a joint", "0.5 deg", swap(JBI, r"^C00005=(-?[\d.]+)", shifted(1, 0.5)), J),
+    row("jbi", "a joint", "0.5 deg", swap(JBI, r"^C00005=(-?[\d.]+)", add_to_group(1, 0.5)), J),
     row("jbi", "the positioning level", "PL=8", swap(JBI, r"(V=25.0) PL=\d", r"\1 PL=8", 1), J + "zones"),
     row("jbi", "no positioning level of a joint move", "PL removed", swap(JBI, r"^(MOVJ .*) PL=0", r"\1"), J + "zones"),
     row("jbi", "the positioning level of a joint move", "PL=3", swap(JBI, r"^(MOVJ .*) PL=0", r"\1 PL=3"), J + "zones"),
@@ -348,31 +366,35 @@ DAMAGES = [
         "csv",
         "a place that the joints do not have",
         "1 mm",
-        swap("part_apt.csv", r"^lin(?:,[^,]*){15},(-?[\d.]+)", shifted(1, 1), 4),
+        swap("part_apt.csv", r"^lin(?:,[^,]*){15},(-?[\d.]+)", add_to_group(1, 1), 4),
         "part_apt.csv: ",
     ),
     row(
         "csv",
         "a tool axis",
         "x 1.1",
-        swap("part_apt.csv", r"^lin(?:,[^,]*){24},([\d.]+)", scaled(1, 1.1), 4),
+        swap("part_apt.csv", r"^lin(?:,[^,]*){24},([\d.]+)", scale_group(1, 1.1), 4),
         "part_apt.csv: readable",
     ),
     row(
         "csv",
         "a feed",
         "x 60",
-        swap("part_apt.csv", r"^lin(?:,[^,]*){25},([\d.]+)", scaled(1, 60), 4),
+        swap("part_apt.csv", r"^lin(?:,[^,]*){25},([\d.]+)", scale_group(1, 60), 4),
         "part_apt.csv: ",
     ),
     row(
-        "json", "a joint", "1 deg", swap("part_apt.json", r'"q_deg": \[(-?[\d.]+)', shifted(1, 1), 4), "part_apt.json: "
+        "json",
+        "a joint",
+        "1 deg",
+        swap("part_apt.json", r'"q_deg": \[(-?[\d.]+)', add_to_group(1, 1), 4),
+        "part_apt.json: ",
     ),
     row(
         "ros_yaml",
         "a sample",
         "0.01 rad",
-        swap("part_apt.yaml", r"positions: \[(-?[\d.]+)", shifted(1, 0.01), 300),
+        swap("part_apt.yaml", r"positions: \[(-?[\d.]+)", add_to_group(1, 0.01), 300),
         "part_apt.yaml: ",
     ),
     row(
@@ -386,7 +408,7 @@ DAMAGES = [
         "compas_fab",
         "a sample",
         "0.01 rad",
-        swap("part_apt.json", r'"joint_values": \[(-?[\d.]+)', shifted(1, 0.01), 300),
+        swap("part_apt.json", r'"joint_values": \[(-?[\d.]+)', add_to_group(1, 0.01), 300),
         "part_apt.json: ",
     ),
     row(
@@ -430,7 +452,7 @@ DAMAGES += [
         (
             "csv, a joint on a line, the pose kept",
             "2.5 deg",
-            swap("csv/*.csv", r'^lin,"left",cut,,(-?[\d.]+)', shifted(1, 2.5)),
+            swap("csv/*.csv", r'^lin,"left",cut,,(-?[\d.]+)', add_to_group(1, 2.5)),
             "csv/cut_csv.csv: joints on lines",
         ),
     )

@@ -39,7 +39,7 @@ def plan_two_cuts(folder: Path) -> Job:
 JOBS["two cuts"] = plan_two_cuts
 
 
-def put(column: str, value: str, row: int = 1) -> Callable[[Job], None]:
+def set_value(column: str, value: str, row: int = 1) -> Callable[[Job], None]:
     """One value of the table of corners."""
 
     def change(rows: Rows) -> None:
@@ -86,7 +86,7 @@ def swap(file: str, pattern: str, by: str | Callable[[re.Match[str]], str]) -> C
 
 
 def _enlarge_corner_and_program(job: Job) -> None:
-    put("before_percent", "50", 0)(job)
+    set_value("before_percent", "50", 0)(job)
     swap("krl/*.src", r"CPTP=\d+", "CPTP=100")(job)
 
 
@@ -110,7 +110,7 @@ BAD_CORNERS = (  # column, value of one row: none that a corner can have
 )
 
 
-def _leap(column: str, value: str, rows: Rows) -> None:
+def change_middle_row(column: str, value: str, rows: Rows) -> None:
     """One sample in the middle."""
     rows[len(rows) // 2][column] = value
 
@@ -120,7 +120,7 @@ DAMAGES = [
         Damage(
             f"a motion whose {column} is {value} once",
             "1 cell",
-            build_table_change(MOTION, partial(_leap, column, value)),
+            build_table_change(MOTION, partial(change_middle_row, column, value)),
             check,
             "two cuts",
         )
@@ -132,17 +132,19 @@ DAMAGES = [
         )
     ),
     *(
-        Damage(f"a corner's {column} is {value!r}", "1 cell", put(column, value), "rapid_corners.csv", "two cuts")
+        Damage(f"a corner's {column} is {value!r}", "1 cell", set_value(column, value), "rapid_corners.csv", "two cuts")
         for column, value in BAD_CORNERS
     ),
     Damage(
         "a corner's to_sample is '1e6'",
         "1 cell",
-        put("to_sample", "1e6"),
+        set_value("to_sample", "1e6"),
         "rapid corners between rapid moves",
         "two cuts",
     ),
-    Damage("a corner's joints within the limits", "60°", put("q1_deg", "60"), "rapid corners as driven", "two cuts"),
+    Damage(
+        "a corner's joints within the limits", "60°", set_value("q1_deg", "60"), "rapid corners as driven", "two cuts"
+    ),
     Damage(
         "two samples at the same time",
         "1 cell",
@@ -167,15 +169,19 @@ DAMAGES = [
         "cutting points visited",
         "two cuts",
     ),
-    Damage("a corner's share of its move", "51 %", put("before_percent", "51"), "rapid_corners.csv", "two cuts"),
-    Damage("a corner's row", "beside a cut", put("from_sample", "1"), "rapid corners between", "two cuts"),
+    Damage("a corner's share of its move", "51 %", set_value("before_percent", "51"), "rapid_corners.csv", "two cuts"),
+    Damage("a corner's row", "beside a cut", set_value("from_sample", "1"), "rapid corners between", "two cuts"),
     Damage(
         "a corner's joints", "0.01°", build_table_change(CORNERS, _turn_corner), "rapid corners as driven", "two cuts"
     ),
-    Damage("a smaller corner", "5 %", put("after_percent", "5"), "rapid corners as driven", "two cuts"),
-    Damage("a larger corner", "24 to 50 %", put("before_percent", "50", 0), "rapid corner shares", "two cuts"),
+    Damage("a smaller corner", "5 %", set_value("after_percent", "5"), "rapid corners as driven", "two cuts"),
+    Damage("a larger corner", "24 to 50 %", set_value("before_percent", "50", 0), "rapid corner shares", "two cuts"),
     Damage(
-        "a larger corner, driven later", "24 to 45 %", put("after_percent", "45", 3), "rapid corner shares", "two cuts"
+        "a larger corner, driven later",
+        "24 to 45 %",
+        set_value("after_percent", "45", 3),
+        "rapid corner shares",
+        "two cuts",
     ),
     Damage(
         "a larger corner and its program",

@@ -14,7 +14,7 @@ from machopt.kinematics.inverse.solver import refine_by_newton
 from machopt.kinematics.urdf_loading import load_robot
 from output_damage.damage_case import CELLS, JOBS, PASS, Damage, Job, build_json_change, plan_table
 from output_damage.damage_case import build_table_change as table
-from output_damage.table_damage import JOINTS, Change, Rows, add, cutting, put, swap, times
+from output_damage.table_damage import JOINTS, Change, Rows, add, change_cutting_rows, set_value, swap, times
 
 RADIUS_MM = 8.5
 BALL = f"corner_radius_mm: {RADIUS_MM}, length_mm"
@@ -37,7 +37,7 @@ def plan_tilted_pass(folder: Path) -> Job:
 JOBS["tilted"] = plan_tilted_pass
 
 
-def moved(change: Callable[[NDArray[np.float64]], None]) -> Callable[[Job], None]:
+def change_cutting_poses(change: Callable[[NDArray[np.float64]], None]) -> Callable[[Job], None]:
     """All cutting rows with other poses of the tool in base_link, joints to fit; columns stay as they are."""
 
     def apply(job: Job) -> None:
@@ -52,12 +52,12 @@ def moved(change: Callable[[NDArray[np.float64]], None]) -> Callable[[Job], None
             for row, joints in zip(rows, np.degrees(q), strict=True):
                 row.update({c: f"{v:.9f}" for c, v in zip(JOINTS, joints, strict=True)})
 
-        table(MOTION, cutting(drive))(job)
+        table(MOTION, change_cutting_rows(drive))(job)
 
     return apply
 
 
-def lean(angle_deg: float) -> Callable[[NDArray[np.float64]], None]:
+def lean_about_tip(angle_deg: float) -> Callable[[NDArray[np.float64]], None]:
     """The tool turned about its tip."""
 
     def change(poses: NDArray[np.float64]) -> None:
@@ -74,7 +74,7 @@ def put_tip_on_path(poses: NDArray[np.float64]) -> None:
     poses[:, :3, 3] -= 1e-3 * RADIUS_MM * away
 
 
-def everywhere(change: Change) -> Callable[[Job], None]:
+def change_every_row(change: Change) -> Callable[[Job], None]:
     def apply(job: Job) -> None:
         for name in (MOTION, POINTS, TILT):
             table(name, change)(job)
@@ -87,7 +87,7 @@ def tilt(name: str, how_much: str, apply: Callable[[Job], None], caught_by: str)
 
 
 def samples(name: str, how_much: str, change: Change, caught_by: str = "tilt of the samples") -> Damage:
-    return tilt(name, how_much, table(MOTION, cutting(change)), caught_by)
+    return tilt(name, how_much, table(MOTION, change_cutting_rows(change)), caught_by)
 
 
 def make_bull_nose(job: Job) -> None:
@@ -106,15 +106,20 @@ DAMAGES: list[Damage] = [
         as_is="made from these inputs",
     ),
     tilt(
-        "a point without a lead", "one row", table(POINTS, put("lead_deg", "", slice(3, 4))), "points.csv tilt stated"
+        "a point without a lead",
+        "one row",
+        table(POINTS, set_value("lead_deg", "", slice(3, 4))),
+        "points.csv tilt stated",
     ),
     samples("lead of the samples", "0.2 deg", add("lead_deg", 0.2)),
     samples("side of the samples", "0.2 deg", add("side_deg", -0.2)),
     samples("tilt in rad", "57 times", times(COLUMNS, np.pi / 180)),
     samples("lead and side exchanged", "all rows", swap(*COLUMNS)),
     samples("sign of the side", "all rows", times("side_deg", -1.0)),
-    samples("no lead in a cutting row", "one row", put("lead_deg", ""), "tilt of the samples stated"),
-    samples("no side in cutting rows", "all rows", put("side_deg", "", slice(None)), "tilt of the samples stated"),
+    samples("no lead in a cutting row", "one row", set_value("lead_deg", ""), "tilt of the samples stated"),
+    samples(
+        "no side in cutting rows", "all rows", set_value("side_deg", "", slice(None)), "tilt of the samples stated"
+    ),
     samples("samples outside the range", "20 deg", add("lead_deg", 20.0), "tilt range of the samples"),
     tilt("lead of a point", "1e-4 deg", table(POINTS, add("lead_deg", 1e-4, slice(3, 4))), "points.csv tilt"),
     tilt("side of points", "1e-4 deg", table(POINTS, add("side_deg", 1e-4)), "points.csv tilt"),
@@ -127,10 +132,10 @@ DAMAGES: list[Damage] = [
     ),
     tilt("a point missing in tilt.csv", "one row", table(TILT, lambda t: t.pop(3)), "tilt.csv complete"),
     tilt("tilt.csv outside the range", "20 deg", table(TILT, add("lead_deg", 20.0)), "tilt.csv range"),
-    tilt("tables outside the range", "20 deg", everywhere(add("lead_deg", 20.0)), "tilt range of the samples"),
-    tilt("no tilt in any table", "all rows", everywhere(times(COLUMNS, 0.0)), "tilt of the samples"),
-    tilt("tool leaned about its tip", "0.2 deg", moved(lean(0.2)), "tilt of the samples"),
-    tilt("tip as of an upright tool", "8.5 mm (a − a')", moved(put_tip_on_path), "path"),
+    tilt("tables outside the range", "20 deg", change_every_row(add("lead_deg", 20.0)), "tilt range of the samples"),
+    tilt("no tilt in any table", "all rows", change_every_row(times(COLUMNS, 0.0)), "tilt of the samples"),
+    tilt("tool leaned about its tip", "0.2 deg", change_cutting_poses(lean_about_tip(0.2)), "tilt of the samples"),
+    tilt("tip as of an upright tool", "8.5 mm (a − a')", change_cutting_poses(put_tip_on_path), "path"),
     tilt(
         "narrower range in result.json",
         "side up to 1.5 deg",
