@@ -43,10 +43,10 @@ def program() -> str:
 
 def skip_without_browser(what: str) -> None:
     """Skip, or fail where CI runs."""
-    said = f"{what}: the pages' scripts are not exercised"
+    output = f"{what}: the pages' scripts are not exercised"
     if os.environ.get("CI"):
-        pytest.fail(said)
-    pytest.skip(said)
+        pytest.fail(output)
+    pytest.skip(output)
 
 
 class Browser:

@@ -257,9 +257,9 @@ def unexpected_skips(skips: Counter[str]) -> Counter[str]:
 
 def slow_list(known: Iterable[str], seconds: Mapping[str, float], longest: Mapping[str, float]) -> list[str]:
     """The lines of SLOW: what ran by what it took now, the rest as it stands, none that is gone."""
-    kept = {n for n in known if n not in seconds and n not in longest and is_there(n)}
+    retained = {n for n in known if n not in seconds and n not in longest and is_there(n)}
     modules = {name for name, took in seconds.items() if took >= LONG_MODULE}
-    tests = kept | {n for n, took in longest.items() if took >= LONG}
+    tests = retained | {n for n, took in longest.items() if took >= LONG}
     return sorted(modules | {n for n in tests if n.partition("::")[0] not in modules})
 
 
@@ -270,8 +270,8 @@ def list_long_tests(known: Iterable[str], longest: Mapping[str, float]) -> list[
         known: lines of the file.
         longest: seconds of the longest case of each test that ran.
     """
-    kept = {name for name in known if name not in longest and is_there(name)}
-    return sorted(kept | {name for name, seconds in longest.items() if seconds >= LONG_TEST})
+    retained = {name for name in known if name not in longest and is_there(name)}
+    return sorted(retained | {name for name, seconds in longest.items() if seconds >= LONG_TEST})
 
 
 def is_there(name: str) -> bool:

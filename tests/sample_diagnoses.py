@@ -289,11 +289,11 @@ def _errors(before: float, after: float, spoilt: tuple[int, ...], columns: int =
     for n in spoilt:
         residual[n] += 1.2e-3
         final[n] += 1.2e-3
-    kept = ~np.isin(np.arange(N), spoilt)
+    retained = ~np.isin(np.arange(N), spoilt)
     by = np.array(
         [
             [
-                1e3 * np.sqrt(np.mean(x[EACH * g : EACH * (g + 1)][kept[EACH * g : EACH * (g + 1)]] ** 2))
+                1e3 * np.sqrt(np.mean(x[EACH * g : EACH * (g + 1)][retained[EACH * g : EACH * (g + 1)]] ** 2))
                 for x in (residual, final)
             ]
             for g in range(POSES)

@@ -127,9 +127,9 @@ def write_long_motion(
     (cell / "cell.yaml").write_text(CELL, encoding="utf-8")
     (recording / "recording.yaml").write_text("machopt_recording: 1\nkind: motion\ndata: data.csv\n", encoding="utf-8")
     names = ["time_s", *(f"{k.format(j)}" for k in ("q{}_deg", "qd{}_deg_s", "tau{}_Nm") for j in range(1, 7))]
-    seen = np.degrees(q) + 2e-4 * rng.normal(size=q.shape)
+    observed = np.degrees(q) + 2e-4 * rng.normal(size=q.shape)
     speed = np.degrees(v) + 0.01 * rng.normal(size=q.shape)
-    table = np.column_stack([t, seen, speed, tau])
+    table = np.column_stack([t, observed, speed, tau])
     bent = q - torque(q, v, a) * np.array([0.3, 0.5, 0.7, 2.0, 2.5, 3.0]) * 1e-6
     if shows == "qse":
         names += [f"qse{j}_deg" for j in range(1, 7)]

@@ -260,11 +260,11 @@ def test_saved_files_equal_those_of_the_command(
     assert len(files - timed) > 2
     for name in files - timed:
         assert (tmp_path / "out" / name).read_bytes() == (by_command / name).read_bytes(), name
-    told, expected = (json.loads((f / "result.json").read_text()) for f in (tmp_path / "out", by_command))
-    assert all(told["outputs"].pop(name) for name in copies)
-    for value in (told, expected):
+    message, expected = (json.loads((f / "result.json").read_text()) for f in (tmp_path / "out", by_command))
+    assert all(message["outputs"].pop(name) for name in copies)
+    for value in (message, expected):
         del value["timings_s"], value["outputs"]["report.html"]
-    assert told == expected
+    assert message == expected
 
 
 def test_changed_cell_is_not_planned_with(tmp_path: Path) -> None:

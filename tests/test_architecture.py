@@ -85,8 +85,8 @@ def count_code_lines(source: SourceFile) -> int:
         if ast.get_docstring(node, clean=False)
         for line in range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)
     }
-    held = {n for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")}
-    return len(held - documented)
+    fixed = {n for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")}
+    return len(fixed - documented)
 
 
 def python(code: str) -> str:
@@ -117,9 +117,9 @@ def test_walk_from_the_command_to_an_effect_law_has_eight_files() -> None:
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    told = re.search(r"^From the command to a law: (.*?): eight\s", text, re.DOTALL | re.MULTILINE)
-    assert told is not None
-    files = re.findall(r"`([\w/]+\.py)`", told[1])
+    message = re.search(r"^From the command to a law: (.*?): eight\s", text, re.DOTALL | re.MULTILINE)
+    assert message is not None
+    files = re.findall(r"`([\w/]+\.py)`", message[1])
     assert len(files) == 8
     walk = ["machopt." + name.removesuffix(".py").replace("/", ".") for name in files]
     law = next(m for m in walk if m.startswith("machopt.effects."))
@@ -135,9 +135,11 @@ def test_walk_from_the_command_to_the_cost_of_a_plan_has_eight_files() -> None:
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    told = re.search(r"^From the command to a price of a plan.*?: (`.*?): eight files", text, re.DOTALL | re.MULTILINE)
-    assert told is not None
-    files = re.findall(r"`([\w/]+\.py)`", told[1])
+    message = re.search(
+        r"^From the command to a price of a plan.*?: (`.*?): eight files", text, re.DOTALL | re.MULTILINE
+    )
+    assert message is not None
+    files = re.findall(r"`([\w/]+\.py)`", message[1])
     assert len(files) == 8
     walk = ["machopt." + name.removesuffix(".py").replace("/", ".") for name in files]
     for n, module in enumerate(walk[1:], start=1):
@@ -227,8 +229,8 @@ def test_stiffness_model_does_not_check_term_types() -> None:
     packages = ("kinematics", "collision", "dynamics", "stiffness")
     model = [f for package in packages for f in (PACKAGE / package).rglob("*.py")]
     assert len(model) > 40
-    asked = [f.name for f in model if re.search(r"\bis(instance|subclass)\(", f.read_text("utf-8"))]
-    assert asked == []
+    requested = [f.name for f in model if re.search(r"\bis(instance|subclass)\(", f.read_text("utf-8"))]
+    assert requested == []
 
 
 def test_classes_with_more_than_five_fields_are_keyword_only(sources: dict[Path, SourceFile]) -> None:
@@ -238,12 +240,12 @@ def test_classes_with_more_than_five_fields_are_keyword_only(sources: dict[Path,
         for node in list_definitions(source.tree.body):
             if not isinstance(node, ast.ClassDef):
                 continue
-            told = [t for t in map(ast.unparse, node.decorator_list) if t.startswith("dataclass")]
+            message = [t for t in map(ast.unparse, node.decorator_list) if t.startswith("dataclass")]
             fields = [
                 n for n in node.body if isinstance(n, ast.AnnAssign) and "ClassVar" not in ast.unparse(n.annotation)
             ]
             marked = any(ast.unparse(n.annotation) == "KW_ONLY" for n in fields)
-            if told and len(fields) > 5 and not marked and "kw_only=True" not in told[0]:
+            if message and len(fields) > 5 and not marked and "kw_only=True" not in message[0]:
                 found.append(f"{path.relative_to(ROOT)}: {node.name}")
     assert found == []
 

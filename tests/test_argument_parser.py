@@ -69,9 +69,11 @@ def test_shell_completion_covers_every_command_and_option(shell: str, capsys: py
     ],
 )
 def test_bash_completes_commands_options_and_values(words: str, found: str) -> None:
-    asked = f'COMP_WORDS=(machopt {words}); COMP_CWORD={len(words.split())}; _machopt; echo "${{COMPREPLY[@]}}"'
+    requested = f'COMP_WORDS=(machopt {words}); COMP_CWORD={len(words.split())}; _machopt; echo "${{COMPREPLY[@]}}"'
     text = build_completion_script("bash", list_commands(_build_parser()))
-    done = subprocess.run(["bash", "-c", f"{text}\n{asked}"], capture_output=True, text=True, check=True, timeout=20)
+    done = subprocess.run(
+        ["bash", "-c", f"{text}\n{requested}"], capture_output=True, text=True, check=True, timeout=20
+    )
     assert done.stdout == f"{found}\n"
 
 

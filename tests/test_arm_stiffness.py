@@ -213,8 +213,8 @@ def test_table_2_of_the_paper_is_too_high_and_reverses_the_ranking(arm: tuple[Ro
         assert paper[after] > 2 * paper[before]  # the paper's gain
         assert real[after] < real[before]  # is a loss at the tip
     # the quadratic form of K_fd itself says the same as its fourth-root index
-    held = np.einsum("mi,mij,mj->m", axial, compute_constrained_stiffness(J, stiffness), axial) / 1e3
-    assert (held / real > 2.9).all()
+    fixed = np.einsum("mi,mij,mj->m", axial, compute_constrained_stiffness(J, stiffness), axial) / 1e3
+    assert (fixed / real > 2.9).all()
 
 
 # --- the grid ----------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ def test_crash_hang_or_memory_overrun_of_a_job_is_reported_and_isolated(schedule
     bad = {"boom": "segfault", "gone": "exit", "error": "raise", "deaf": "hang", "fat": "eat 4000"}
     good = {f"good{n}": "sleep 0" for n in range(4)}
     jobs = folder_of(tmp_path, **bad, **good, no="infeasible", open="unverified")
-    told: list[BatchProgress] = []
+    message: list[BatchProgress] = []
     listed = tmp_path / "list.csv"
     limits = {"deaf": "1,", "fat": ",150"}  # s, MiB; a stub job needs some 10 ms and 25 MiB
     listed.write_text(
@@ -52,7 +52,7 @@ def test_crash_hang_or_memory_overrun_of_a_job_is_reported_and_isolated(schedule
         + "".join(f"jobs/{f.name},{limits.get(f.stem, ',')}\n" for f in sorted(jobs.iterdir()))
     )
     request = request_for(listed, tmp_path / "out", scheduler=scheduler)
-    outcome = run_batch(request, told.append)
+    outcome = run_batch(request, message.append)
     assert outcome.exit_code == 4  # one failed verification outranks the crashes
     found = rows(tmp_path / "out")
     assert {name for name, row in found.items() if row["verdict"] == "done"} == set(good)
@@ -68,8 +68,8 @@ def test_crash_hang_or_memory_overrun_of_a_job_is_reported_and_isolated(schedule
     pids = {int((tmp_path / "ran" / f"{name}.nc").read_text()) for name in bad}
     left = [p for p in psutil.process_iter(["status"]) if _group(p.pid) in pids and p.info["status"] != "zombie"]
     assert left == []  # the children of the deaf one have ended with it
-    assert (told[0].done, told[-1].done, told[-1].total, told[-1].trouble) == (0, 11, 11, 7)
-    assert told[-1].remaining_time == 0.0
+    assert (message[0].done, message[-1].done, message[-1].total, message[-1].trouble) == (0, 11, 11, 7)
+    assert message[-1].remaining_time == 0.0
 
 
 def _group(pid: int) -> int:

@@ -237,11 +237,11 @@ def test_batch_manifest_contains_the_summary_and_is_absent_while_running(tmp_pat
 
     jobs = folder_of(tmp_path, a="sleep 0", broken="raise")
     out = tmp_path / "out"
-    seen: list[bool] = []
+    observed: list[bool] = []
     request = request_for(jobs, out, workers=1)
     for _ in range(2):
-        assert run_batch(request, lambda _: seen.append((out / "manifest.json").exists())).exit_code == 1
-    assert not any(seen)
+        assert run_batch(request, lambda _: observed.append((out / "manifest.json").exists())).exit_code == 1
+    assert not any(observed)
     manifest, sealed = read_manifest(out)
     assert (manifest.command, manifest.exit_code, sealed) == ("batch", 1, True)
     assert {Path(f.name).name for f in manifest.inputs} >= {"a.nc", "broken.nc", "cell.yaml"}
@@ -281,18 +281,18 @@ def test_every_shipped_file_is_part_of_the_key(tmp_path: Path) -> None:
     shutil.copytree(Path(machopt.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     kinds = {f.suffix: f for f in sorted(package.rglob("*")) if f.is_file()}
     assert {".py", ".toml", ".js", ".css"} <= set(kinds)
-    seen = {compute_package_hash(package)}
+    observed = {compute_package_hash(package)}
     for file in kinds.values():
         file.write_bytes(file.read_bytes() + b"\n")
-        seen.add(compute_package_hash(package))
-    assert len(seen) == len(kinds) + 1
+        observed.add(compute_package_hash(package))
+    assert len(observed) == len(kinds) + 1
     (package / "__pycache__").mkdir()
     (package / "__pycache__" / "run.cpython-311.pyc").write_bytes(b"made")
     (package / "__pycache__" / "solve.nbi").write_bytes(b"made")
     stored = package / "report" / "templates" / "__pycache__"  # by the first report of an installation
     stored.mkdir(parents=True, exist_ok=True)
     (stored / "report.html.cpython-311-abc").write_bytes(b"made")
-    assert compute_package_hash(package) in seen
+    assert compute_package_hash(package) in observed
 
 
 def test_data_file_of_a_robot_program_is_part_of_the_key(tmp_path: Path) -> None:

@@ -158,8 +158,8 @@ def remove_times(name: str, data: bytes) -> bytes:
         return json.dumps({k: v for k, v in json.loads(data).items() if k not in ("timings_s", "outputs")}).encode()
     if name.endswith("/manifest.json"):
         found = json.loads(data)
-        kept = {k: v for k, v in found["files"].items() if k not in ("result.json", "report.html", "timing.json")}
-        return json.dumps({**found, "files": kept, "seal": ""}).encode()
+        retained = {k: v for k, v in found["files"].items() if k not in ("result.json", "report.html", "timing.json")}
+        return json.dumps({**found, "files": retained, "seal": ""}).encode()
     if name.endswith("/report.html"):
         return re.sub(rb"<details><summary>Time per stage.*?</details>", b"", data, flags=re.S)
     return data

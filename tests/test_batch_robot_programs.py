@@ -136,12 +136,12 @@ def test_command_passes_posts_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     jobs = folder_of(tmp_path, a="sleep 0")
-    asked: list[BatchRequest] = []
+    requested: list[BatchRequest] = []
 
     def noted(request: BatchRequest, _: object) -> BatchResult:
-        asked.append(request)
-        told = cast(BatchDocument, SimpleNamespace(counts={}))
-        return BatchResult(0, told, tmp_path / "summary.html", 0, 0)
+        requested.append(request)
+        message = cast(BatchDocument, SimpleNamespace(counts={}))
+        return BatchResult(0, message, tmp_path / "summary.html", 0, 0)
 
     words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
     scheduler = "tcp://127.0.0.1:8786"
@@ -149,8 +149,8 @@ def test_command_passes_posts_on(
         patch.setattr(batch_run, "run_batch", noted)
         more = ["--program-tolerance-mm", "0.1", "--scheduler", scheduler]
         assert main([*words, "--post", "krl", "--post", "rapid", *more]) == 0
-    assert asked[0].posts == ("krl", "rapid")
-    assert (asked[0].extra, asked[0].scheduler) == ({"program_tolerance_mm": 0.1}, scheduler)
+    assert requested[0].posts == ("krl", "rapid")
+    assert (requested[0].extra, requested[0].scheduler) == ({"program_tolerance_mm": 0.1}, scheduler)
     assert main([*words, "--post", "nowhere.toml"]) == 2
     assert "--post: no such post or template file: nowhere.toml" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -184,7 +184,7 @@ def test_unreadable_program_is_the_reason_in_the_summary() -> None:
             {"post": "csv", "files": [], "differences": []},
         ],
     }
-    told = json.loads(json.dumps(result), object_hook=lambda part: SimpleNamespace(**part))
-    found = build_summary_row(cast(OptimizeDocument, told))
+    message = json.loads(json.dumps(result), object_hook=lambda part: SimpleNamespace(**part))
+    found = build_summary_row(cast(OptimizeDocument, message))
     assert found.reason == "a.src: CAM points at point 3 is missing"
     assert found.programs == ()  # none is left in OUT

@@ -40,14 +40,14 @@ def test_table_lists_read_and_refused_files_with_reasons(
     assert "--feed" in rows["bare.csv"].refused
     assert "2 cuts at up to 4.5e+06 mm/min" in rows["fast.csv"].doubts
     assert cam_reading_table.kind_of(rows["joints.src"].refused) == "robot program of joint moves only"
-    asked = {f.name: cam_reading_table.look(f, folder, {}, ask=True) for f in cam_reading_table.files_in(folder)}
-    assert asked["unitless.nc"].given == ["--unit mm"]
-    assert asked["bare.csv"].given == ["--feed 1000", "--kind path"]
-    assert (asked["unitless.nc"].points, asked["bare.csv"].points) == (3, 2)
+    requested = {f.name: cam_reading_table.look(f, folder, {}, ask=True) for f in cam_reading_table.files_in(folder)}
+    assert requested["unitless.nc"].given == ["--unit mm"]
+    assert requested["bare.csv"].given == ["--feed 1000", "--kind path"]
+    assert (requested["unitless.nc"].points, requested["bare.csv"].points) == (3, 2)
     monkeypatch.setattr(
         sys, "argv", ["cam_reading_table.py", str(folder), "--ask", "--csv", str(folder / "sub" / "index.csv")]
     )
     assert cam_reading_table.main() == 0
-    told = capsys.readouterr().out
-    assert "5 files: 4 read (2 as they are), 1 refused" in told
+    message = capsys.readouterr().out
+    assert "5 files: 4 read (2 as they are), 1 refused" in message
     assert len((folder / "sub" / "index.csv").read_text().splitlines()) == 6

@@ -84,8 +84,8 @@ def test_gear_torques_under_weight_equal_pinocchio(kr240: Nominal) -> None:
     q = kr240.home + np.random.default_rng(2).uniform(-0.4, 0.4, (4, 6))
     torque = Statics(arm).settle(Setting(q, np.zeros((4, 6)))).torque
     for k in range(4):
-        held = pin.computeGeneralizedGravity(model, model.createData(), q[k])
-        assert torque[k] == pytest.approx(-held, abs=5e-3)  # of up to 8 kN·m; the springs give 1e-7 rad
+        fixed = pin.computeGeneralizedGravity(model, model.createData(), q[k])
+        assert torque[k] == pytest.approx(-fixed, abs=5e-3)  # of up to 8 kN·m; the springs give 1e-7 rad
 
 
 def test_curvature_of_the_potential_is_the_slope_of_the_forces() -> None:
@@ -388,21 +388,21 @@ def test_reader_accepts_every_kind_of_recording(folder: Path) -> None:
         assert cell.stiffness.joints == pytest.approx(truth["nominal_stiffness_Nm_per_rad"])
         off = np.array(truth["true_stiffness_Nm_per_rad"]) / cell.stiffness.joints
         assert np.abs(np.log(off)).max() > 0.02  # the true ones are others
-        held = {p.relative_to(case).parts[0] for p in case.rglob("*")}
-        assert held == {"cell", "recording"}
+        fixed = {p.relative_to(case).parts[0] for p in case.rglob("*")}
+        assert fixed == {"cell", "recording"}
         written = "".join(p.read_text(encoding="utf-8") for p in case.rglob("*.yaml"))
         for effect in truth["effects"]:
             assert effect["effect"] not in written
 
 
 def test_truth_contains_the_requested_size(folder: Path) -> None:
-    seen = 0
+    observed = 0
     for path in folder.glob("*.truth.json"):
         truth = json.loads(path.read_text(encoding="utf-8"))
         for effect in truth["effects"]:
             if effect["visible"] is None or effect["effect"] == "servo_lag":
                 continue
-            seen += 1
+            observed += 1
             assert effect["visible"]["before"] > 0
             assert 0.0 < effect["visible"]["ratio_to_noise"] < 2.0
             if effect["level"] == "large" and truth["kind"] == "motion":
@@ -412,7 +412,7 @@ def test_truth_contains_the_requested_size(folder: Path) -> None:
             # the clean shop itself leaves less than a third of one reading's noise
             assert truth["dirt"]["ratio_to_noise"] < 0.35
         assert truth["oracle"]["rmse"] <= truth["oracle"]["rmse_with_outliers"]
-    assert seen >= 4
+    assert observed >= 4
 
 
 def test_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
@@ -429,7 +429,7 @@ def test_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
 def answer(folder: Path, findings: dict[str, list[dict[str, object]]], verdict: str = "explained") -> None:
     for path in folder.glob("*.truth.json"):
         name = path.name.split(".")[0]
-        said = {
+        output = {
             "machopt_diagnosis": 1,
             "verdict": verdict,
             "findings": findings.get(name, []),
@@ -439,7 +439,7 @@ def answer(folder: Path, findings: dict[str, list[dict[str, object]]], verdict: 
             "detection_limits": [],
         }
         (folder / name / "out").mkdir(exist_ok=True)
-        (folder / name / "out" / "diagnosis.json").write_text(json.dumps(said))
+        (folder / name / "out" / "diagnosis.json").write_text(json.dumps(output))
 
 
 def figures(folder: Path) -> tuple[dict[str, tuple[float, int]], list[str]]:
@@ -465,19 +465,19 @@ def test_score_separates_correct_names_silence_and_guesses(folder: Path) -> None
         for t in truths
     }
     answer(folder, names)
-    told, misses = figures(folder)
+    message, misses = figures(folder)
     assert not misses
-    assert told["null: something named"] == (0, 2)
+    assert message["null: something named"] == (0, 2)
     for row in ("recall of single effects", "place first named is right", "the set covers the truth"):
-        hits, of = told[row]
+        hits, of = message[row]
         assert hits == of > 0
     answer(folder, {}, "consistent")
-    told, misses = figures(folder)
-    assert told["recall of single effects"][0] == 0
-    assert told["null: something named"] == (0, 2)
-    assert len(misses) == told["recall of single effects"][1]
+    message, misses = figures(folder)
+    assert message["recall of single effects"][0] == 0
+    assert message["null: something named"] == (0, 2)
+    assert len(misses) == message["recall of single effects"][1]
     guess = [{"effect": "joint_backlash", "location": "joint:6", "one_of": [], "parameters": {}}]
     answer(folder, {t["case"]: guess for t in truths})
-    told, _ = figures(folder)
-    assert told["null: something named"] == (2, 2)
-    assert told["precision of a named effect"] == (0, len(truths) - 2)
+    message, _ = figures(folder)
+    assert message["null: something named"] == (2, 2)
+    assert message["precision of a named effect"] == (0, len(truths) - 2)

@@ -42,8 +42,8 @@ def case(
         }
         for e, where, v in found
     ]
-    said = {"verdict": "explained", "findings": findings, "detection_limits": []}
-    (out / "diagnosis.json").write_text(json.dumps(said))
+    output = {"verdict": "explained", "findings": findings, "detection_limits": []}
+    (out / "diagnosis.json").write_text(json.dumps(output))
 
 
 @pytest.fixture

@@ -90,8 +90,8 @@ def test_finding_beside_the_truth_and_one_of_a_set_are_counted(yard: dict[str, M
     case = draws.Case("x", "mid", yard["tracker_recording"].Habit(), truths=(truth,))
 
     def finding(effect: str, where: str, one_of: list[list[str]], low: float) -> dict[str, object]:
-        held = {"offset": {"value": 0.05, "unit": "deg", "ci95": [low, 0.06]}}
-        return {"effect": effect, "location": where, "one_of": one_of, "parameters": held}
+        fixed = {"offset": {"value": 0.05, "unit": "deg", "ci95": [low, 0.06]}}
+        return {"effect": effect, "location": where, "one_of": one_of, "parameters": fixed}
 
     right = finding("joint_zero_offset", "joint:3", [], 0.04)
     near = finding("geometry", "joint:4", [["geometry", "joint:4"], ["joint_zero_offset", "joint:3"]], 0.04)

@@ -91,12 +91,12 @@ def test_whole_turns_cover_the_joint_range(upper: float, shift: float) -> None:
     if upper in (185.0, 350.0):
         assert len(windings) == 2**6
     rng = np.random.default_rng(0)
-    for told in (limits[0][0], limits[1][0] - 1e-9, *rng.uniform(limits[0][0], limits[1][0], 50)):
-        q = np.full((1, 6), float(wrap_angle(told)))
+    for message in (limits[0][0], limits[1][0] - 1e-9, *rng.uniform(limits[0][0], limits[1][0], 50)):
+        q = np.full((1, 6), float(wrap_angle(message)))
         shift_angles(origin, q)
         assert ((q >= origin - 1e-12) & (q <= origin + 2 * np.pi)).all()
-        if abs(told) < 3 * np.pi:  # as far as turns of one either way go
-            assert np.abs(q + windings - told).max(axis=1).min() < 1e-9
+        if abs(message) < 3 * np.pi:  # as far as turns of one either way go
+            assert np.abs(q + windings - message).max(axis=1).min() < 1e-9
 
 
 def test_number_of_threads_follows_cores_and_environment(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,12 +122,12 @@ def test_results_keep_the_order_of_the_parts_and_errors_are_raised(monkeypatch: 
 
 
 def test_two_tasks_return_both_results_in_the_same_context(monkeypatch: pytest.MonkeyPatch) -> None:
-    said: ContextVar[str] = ContextVar("said", default="")
-    said.set("here")
+    output: ContextVar[str] = ContextVar("said", default="")
+    output.set("here")
     empty: dict[str, int] = {}
     for n in (1, 3):
         monkeypatch.setattr(parallel_map, "count_threads", lambda n=n: n)
-        assert run_two_in_threads(lambda: 1, said.get) == (1, "here")
+        assert run_two_in_threads(lambda: 1, output.get) == (1, "here")
         with pytest.raises(ZeroDivisionError):
             run_two_in_threads(lambda: 1 // 0, lambda: empty["second"])
         with pytest.raises(KeyError, match="second"):

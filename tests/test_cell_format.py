@@ -543,9 +543,9 @@ def test_mesh_in_mm_is_answered_with_the_scale(folder: Path) -> None:
     change(folder, ("mesh: spindle.stl", "mesh: spindle.stl, scale: 1e-3"))
     assert load_cell(folder).tool.geometry[0].size == (1e-3,)
     change(folder, ("scale: 1e-3", "scale: 1e-9"))
-    said = refusal(folder)
-    expect(said, "spindle.stl is only 0.0002 mm wide")
-    assert "would work" not in said  # 0.2 mm would be refused next
+    output = refusal(folder)
+    expect(output, "spindle.stl is only 0.0002 mm wide")
+    assert "would work" not in output  # 0.2 mm would be refused next
 
 
 def test_mesh_of_an_unsupported_type_is_refused(folder: Path) -> None:
@@ -621,8 +621,8 @@ def test_stiffness_written_by_diagnose_is_read_back(tmp_path: Path) -> None:
     q = np.radians([[0.0, 0, 0, 0, 0, 0], [95.0, 0, 0, 0, 0, 10.9], [0.0, 0, 0, 0, 0, -12]])
     np.testing.assert_array_equal(after.is_in_covered_range(q).all(axis=1), [True, False, False])
     assert after.beyond(q[:1]) == ()
-    (said,) = after.beyond(q)
-    assert said.startswith("67 % of these poses lie outside the joint angles (joint 1, 6)")
+    (output,) = after.beyond(q)
+    assert output.startswith("67 % of these poses lie outside the joint angles (joint 1, 6)")
     file.write_text(file.read_text().replace("[-120.0, 90.5]", "[90.5, -120.0]"))
     with pytest.raises(InputError, match="the lower first"):
         load_stiffness(file)

@@ -117,9 +117,9 @@ def test_every_mesh_type_gives_planner_and_verifier_the_same_body(folder: Path) 
         replace_in_file(folder, "mesh: spindle.stl", f"mesh: {name}")
         assert load_cell(folder).warnings == ()
         (folder / "cell.yaml").write_text(old)
-        seen = coal.MeshLoader().load(str(folder / name), np.ones(3))
-        seen.computeLocalAABB()
-        np.testing.assert_allclose(seen.aabb_local.max_, [0.05, 0.1, 0.15], rtol=1e-6)
+        observed = coal.MeshLoader().load(str(folder / name), np.ones(3))
+        observed.computeLocalAABB()
+        np.testing.assert_allclose(observed.aabb_local.max_, [0.05, 0.1, 0.15], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

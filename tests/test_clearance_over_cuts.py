@@ -153,10 +153,10 @@ def test_all_ways_blocked_is_the_reason() -> None:
 
 def test_moves_from_and_to_home_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     """They went anywhere; only a home that lies under a cut itself lets them."""
-    asked: list[bool] = []
+    requested: list[bool] = []
 
     def rapid(*_: object, space: FreeSpace, **__: object) -> BlockedRapid:
-        asked.append(space.barred is not None)
+        requested.append(space.barred is not None)
         return BlockedRapid(UNDER, HERE, 0.0, "way")
 
     monkeypatch.setattr(segment_planner, "plan_rapid", rapid)
@@ -172,4 +172,4 @@ def test_moves_from_and_to_home_are_checked(monkeypatch: pytest.MonkeyPatch) -> 
     for a, b in ((high, point), (point, high), (point, point), (low, point), (point, low)):
         maker.rapid(a, b, 0)
     maker.rapid(replace(low, change=True), point, 0)  # nobody rests at a change of tools
-    assert asked == [True, True, True, False, False, True]
+    assert requested == [True, True, True, False, False, True]

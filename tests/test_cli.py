@@ -105,11 +105,11 @@ def check_plan(cell: Path, table: Path, out: Path) -> None:
     pytest.importorskip("coal")
     points = true_points(table, out.parent / "true_points.csv")
     program = runpy.run_path(str(CHECK_PLAN))  # in this process, which has loaded most of what it imports
-    told = io.StringIO()
-    with contextlib.redirect_stdout(told), warnings.catch_warnings():
+    message = io.StringIO()
+    with contextlib.redirect_stdout(message), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it is not ours to mend
         code = program["main"]([str(cell), str(points), str(out)])
-    assert code == 0, told.getvalue()
+    assert code == 0, message.getvalue()
 
 
 @pytest.mark.slow
@@ -128,9 +128,9 @@ def test_every_shipped_cell_is_planned_and_independently_checked(
 ) -> None:
     out = tmp_path / "out"
     assert optimize(CELLS / cell, TOOLPATHS / path, out, "--sample-ms", "36") == 0, capsys.readouterr().err
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err == ""
+    message = capsys.readouterr()
+    assert message.out == ""
+    assert message.err == ""
     names = {f.name for f in out.iterdir()}
     assert {"trajectory.csv", "points.csv", "result.json", "report.html"} <= names
     written = [name for program in result(out)["programs"] for name in program["files"]]
@@ -157,14 +157,14 @@ def test_summary_names_the_report_and_json_is_one_object(tmp_path: Path, capsys:
     table = toolpath(tmp_path, PASS)
     arguments = ["optimize", str(KR500), str(table), "-o", str(tmp_path / "out")]
     assert main(arguments) == 0
-    told = capsys.readouterr()
-    assert told.out.splitlines()[0].startswith("done: 12 cutting points of 16")
-    assert told.out.splitlines()[-1] == f"report: {tmp_path / 'out' / 'report.html'}"
-    assert "reading cell and toolpath" in told.err
+    message = capsys.readouterr()
+    assert message.out.splitlines()[0].startswith("done: 12 cutting points of 16")
+    assert message.out.splitlines()[-1] == f"report: {tmp_path / 'out' / 'report.html'}"
+    assert "reading cell and toolpath" in message.err
     assert main([*arguments, "--json"]) == 0
-    told = capsys.readouterr()
-    assert json.loads(told.out)["exit_code"] == 0
-    assert told.err == ""
+    message = capsys.readouterr()
+    assert json.loads(message.out)["exit_code"] == 0
+    assert message.err == ""
 
 
 def test_two_runs_write_the_same_tables_and_program(passed: tuple[Path, Path], tmp_path: Path) -> None:
@@ -264,10 +264,10 @@ def test_unreadable_toolpaths_are_refused_with_a_clear_message(
         file = tmp_path / name
         file.write_text(text)
         assert optimize(KR500, file, tmp_path / "out") == 2, name
-        told = capsys.readouterr()
-        assert words in told.err, name
-        assert told.err.startswith(f"machopt: {file}"), name
-        assert "Traceback" not in told.err
+        message = capsys.readouterr()
+        assert words in message.err, name
+        assert message.err.startswith(f"machopt: {file}"), name
+        assert "Traceback" not in message.err
         assert not (tmp_path / "out").exists()
     assert optimize(KR500, tmp_path / "nowhere.csv", tmp_path / "out") == 2
 
@@ -290,9 +290,9 @@ def test_invalid_cells_are_refused_with_a_clear_message(
 ) -> None:
     cell = changed_cell(tmp_path, edit)
     assert optimize(cell, toolpath(tmp_path, PASS), tmp_path / "out") == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert str(cell) in told
+    message = capsys.readouterr().err
+    assert words in message
+    assert str(cell) in message
     assert not (tmp_path / "out").exists()
 
 
@@ -323,9 +323,9 @@ def test_unreachable_workpiece_is_exit_3_with_a_report_of_the_distance(
     cell = changed_cell(tmp_path, ("xyz_mm: [2140.7, -23.5, 784.3]", "xyz_mm: [5140.7, -23.5, 784.3]"))
     out = tmp_path / "out"
     assert optimize(cell, toolpath(tmp_path, PASS), out) == 3
-    told = capsys.readouterr().err
-    assert "out of reach at every rotation" in told
-    assert "mm outside" in told
+    message = capsys.readouterr().err
+    assert "out of reach at every rotation" in message
+    assert "mm outside" in message
     assert not (out / "trajectory.csv").exists()
     with (out / "points.csv").open() as lines:
         assert {r["status"] for r in csv.DictReader(lines)} == {"unreachable"}
@@ -426,11 +426,11 @@ def test_verify_refuses_a_changed_trajectory(
     verify = ["verify", str(KR500), str(table), str(out), "--quiet"]
     capsys.readouterr()
     assert main([*verify, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert VerifyDocument.model_validate(told).to_json_types() == told
-    assert told["passed"]
-    assert told["checks"]
-    assert told["verdict"].startswith("verification passed")
+    message = json.loads(capsys.readouterr().out)
+    assert VerifyDocument.model_validate(message).to_json_types() == message
+    assert message["passed"]
+    assert message["checks"]
+    assert message["verdict"].startswith("verification passed")
     file = out / "trajectory.csv"
     header, *lines = file.read_text().splitlines()
     cut = [k for k, line in enumerate(lines) if line.split(",")[3] == "cut"]
@@ -460,8 +460,8 @@ def test_verify_refuses_a_changed_trajectory(
 )
 def test_inspect_lists_the_content_of_a_file(file: str, points: int, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(TOOLPATHS / file), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert InspectedToolpathDocument.model_validate(told).to_json_types() == told
-    assert told["points"] == points
+    message = json.loads(capsys.readouterr().out)
+    assert InspectedToolpathDocument.model_validate(message).to_json_types() == message
+    assert message["points"] == points
     assert main(["inspect", str(TOOLPATHS / file)]) == 0
     assert f"points: {points}" in capsys.readouterr().out

@@ -33,8 +33,8 @@ def write_cell(
     run_init(InitRequest(robot=robot, out=folder / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
     (folder / "cell" / "part.dae").write_text(text)
     file = folder / "cell" / "cell.yaml"
-    kept = [row for row in file.read_text().splitlines() if not row.startswith("obstacles:")]
-    file.write_text("\n".join([*kept, f"obstacles: [{line}]", ""]))
+    retained = [row for row in file.read_text().splitlines() if not row.startswith("obstacles:")]
+    file.write_text("\n".join([*retained, f"obstacles: [{line}]", ""]))
     return file.parent
 
 

@@ -66,8 +66,8 @@ def test_every_contact_around_a_contact_is_excluded_and_nothing_else() -> None:
     assert (ahead.pairs[gone] == 0).all()
     assert (ahead.candidates.reason[gone] == InfeasibilityReason.COLLIDING).all()
     assert (ahead.pairs[~gone] == -1).all()
-    asked = ahead.model.asked  # type: ignore[attr-defined]
-    assert len(set(asked)) == len(asked)  # nothing twice
+    requested = ahead.model.asked  # type: ignore[attr-defined]
+    assert len(set(requested)) == len(requested)  # nothing twice
 
 
 def test_nothing_is_checked_without_a_contact() -> None:
@@ -93,9 +93,9 @@ def test_pairs_share_the_budget_in_proportion_to_their_contacts() -> None:
     pair = np.array([0, 0, 0, 0, 1], np.int32)
     ahead.strike(vertices, pair)
     ahead.look(vertices, pair, 40)
-    told = [sum(p == which for p, *_ in ahead.model.asked) for which in (0, 1)]  # type: ignore[attr-defined]
-    assert told[0] >= 32
-    assert told[0] > 2 * told[1] > 0
+    message = [sum(p == which for p, *_ in ahead.model.asked) for which in (0, 1)]  # type: ignore[attr-defined]
+    assert message[0] >= 32
+    assert message[0] > 2 * message[1] > 0
 
 
 def test_cutter_may_touch_what_it_cuts() -> None:

@@ -121,12 +121,12 @@ def test_cached_model_measures_like_a_new_one(folder: Path) -> None:
 def test_pairs_equal_a_fresh_selection(folder: Path) -> None:
     cell = load_cell(folder)
     arm = UrdfKinematics(cell)
-    kept, fresh = bodies_of(cell), CellBodies(load_cell_bodies(cell, arm).bodies)
+    retained, fresh = bodies_of(cell), CellBodies(load_cell_bodies(cell, arm).bodies)
     for clearance, touching in ((0.0, None), (0.01, None), (0.0, ()), (0.0, (("link2_0", "link0_0"),))):
-        first = kept.list_checked_pairs(cell, arm, clearance, touching)
-        assert kept.list_checked_pairs(cell, arm, clearance, touching) == first
+        first = retained.list_checked_pairs(cell, arm, clearance, touching)
+        assert retained.list_checked_pairs(cell, arm, clearance, touching) == first
         assert fresh.list_checked_pairs(cell, arm, clearance, touching) == first
-        assert kept.list_varying_pairs(arm, first[0]) == fresh.list_varying_pairs(arm, first[0])
+        assert retained.list_varying_pairs(arm, first[0]) == fresh.list_varying_pairs(arm, first[0])
 
 
 def test_meshes_come_from_the_current_package_folder(folder: Path) -> None:

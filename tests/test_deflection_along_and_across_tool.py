@@ -22,7 +22,7 @@ def test_deflection_is_split_with_its_interval(tmp_path: Path, capsys: pytest.Ca
     stiffness.write_text(f"{stiffness.read_text()}\ncovariance: {json.dumps(rows)}\n")
     table.write_text("\n".join((TOOLPATHS / "panel_holes.csv").read_text().splitlines()[:14]) + "\n")
     assert main(["optimize", str(cell), str(table), "-o", str(out)]) == 0
-    told = capsys.readouterr().out
+    message = capsys.readouterr().out
     worst = json.loads((out / "result.json").read_text())["worst_point"]
     along, across, whole = (worst[f"deflection_{k}mm"] for k in ("along_", "across_", ""))
     assert along**2 + across**2 == pytest.approx(whole**2, rel=1e-9)
@@ -36,6 +36,6 @@ def test_deflection_is_split_with_its_interval(tmp_path: Path, capsys: pytest.Ca
     page = (out / "report.html").read_text()
     for value in (along, across, *worst["deflection_along_ci90_mm"]):
         text = f"{value:.3f}".replace("-", "−")
-        assert text in told
+        assert text in message
         assert text in page
     assert main(["verify", str(cell), str(table), str(out), "--quiet"]) == 0

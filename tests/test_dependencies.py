@@ -139,8 +139,8 @@ def test_lock_files_contain_all_dependencies_with_hashes(lock: Path, extras: tup
     assert list_declared_distributions(*extras) | {"hatchling"} <= set(pins(lock))
     entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
     assert all("--hash=sha256:" in entry for entry in entries)
-    told = re.sub(r"#.*", "", text)
-    assert not re.search(r"/|^-|--(?!hash=)", told, re.MULTILINE)  # no host, no path, no option of an installer
+    message = re.sub(r"#.*", "", text)
+    assert not re.search(r"/|^-|--(?!hash=)", message, re.MULTILINE)  # no host, no path, no option of an installer
 
 
 def test_documentation_is_built_from_pinned_packages_without_machopt() -> None:
@@ -195,10 +195,10 @@ def test_container_image_copies_existing_public_files() -> None:
     files = [PROJECT["readme"], *PROJECT["license-files"], *wheel["packages"]]
     files += [hook["path"] for hook in wheel["hooks"].values()]  # without its hook the wheel is not built at all
     assert {"pyproject.toml", *(file.split("/")[0] for file in files)} <= copied
-    seen = {t[1:] for t in (ROOT / ".dockerignore").read_text(encoding="utf-8").split() if t.startswith("!")}
-    assert copied == seen
+    observed = {t[1:] for t in (ROOT / ".dockerignore").read_text(encoding="utf-8").split() if t.startswith("!")}
+    assert copied == observed
 
 
 def test_every_extra_is_documented() -> None:
-    told = (ROOT / "docs" / "install" / "README.md").read_text(encoding="utf-8")
-    assert all(f"`{extra}`" in told for extra in PROJECT["optional-dependencies"])
+    message = (ROOT / "docs" / "install" / "README.md").read_text(encoding="utf-8")
+    assert all(f"`{extra}`" in message for extra in PROJECT["optional-dependencies"])

@@ -96,11 +96,11 @@ class Diagnosed:
 @pytest.fixture(scope="module")
 def link(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     """Diagnosed once for all that look at it; who changes a file copies it."""
-    folder, told = tmp_path_factory.mktemp("link"), io.StringIO()
+    folder, message = tmp_path_factory.mktemp("link"), io.StringIO()
     recording = write_simulated_recording(folder / "rec", soft_link, poses=16)
-    with contextlib.redirect_stdout(told):
+    with contextlib.redirect_stdout(message):
         run(folder / "out", folder / "rec", "--json", "--seed", "3")
-    return Diagnosed(recording, folder / "rec", folder / "out", told.getvalue())
+    return Diagnosed(recording, folder / "rec", folder / "out", message.getvalue())
 
 
 def test_written_files_agree_with_the_contract(link: Diagnosed) -> None:
@@ -197,11 +197,11 @@ def test_user_defined_effect_is_named_where_true_and_nowhere_else(tmp_path: Path
 
     def pulled(k: np.ndarray) -> HiddenEffects:
         def twist(tau: np.ndarray, q: np.ndarray, t: np.ndarray) -> np.ndarray:
-            return 0.9 / k[2] * tau * np.abs(seen)
+            return 0.9 / k[2] * tau * np.abs(observed)
 
         rng = np.random.default_rng(8)
         rng.uniform(0.8, 1.25, 6)
-        seen = plan_load_tests(arm(CELL.name), rng, **(SMALL | {"poses": 16, "force": 1500.0})).q[:, 0]
+        observed = plan_load_tests(arm(CELL.name), rng, **(SMALL | {"poses": 16, "force": 1500.0})).q[:, 0]
         return HiddenEffects(k, {2: twist})
 
     write_simulated_recording(tmp_path / "rec", pulled, poses=16)
@@ -275,12 +275,12 @@ def test_uninformative_recordings_are_refused(tmp_path: Path, capsys: pytest.Cap
     r = write_simulated_recording(tmp_path / "rec", poses=6, loads=2)
     assert r.wrench is not None
     assert r.displacement is not None
-    for changes, said in (
+    for changes, output in (
         ({"wrench": 0 * r.wrench}, "load is zero"),
         ({"displacement": 0 * r.displacement}, "displacement is zero"),
     ):
         run(tmp_path / "out", _write_recording_folder(tmp_path, r, **changes), code=2)
-        assert said in capsys.readouterr().err
+        assert output in capsys.readouterr().err
     for count in (1, 3):
         run(tmp_path / "out", _write_first_rows(tmp_path, r, count), code=2)
         assert "cannot test a model" in capsys.readouterr().err
@@ -360,9 +360,9 @@ def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> No
 
     r = write_simulated_recording(tmp_path / "rec", both, poses=36, loads=4)
     assert len(r) > 1000
-    said = diagnose_in_memory(CELL, r, tmp_path / "again").result.to_json_types()
-    named = {f["effect"]: f["location"] for f in said["findings"]}
-    share = next(f["parameters"]["share"] for f in said["findings"] if f["effect"] == "geometric_stiffness")
+    output = diagnose_in_memory(CELL, r, tmp_path / "again").result.to_json_types()
+    named = {f["effect"]: f["location"] for f in output["findings"]}
+    share = next(f["parameters"]["share"] for f in output["findings"] if f["effect"] == "geometric_stiffness")
     assert share["ci95"][0] > 0.0  # K_C is in every arm, and shows beside the two
     assert {place for effect, place in named.items() if effect != "geometric_stiffness"} == {"joint:1", "link:2"}
 
@@ -375,9 +375,9 @@ def test_user_effect_in_the_docs_runs(tmp_path: Path) -> None:
     law.write_text(code.group(1), encoding="utf-8")
     write_simulated_recording(tmp_path / "rec")
     run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
-    said = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
-    assert said["findings"] == []
-    tried = {(x["effect"], x["location"]) for x in [*said["detection_limits"], *said["not_testable"]]}
+    output = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert output["findings"] == []
+    tried = {(x["effect"], x["location"]) for x in [*output["detection_limits"], *output["not_testable"]]}
     assert ("loose_mount", "tool") in tried
 
 

@@ -68,9 +68,9 @@ def test_sensor_error_interval_accounts_for_body_compliances(tmp_path: Path) -> 
     found = machopt.diagnose(tmp_path / name / "cell", tmp_path / name / "recording")
     truth = json.loads((tmp_path / f"{name}.truth.json").read_text(encoding="utf-8"))["effects"]
     offset = next(e for e in truth if e["effect"] == "force_sensor_offset")["parameters"]["offset"]["value"]
-    said = next(f for f in found.result.findings if f.effect == "force_sensor_offset").parameters["offset"]
-    assert said.value == pytest.approx(offset, rel=0.06)
-    assert said.ci95[0] < offset < said.ci95[1]
+    output = next(f for f in found.result.findings if f.effect == "force_sensor_offset").parameters["offset"]
+    assert output.value == pytest.approx(offset, rel=0.06)
+    assert output.ci95[0] < offset < output.ci95[1]
 
 
 def _build_selected_effects(*effects: str) -> list[SelectedEffect]:
@@ -103,9 +103,9 @@ def test_exact_law_has_the_certainty_of_the_laws_beside_it() -> None:
     x, sigma = np.array([1.0, 0.0, 0.0]), np.full(3, 0.01)
     law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
     fitted = cast("WhitenedHypothesis", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
-    alone, beside = (
+    alone, additional = (
         np.ptp(finding_estimates._compute_quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6, doubt)["length"][1])
         for doubt in (0.0, DEFAULT_FORM_UNCERTAINTY)
     )
     assert alone == pytest.approx(2 * 1.96 * 0.01, rel=1e-3)
-    assert beside == pytest.approx(2 * 1.96 * np.hypot(0.01, DEFAULT_FORM_UNCERTAINTY), rel=1e-3)
+    assert additional == pytest.approx(2 * 1.96 * np.hypot(0.01, DEFAULT_FORM_UNCERTAINTY), rel=1e-3)

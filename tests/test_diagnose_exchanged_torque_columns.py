@@ -38,9 +38,9 @@ def test_exchanged_torque_columns_are_corrected_and_reported(tmp_path: Path, pai
     t, q, v, _, tau = simulate_motion(tmp_path, 3)
     swapped = tau.copy()
     swapped[:, pair] = tau[:, pair[::-1]]
-    mended, found = exchanged_torque_columns.correct_exchanged_torques(*prepare_signals(t, q, v, swapped, tmp_path))
-    assert mended.torque is not None
-    np.testing.assert_array_equal(mended.torque, tau)
+    corrected, found = exchanged_torque_columns.correct_exchanged_torques(*prepare_signals(t, q, v, swapped, tmp_path))
+    assert corrected.torque is not None
+    np.testing.assert_array_equal(corrected.torque, tau)
     assert [(f.effect, f.location) for f in found] == [("columns", f"column:tau{pair[0] + 1}_Nm")]
     assert found[0].record
     assert found[0].before > 5.0 * found[0].after
@@ -51,9 +51,11 @@ def test_correct_torque_columns_remain(tmp_path: Path) -> None:
     """So they do where a balancer takes most of a joint's torque, or one joint's masses are a third off."""
     t, q, v, need, tau = simulate_motion(tmp_path, 4)
     for given in (tau, tau + [0.0, -0.8, 0.0] * need, tau + [0.3, 0.0, -0.3] * need):
-        mended, found = exchanged_torque_columns.correct_exchanged_torques(*prepare_signals(t, q, v, given, tmp_path))
+        corrected, found = exchanged_torque_columns.correct_exchanged_torques(
+            *prepare_signals(t, q, v, given, tmp_path)
+        )
         assert not found
-        assert mended.torque is given
+        assert corrected.torque is given
 
 
 def test_motor_side_torque_of_one_joint_is_refused(tmp_path: Path) -> None:

@@ -34,8 +34,8 @@ def test_excluded_corrections_are_left_out_and_the_others_refitted(
         return DiagnosedRecording(_diagnosis(corrections), cast("object", None), SimpleNamespace(kind=kind))  # type: ignore[arg-type]
 
     def stiffness_of(cell: Cell, d: object, **_: bool) -> ExtendedStiffness:
-        held = tuple(f.correction for f in d.findings if isinstance(f.correction, StiffnessTerm))  # type: ignore[attr-defined]
-        return ExtendedStiffness(None, None, held)
+        fixed = tuple(f.correction for f in d.findings if isinstance(f.correction, StiffnessTerm))  # type: ignore[attr-defined]
+        return ExtendedStiffness(None, None, fixed)
 
     monkeypatch.setattr(implausible_correction_removal, "build_extended_stiffness", stiffness_of)
     monkeypatch.setattr(DiagnosedRecording, "weight_alone", False)

@@ -101,9 +101,9 @@ def test_next_motion_respects_limits_and_separates_rivals(tmp_path: Path) -> Non
         np.testing.assert_allclose(np.gradient(one.q[:, 0], one.time)[2:-2], one.v[2:-2, 0], atol=5e-3)
     assert f.rivals
     doubtful = replace(f, one_of=(("transmission_error", "joint:1"), ("joint_hysteresis", "joint:1")))
-    said = next_motion.suggest_next_motion(cell, "link", replace(found, findings=(doubtful,)))
-    assert said.startswith("To tell transmission error of joint 1 from hysteresis of joint 1: drive ")
-    assert "standard deviations" in said
+    output = next_motion.suggest_next_motion(cell, "link", replace(found, findings=(doubtful,)))
+    assert output.startswith("To tell transmission error of joint 1 from hysteresis of joint 1: drive ")
+    assert "standard deviations" in output
     for other in (replace(found, findings=()), replace(found, findings=(), verdict="unexplained"), found):
         assert "plan-poses" not in next_motion.suggest_next_motion(cell, "link", other)
 
@@ -182,8 +182,8 @@ def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
         assert found.parameters[f"{word}order"].value == pytest.approx(order, abs=0.05)
         assert found.parameters[f"{word}amplitude"].value == pytest.approx(size, rel=0.05)
     assert isinstance(found.correction, KinematicCorrection)
-    held = found.correction.parameters
-    assert sorted(held["per_turn"]) == pytest.approx([5.0, 36.0], abs=0.05)
+    fixed = found.correction.parameters
+    assert sorted(fixed["per_turn"]) == pytest.approx([5.0, 36.0], abs=0.05)
     # what is written is what was found: the cell with it leaves nothing
     again = diagnose_recording(
         replace(recording, q_secondary=recording.q_secondary + second),
@@ -196,8 +196,8 @@ def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
 def test_single_missing_samples_do_not_distort_time(tmp_path: Path) -> None:
     """One in a hundred left out of a record without velocities: no acceleration comes of it, and no clock is late."""
     rng, cell, t, q, _, tau = shaken(tmp_path, 2, 6)
-    kept = np.sort(rng.permutation(len(t))[: int(0.99 * len(t))])
-    record = build_motion_recording(t[kept], q[kept], None, (tau + 0.25 * rng.normal(size=q.shape))[kept])
+    retained = np.sort(rng.permutation(len(t))[: int(0.99 * len(t))])
+    record = build_motion_recording(t[retained], q[retained], None, (tau + 0.25 * rng.normal(size=q.shape))[retained])
     found, _, _ = diagnose_recording(record, cell, "torque")
     assert not found.findings
     assert found.heldout_before < 0.4

@@ -158,8 +158,8 @@ def test_rocking_base_is_named_in_its_own_family(some: bool) -> None:
     d = diagnose_simulated(ROCKS, some=some)
     assert [(f.effect, f.location) for f in d.findings] == [("base_compliance", "base")]
     assert d.verdict == "explained"
-    said = next(n for n in d.notes if n.startswith("tilt,"))
-    before, after, noise = (float(part.split(" mrad")[0].split()[-1]) for part in said.split(", ")[1:])
+    output = next(n for n in d.notes if n.startswith("tilt,"))
+    before, after, noise = (float(part.split(" mrad")[0].split()[-1]) for part in output.split(", ")[1:])
     assert before > 2.5 * after
     assert after < 1.3 * noise
     assert np.isnan(d.errors.final[:, 3:]).any() == some  # not read is no residual of zero

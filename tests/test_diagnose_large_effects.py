@@ -131,5 +131,5 @@ def test_better_joint_selection_of_the_second_search_is_used(monkeypatch: pytest
     )
     found = extended_search._search_again(problem, [more], (tuple(laws), ()), np.random.default_rng(0))
     assert found[1] == (good,)
-    kept = extended_search._search_again(problem, [more], (tuple(laws), (good,)), np.random.default_rng(0))
-    assert kept[1] == (good,)
+    retained = extended_search._search_again(problem, [more], (tuple(laws), (good,)), np.random.default_rng(0))
+    assert retained[1] == (good,)

@@ -56,10 +56,10 @@ def test_columns_equal_finite_differences_of_a_link_mass() -> None:
         assert link in range(1, 6)
         step = np.zeros(6)
         step[link - 1] = 0.02
-        seen, plain = measure(masses=scale_link_masses(step)).position, measure().position
-        assert seen is not None
+        observed, plain = measure(masses=scale_link_masses(step)).position, measure().position
+        assert observed is not None
         assert plain is not None
-        moved = (seen - plain) / 0.02
+        moved = (observed - plain) / 0.02
         # columns have the fitted springs, and neglect that weight turns the lines of other joints
         np.testing.assert_allclose(inputs.columns[:, :3, k], moved, atol=0.05 * np.abs(moved).max())
 

@@ -335,8 +335,8 @@ def test_stated_noise_is_the_only_evidence_without_replicates() -> None:
     rng = np.random.default_rng(0)
     assert repeatable_mismatch.measure_repeatable_mismatch(problem, residual, used, n, rng).power <= 0
     for stated, beyond in ((15e-6, False), (3e-6, True)):
-        told = replace(problem, families=(replace(problem.families[0], stated_uncertainty=stated),))
-        assert (repeatable_mismatch.measure_repeatable_mismatch(told, residual, used, n, rng).power > 0) is beyond
+        message = replace(problem, families=(replace(problem.families[0], stated_uncertainty=stated),))
+        assert (repeatable_mismatch.measure_repeatable_mismatch(message, residual, used, n, rng).power > 0) is beyond
 
 
 def test_effect_is_named_at_its_place_within_its_interval() -> None:

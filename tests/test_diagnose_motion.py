@@ -290,9 +290,9 @@ def test_torque_delay_is_found_to_one_millisecond(tmp_path: Path, late: float) -
     t, q, v, _ = build_fourier_motion(1, rng)
     fine, qf, vf, af = build_fourier_motion(1, np.random.default_rng(4), rate=2000.0)
     tau = load_dynamics(cell).compute_torque(qf, vf, af)[:, 0] + 8.0 * np.tanh(vf[:, 0] / 0.05) + 3.0 * vf[:, 0]
-    seen = np.interp(t - late, fine, tau)[:, None] + 0.5 * rng.normal(size=(len(t), 1))
+    observed = np.interp(t - late, fine, tau)[:, None] + 0.5 * rng.normal(size=(len(t), 1))
     _, catalogue, _, _ = motion_channels.build_motion_problem(
-        build_motion_recording(t, q, v, seen), cell, "torque", rng
+        build_motion_recording(t, q, v, observed), cell, "torque", rng
     )
     clock = next(h for h in catalogue.hypotheses if h.effect == "time_skew")
     assert clock.shapes[0][0] == pytest.approx(late, abs=1e-3)
@@ -313,9 +313,9 @@ def test_interpolation_of_the_recorder_is_part_of_the_delay(tmp_path: Path, late
     cell = arm(tmp_path)
     t, q, v, a = build_fourier_motion(1, rng)
     tau = load_dynamics(cell).compute_torque(q, v, a)[:, 0] + 8.0 * np.sign(v[:, 0]) + 3.0 * v[:, 0]
-    seen = np.interp(t - late, t, tau)[:, None] + 0.2 * rng.normal(size=(len(t), 1))
+    observed = np.interp(t - late, t, tau)[:, None] + 0.2 * rng.normal(size=(len(t), 1))
     problem, catalogue, _, _ = motion_channels.build_motion_problem(
-        build_motion_recording(t, q, v, seen), cell, "torque", rng
+        build_motion_recording(t, q, v, observed), cell, "torque", rng
     )
     clock = next(h for h in catalogue.hypotheses if h.effect == "time_skew")
     X = np.concatenate([problem.base, clock.columns(clock.shapes[0])], axis=2)[:, 0]
@@ -377,8 +377,8 @@ def test_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None
 
 def test_encoders_behind_their_command_are_reported(tmp_path: Path) -> None:
     rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
-    asked = q + 0.012 * v
-    late = build_motion_recording(t, q, v, tau, q_command=asked)
+    requested = q + 0.012 * v
+    late = build_motion_recording(t, q, v, tau, q_command=requested)
     lags = servo_lag.find_servo_lag(late, build_motion_signals(late, 2))
     assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
     assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command
@@ -432,9 +432,9 @@ def test_prismatic_joint_goes_through_the_command(tmp_path: Path, force: str) ->
     cell, record = slide(tmp_path, force)
     out = tmp_path / "out"
     assert main(["diagnose", str(cell), str(record), "-o", str(out), "--quiet"]) == 0
-    said = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
-    assert (said["verdict"], said["rmse_unit"], said["model"]) == ("consistent", "N", None)
-    coulomb = next(c for c in said["coefficients"] if c["name"] == "Coulomb friction 1")
+    output = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert (output["verdict"], output["rmse_unit"], output["model"]) == ("consistent", "N", None)
+    coulomb = next(c for c in output["coefficients"] if c["name"] == "Coulomb friction 1")
     assert coulomb["value"] == pytest.approx(5.0, abs=0.1)  # noise 0.2 N over a thousand readings
     assert (out / "report.html").stat().st_size > 1000
     with pytest.raises(InputError, match="home_deg"):
@@ -523,6 +523,6 @@ def test_long_motion_without_an_effect(tmp_path: Path) -> None:
     cell, record = simulated_long_motion.write_long_motion(tmp_path, 10_000, 250.0, 1)
     out = tmp_path / "out"
     assert main(["diagnose", str(cell), str(record), "-o", str(out), "--quiet"]) == 0
-    said = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
-    assert said["verdict"] == "consistent"
-    assert not said["findings"]
+    output = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    assert output["verdict"] == "consistent"
+    assert not output["findings"]

@@ -63,9 +63,9 @@ def test_gradual_friction_reversal_is_reported(tmp_path: Path) -> None:
 @pytest.mark.parametrize("late", [0.0, 0.01])
 def test_delay_is_used_only_where_significant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float) -> None:
     """Some delay is always a little better than none, and was read into the reversals, which it smeared."""
-    seen, clock = [], torque_delay.estimate_torque_delay
+    observed, clock = [], torque_delay.estimate_torque_delay
     monkeypatch.setattr(
-        joint_torque_channel, "estimate_torque_delay", lambda *given: seen.append(clock(*given)) or seen[-1]
+        joint_torque_channel, "estimate_torque_delay", lambda *given: observed.append(clock(*given)) or observed[-1]
     )
     cell = arm(tmp_path, 1, tool=5.0)
     fine, qf, vf, af = build_fourier_motion(1, np.random.default_rng(4), rate=2000.0)
@@ -77,7 +77,7 @@ def test_delay_is_used_only_where_significant(tmp_path: Path, monkeypatch: pytes
         motion_channels.build_motion_problem(
             build_motion_recording(t, q, v, moved + noise), cell, "torque", np.random.default_rng(0)
         )
-    assert [shared for _, shared, _ in seen] == [late > 0.0] * 6
+    assert [shared for _, shared, _ in observed] == [late > 0.0] * 6
 
 
 def test_load_at_twice_its_detection_limit_is_named(tmp_path: Path) -> None:
@@ -129,12 +129,12 @@ def test_grouped_and_single_searches_find_the_same_repetitions(channel: str) -> 
         found = outlier_rejection.find_repeated_deviations(problem, left, off)  # type: ignore[arg-type]
         e = left if channel == "torque" else left[:, :3]
         for k in range(n):
-            twins = (replicate == replicate[k]) & (visit != visit[k])
-            if not off[k] or replicate[k] < 0 or not twins.any():
+            replicates = (replicate == replicate[k]) & (visit != visit[k])
+            if not off[k] or replicate[k] < 0 or not replicates.any():
                 assert not found[k]
                 twinless += 1
                 continue
-            other = e[twins].mean(axis=0)
+            other = e[replicates].mean(axis=0)
             one, two = np.linalg.norm(e[k]), np.linalg.norm(other)
             again = (
                 e[k] @ other > thresholds.SHARES.agreement * one * two and thresholds.RATIOS.stiffness_error * two > one
@@ -152,10 +152,10 @@ def test_drive_gain_and_payload_are_reported_together(tmp_path: Path) -> None:
     tau = tau + load_dynamics(heavier).compute_torque(q, v, a) - load_dynamics(cell).compute_torque(q, v, a)
     tau[:, 1] *= 0.5
     found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
-    said = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}
-    assert set(said) == {("payload", "tool"), ("units", "column:tau2_Nm")}
-    assert said["payload", "tool"].value == pytest.approx(6.0, rel=0.05)
-    assert said["units", "column:tau2_Nm"].value == pytest.approx(-50.0, rel=0.05)
+    output = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}
+    assert set(output) == {("payload", "tool"), ("units", "column:tau2_Nm")}
+    assert output["payload", "tool"].value == pytest.approx(6.0, rel=0.05)
+    assert output["units", "column:tau2_Nm"].value == pytest.approx(-50.0, rel=0.05)
     assert found.heldout_after < 1.05 * found.noise_floor
 
 

@@ -42,13 +42,13 @@ def test_recording_without_a_running_clock_is_refused() -> None:
     assert r.time is not None
     still, lone = r.time.copy(), np.arange(len(r.time))
     still[700] = still[699]
-    for wrong, said in (
+    for wrong, output in (
         (replace(r, time=None), "a motion needs the column time_s"),
         (replace(r, session=lone), "one sample a session"),
         (replace(r, time=still), "time does not advance at .*every sample needs its own time_s"),
         (replace(r, time=r.time + 5.0 * (lone // 20)), "no stretch without a gap lasts"),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=output):
             build_motion_signals(wrong, 1)
 
 
@@ -73,8 +73,8 @@ def test_delays_shift_by_fractional_samples_with_constant_ends(by: float) -> Non
     away = (m.time - by > m.time[2]) & (m.time - by < m.time[-3])
     np.testing.assert_allclose(late[away], np.stack([np.sin(0.7 * t), np.cos(0.4 * t)], axis=1)[away], atol=1e-6)
     beyond = (m.time - by < m.time[0] - 0.1) | (m.time - by > m.time[-1] + 0.1)
-    held = x[0] if by > 0 else x[-1]
-    np.testing.assert_allclose(late[beyond], np.broadcast_to(held, late[beyond].shape), atol=1e-12)
+    fixed = x[0] if by > 0 else x[-1]
+    np.testing.assert_allclose(late[beyond], np.broadcast_to(fixed, late[beyond].shape), atol=1e-12)
 
 
 def test_periods_follow_repeating_labels() -> None:
@@ -214,10 +214,10 @@ def test_warming_follows_the_recorded_temperature_or_time(tmp_path: Path) -> Non
 def test_constant_command_has_no_lag(tmp_path: Path) -> None:
     """One joint 20 ms behind is said; the one that is never asked to move is not."""
     t, q, v, _ = build_fourier_motion(2, np.random.default_rng(7))
-    asked = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
+    requested = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
     r = build_motion_recording(t, q * [1.0, 0.0], v * [1.0, 0.0])
     assert find_servo_lag(r, build_motion_signals(r, 2)) == []
-    (found,) = find_servo_lag(replace(r, q_command=asked), build_motion_signals(r, 2))
+    (found,) = find_servo_lag(replace(r, q_command=requested), build_motion_signals(r, 2))
     assert found.effect == "servo_lag"
     assert next(iter(found.parameters.values())).value == pytest.approx(20.0, rel=0.05)
 

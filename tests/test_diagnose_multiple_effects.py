@@ -228,8 +228,8 @@ def test_laws_of_weight_without_a_clear_gain_are_not_leading() -> None:
     base, laws = model(MANY, 1)
     among = [t for t in laws if t.hypothesis.family == "kinematic"]
     plain = normal_equation_sums.CachedSums(base, among).sum_all
-    beside = normal_equation_sums.eliminate_columns(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
-    share = 1.2 * normal_equation_sums.compute_group_gains(beside, plain).max() / beside[-1, -1]
+    additional = normal_equation_sums.eliminate_columns(plain.total, np.arange(plain.base))  # type: ignore[arg-type]  # numbers
+    share = 1.2 * normal_equation_sums.compute_group_gains(additional, plain).max() / additional[-1, -1]
     rng, signal = np.random.default_rng(5), base.residual
     crowd = []
     for k in range(sparse_effect_selection.LEADING_GROUPS):
@@ -289,8 +289,10 @@ def test_offsets_within_frame_directions_are_reported_as_offsets() -> None:
     assert {c.whitened.hypothesis.effect for c in greedy} == {"geometry"}
     found = description_length.find_shortest_description(base, greedy, normal_equation_sums.CachedSums(base, laws), 6)
     assert {c.whitened.hypothesis.name for c in found} == {("joint_zero_offset", f"joint:{j}") for j in (2, 3, 4, 5)}
-    kept = description_length.find_shortest_description(base, greedy, normal_equation_sums.CachedSums(base, laws), 2)
-    assert len(kept) <= 2  # never more than are asked for
+    retained = description_length.find_shortest_description(
+        base, greedy, normal_equation_sums.CachedSums(base, laws), 2
+    )
+    assert len(retained) <= 2  # never more than are asked for
 
 
 def test_frame_with_its_own_direction_remains_a_frame() -> None:
@@ -342,8 +344,8 @@ def test_offset_explained_better_by_a_joint_torque_is_that_torque(varies: float,
     assert [c.whitened.hypothesis.name for c in found] == [(named, "joint:2")]
     assert found[0].p_value == (0.002 if varies > 0.5 else 0.5)  # a new law's own chance, not that of the one before
     alone = [SelectedEffect(score_hypotheses(loud, [first])[0], 0.5)]
-    kept = description_length.exchange_for_weight_laws(loud, alone, [first, last], np.random.default_rng(0))
-    assert [c.whitened for c in kept] == [first]  # an unnamed form takes no name's place
+    retained = description_length.exchange_for_weight_laws(loud, alone, [first, last], np.random.default_rng(0))
+    assert [c.whitened for c in retained] == [first]  # an unnamed form takes no name's place
 
 
 def test_unnamed_forms_are_built_once_and_have_few_coefficients(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -451,15 +453,15 @@ def test_products_with_a_model_are_computed_once_per_part(monkeypatch: pytest.Mo
     first = len(worked)
     score_hypotheses(base, laws)
     assert len(worked) == first == len(laws)
-    beside = base.with_law(laws[0], 2)
-    score_hypotheses(beside, laws)
+    additional = base.with_law(laws[0], 2)
+    score_hypotheses(additional, laws)
     assert len(worked) == 2 * first  # with the further part alone
     score_hypotheses(base.with_law(laws[0], 2), laws)  # the same once more
     assert len(worked) == 2 * first
     explicit = base.with_columns(laws[0].columns_at(2))
-    for a, b in ((beside.XX, explicit.XX), (beside.Xy, explicit.Xy), (beside.X, explicit.X)):
+    for a, b in ((additional.XX, explicit.XX), (additional.Xy, explicit.Xy), (additional.X, explicit.X)):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
-    for one, other in zip(score_hypotheses(beside, laws), score_hypotheses(explicit, laws), strict=True):
+    for one, other in zip(score_hypotheses(additional, laws), score_hypotheses(explicit, laws), strict=True):
         assert one.gain == pytest.approx(other.gain, rel=1e-9, abs=1e-6)
         np.testing.assert_allclose(one.heldout, other.heldout, rtol=1e-6, atol=1e-6)
 

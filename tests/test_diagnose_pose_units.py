@@ -52,9 +52,9 @@ def test_unit_is_identified_by_the_best_fit(fit: bool, hit: tuple[int, ...], ang
         assert f.parameters["factor"].value == pytest.approx(1.0 / factor)
         assert ("session" in f.parameters) == (len(hit) == 1)
         assert f.after < 0.5 * f.before
-    kept, none = pose_units.correct_pose_units(replace(right, q=q, position=x), robot, T, ("units",))
+    retained, none = pose_units.correct_pose_units(replace(right, q=q, position=x), robot, T, ("units",))
     assert not none
-    assert kept.q is q
+    assert retained.q is q
 
 
 @pytest.mark.parametrize("fit", [True, False])

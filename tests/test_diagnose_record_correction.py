@@ -83,9 +83,9 @@ def test_correct_recording_remains_unchanged() -> None:
         simulate_correct_recording(rotations=True),
         simulate_correct_recording(frame="tool"),
     ):
-        mended, findings, _ = mend(r)
+        corrected, findings, _ = mend(r)
         assert findings == []
-        assert mended is r
+        assert corrected is r
 
 
 UNITS = [
@@ -113,37 +113,37 @@ UNITS = [
 @pytest.mark.parametrize(("group", "factor", "rotations"), UNITS)
 def test_wrong_unit_is_named_by_its_columns_and_corrected(group: str, factor: float, rotations: bool) -> None:
     r = simulate_correct_recording(rotations)
-    mended, findings, _ = mend(scale_columns(r, group, factor))
+    corrected, findings, _ = mend(scale_columns(r, group, factor))
     assert [(f.effect, f.location) for f in findings] == [("units", f"column:{group}")]
     assert findings[0].parameters["factor"].value == pytest.approx(factor, rel=1e-9)
     assert findings[0].record
     for name in ("q", "wrench", "displacement"):
-        assert np.allclose(getattr(mended, name), getattr(r, name), rtol=1e-12, atol=0.0)
+        assert np.allclose(getattr(corrected, name), getattr(r, name), rtol=1e-12, atol=0.0)
 
 
 def test_kilograms_in_all_rows_are_corrected_in_all() -> None:
     r = simulate_correct_recording(rotations=True)
     kilograms = scale_columns(scale_columns(r, "fx_N", 1 / 9.80665), "mx_Nm", 1 / 9.80665)
-    mended, findings, _ = mend(kilograms)
+    corrected, findings, _ = mend(kilograms)
     assert [f.location for f in findings] == ["column:fx_N"]
-    assert np.allclose(mended.wrench, r.wrench)  # type: ignore[arg-type]
+    assert np.allclose(corrected.wrench, r.wrench)  # type: ignore[arg-type]
 
 
 def test_factor_of_a_million_is_one_finding() -> None:
     r = simulate_correct_recording()
-    mended, findings, _ = mend(scale_columns(r, "dx_mm", 1e6))
+    corrected, findings, _ = mend(scale_columns(r, "dx_mm", 1e6))
     assert [f.location for f in findings] == ["column:dx_mm"]
     assert findings[0].parameters["factor"].value == pytest.approx(1e6)
-    assert np.allclose(mended.displacement, r.displacement)  # type: ignore[arg-type]
+    assert np.allclose(corrected.displacement, r.displacement)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("factor", [0.3, 3.0])
 def test_springs_three_times_off_the_cell_are_no_unit_error(factor: float) -> None:
     arm_, T, prior = robot()
     r = simulate_correct_recording()
-    mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, prior * factor)
+    corrected, findings, _ = static_record_correction.correct_static_record(r, arm_, T, prior * factor)
     assert findings == []
-    assert mended is r
+    assert corrected is r
 
 
 def test_joint_ten_times_softer_is_no_unit_error() -> None:
@@ -152,9 +152,9 @@ def test_joint_ten_times_softer_is_no_unit_error() -> None:
     r = simulate_correct_recording()
     for joint in range(3):
         soft = prior * np.where(np.arange(6) == joint, 40.0, 1.0)  # of the cell; the arm has a fortieth of it
-        mended, findings, _ = static_record_correction.correct_static_record(r, arm_, T, soft)
+        corrected, findings, _ = static_record_correction.correct_static_record(r, arm_, T, soft)
         assert findings == [], f"joint {joint + 1}"
-        assert mended is r
+        assert corrected is r
 
 
 def test_displacements_with_the_stated_scatter_have_the_stated_unit() -> None:
@@ -191,9 +191,9 @@ def test_estimated_stiffness_does_not_separate_pounds_from_a_soft_arm() -> None:
 
 def test_accepted_values_are_not_corrected() -> None:
     r = scale_columns(simulate_correct_recording(), "dx_mm", 1 / 25.4)
-    mended, findings, _ = mend(r, accept=("units",))
+    corrected, findings, _ = mend(r, accept=("units",))
     assert findings == []
-    assert mended is r
+    assert corrected is r
 
 
 def test_wrong_frames_and_signs_are_named_and_corrected() -> None:
@@ -206,10 +206,10 @@ def test_wrong_frames_and_signs_are_named_and_corrected() -> None:
         (replace(r, wrench=-r.wrench), "load_geometry", "sensor:force", r.wrench, "base"),
     ]
     for wrong, effect, where, wrench, frame in cases:
-        mended, findings, _ = mend(wrong)
+        corrected, findings, _ = mend(wrong)
         assert [(f.effect, f.location) for f in findings] == [(effect, where)]
-        assert np.allclose(mended.wrench, wrench)  # type: ignore[arg-type]
-        assert (mended.wrench_frame, mended.displacement_frame) == (frame, "base")
+        assert np.allclose(corrected.wrench, wrench)  # type: ignore[arg-type]
+        assert (corrected.wrench_frame, corrected.displacement_frame) == (frame, "base")
 
 
 def test_moments_about_the_flange_are_named_and_corrected() -> None:
@@ -219,10 +219,10 @@ def test_moments_about_the_flange_are_named_and_corrected() -> None:
     lever = arm_.compute_fk(r.q, T)[:, :3, 3] - arm_.compute_fk(r.q)[:, :3, 3]
     w = r.wrench.copy()
     w[:, 3:] += np.cross(lever, w[:, :3])
-    mended, findings, _ = mend(replace(r, wrench=w))
+    corrected, findings, _ = mend(replace(r, wrench=w))
     assert [(f.effect, f.location) for f in findings] == [("load_geometry", "sensor:force")]
-    told, want = build_load_test_experiment(mended, arm_, T), build_load_test_experiment(r, arm_, T)
-    assert np.abs(told.wrench - want.wrench).max() < 1e-9
+    message, want = build_load_test_experiment(corrected, arm_, T), build_load_test_experiment(r, arm_, T)
+    assert np.abs(message.wrench - want.wrench).max() < 1e-9
 
 
 def test_duplicates_are_separated_from_replicates() -> None:
@@ -250,8 +250,8 @@ def test_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     ).max()
     assert straight > 5.0  # N of 1500: 3 mrad
     assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
-    told = build_load_test_experiment(base, arm_, T)
-    assert loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(told, base, arm_, T, masses) is told
+    message = build_load_test_experiment(base, arm_, T)
+    assert loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(message, base, arm_, T, masses) is message
 
 
 @pytest.mark.parametrize("weight_only", [False, True])
@@ -268,8 +268,8 @@ def test_displacements_in_sagged_tool_axes_are_corrected(weight_only: bool) -> N
     tool = replace(base, displacement=np.einsum("nji,nj->ni", R[shown], base.displacement), displacement_frame="tool")
     tests = build_load_test_experiment(tool, arm_, T)
     masses = load_masses(load_cell(CELLS / CELL))
-    kept = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(tests, tool, arm_, T, masses)
-    straight, turned = (np.abs(t.measured - base.displacement).max() for t in (tests, kept))
+    retained = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(tests, tool, arm_, T, masses)
+    straight, turned = (np.abs(t.measured - base.displacement).max() for t in (tests, retained))
     assert straight > 1e-5  # m
     assert turned < 0.35 * straight
 
@@ -297,11 +297,11 @@ def test_weights_in_encoder_tool_axes_remain() -> None:
     assert base.wrench is not None
     R = arm_.compute_fk(base.q, T)[:, :3, :3]
     w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
-    told = build_load_test_experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
-    kept = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(
-        told, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
+    message = build_load_test_experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
+    retained = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(
+        message, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
     )
-    assert kept is told
+    assert retained is message
 
 
 def test_spring_far_from_the_cell_is_reported() -> None:
@@ -314,10 +314,10 @@ def test_spring_far_from_the_cell_is_reported() -> None:
         )
 
     found = [joint(1, 1e-6, 1e-8), joint(2, 1e-5, 1e-7), joint(3, 1e-5, 9e-6), joint(4, 1e-7, 1e-9)]
-    said = describe_deviating_springs(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
-    assert [s[:27] for s in said] == ["joint 2 comes out 10 times ", "joint 4 comes out 10 times "]
-    assert "softer (100000 N·m/rad)" in said[0]  # written out, as a data sheet has it
-    assert "stiffer" in said[1]
+    output = describe_deviating_springs(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
+    assert [s[:27] for s in output] == ["joint 2 comes out 10 times ", "joint 4 comes out 10 times "]
+    assert "softer (100000 N·m/rad)" in output[0]  # written out, as a data sheet has it
+    assert "stiffer" in output[1]
     assert describe_deviating_springs(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
 
 
@@ -355,8 +355,8 @@ def test_uncorrectable_error_is_reported_first(monkeypatch: pytest.MonkeyPatch) 
     odd = Problem(code="something new", severity="error", message="nobody has seen this before")
     monkeypatch.setattr(static_record_correction, "check_experiment", lambda *_: [odd])
     r = simulate_correct_recording()
-    mended, findings, warnings = static_record_correction.correct_static_record(r, arm_, T, prior)
-    assert mended is r
+    corrected, findings, warnings = static_record_correction.correct_static_record(r, arm_, T, prior)
+    assert corrected is r
     assert findings == []
     assert warnings == ["nobody has seen this before"]
     assert static_record_correction.correct_static_record(r, arm_, T, prior, accept=("something new",))[2] == [

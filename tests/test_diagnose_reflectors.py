@@ -52,7 +52,7 @@ def simulate_three_reflectors(*, wrong: Array | None = None, noise: float = 0.0,
     for n, (turn, shift) in enumerate(STANDS[:stands]):
         rows = frame == n
         position[rows] = position[rows] @ convert_vector_to_rotation(turn).T + shift
-    said = PLACES if wrong is None else PLACES + wrong
+    output = PLACES if wrong is None else PLACES + wrong
     return replace(
         one,
         q=all_of(one.q),
@@ -63,7 +63,7 @@ def simulate_three_reflectors(*, wrong: Array | None = None, noise: float = 0.0,
         time=None,
         temperature=None,
         position=position,
-        targets=tuple(TrackerTarget(str(n + 1), (float(x), float(y), float(z))) for n, (x, y, z) in enumerate(said)),
+        targets=tuple(TrackerTarget(str(n + 1), (float(x), float(y), float(z))) for n, (x, y, z) in enumerate(output)),
         target=np.tile(np.arange(3), N),
         frame=frame,
         stated_labels=frozenset({"cycle", "pose", "session"}),
@@ -87,7 +87,7 @@ def test_tracker_stations_and_reflector_places_are_recovered() -> None:
 
 def test_base_and_notes_contain_every_frame_and_place() -> None:
     cell, robot, masses = arm()
-    recording, said = reflectors_and_tracker_frames.transform_to_base(
+    recording, output = reflectors_and_tracker_frames.transform_to_base(
         simulate_three_reflectors(), robot, cell.tool.T_flange_tcp
     )
     problem, catalogue, notes = measured_pose_channel.build_measured_pose_problem(
@@ -96,7 +96,7 @@ def test_base_and_notes_contain_every_frame_and_place() -> None:
     names = [u.name for u in problem.unknowns if u.location in ("registration", "tool")]
     assert len(names) == len(set(names)) == 2 * 6 + 3 * 3
     assert all(u.prior is not None for u in problem.unknowns if u.location == "tool")
-    assert len(said) == 2  # where the tracker stood
+    assert len(output) == 2  # where the tracker stood
     assert any("1 by (" in n for n in notes)
     assert np.bincount(problem.visit).tolist() == [3] * 180  # the reflectors of one arrival
     assert np.bincount(problem.replicate).tolist() == [3] * 180  # each reflector at each pose, from either stand
@@ -140,8 +140,8 @@ def test_three_reflectors_observe_axis_rotations_better_than_one() -> None:
         A = A * scale / 2.5e-5
         covariance = np.linalg.inv(A.T @ A + np.diag(known))[-36:, -36:]
         sigma.append(np.sqrt(np.diag(covariance)).reshape(6, 6)[:, 3:])
-    seen = sigma[1] < 0.3  # beside the maker's
-    assert np.median(sigma[0][seen] / sigma[1][seen]) > 2.5  # readings three times as many alone: 1.7
+    observed = sigma[1] < 0.3  # beside the maker's
+    assert np.median(sigma[0][observed] / sigma[1][observed]) > 2.5  # readings three times as many alone: 1.7
     assert (sigma[1] < 1.001 * sigma[0]).all()
 
 
@@ -157,11 +157,11 @@ def test_wrong_reflector_place_is_a_record_fault() -> None:
     recording, _ = reflectors_and_tracker_frames.transform_to_base(
         simulate_three_reflectors(wrong=wrong), robot, cell.tool.T_flange_tcp
     )
-    mended, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
+    corrected, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
     assert (finding.effect, finding.location, finding.record) == ("columns", "column:target", True)
     assert "target 2" in finding.note
     np.testing.assert_allclose([finding.parameters[f"shift {a}"].value for a in "xyz"], -1e3 * wrong[1], atol=0.6)
-    np.testing.assert_allclose(mended.targets[1].place, PLACES[1], atol=6e-4)
+    np.testing.assert_allclose(corrected.targets[1].place, PLACES[1], atol=6e-4)
     assert finding.after < 0.1 * finding.before
 
 
@@ -171,9 +171,9 @@ def test_exchanged_reflector_names_are_corrected() -> None:
     recording, _ = reflectors_and_tracker_frames.transform_to_base(
         simulate_three_reflectors(wrong=wrong), robot, cell.tool.T_flange_tcp
     )
-    mended, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
+    corrected, (finding,) = misplaced_reflectors.correct_misplaced_reflectors(recording, cell, robot, masses)
     assert "exchanged" in finding.note
-    np.testing.assert_allclose([t.place for t in mended.targets], PLACES)
+    np.testing.assert_allclose([t.place for t in corrected.targets], PLACES)
 
 
 def test_reflector_plate_rotated_as_a_whole_is_no_fault() -> None:

@@ -79,7 +79,7 @@ def test_pose_finding_equals_the_written_stiffness_term() -> None:
     r = at_rest(load_masses(cell), load, q)
     r = replace(r, recording=replace(r.recording, time=None, temperature=None))
     catalogue = measured_pose_hypothesis_catalogue.build_measured_pose_catalogue(r, _Bare(20))  # type: ignore[arg-type]
-    seen = set()
+    observed = set()
     for h in catalogue.hypotheses:
         for shape in h.shapes[:: max(len(h.shapes) // 3, 1)]:
             columns = h.columns(shape)
@@ -89,8 +89,8 @@ def test_pose_finding_equals_the_written_stiffness_term() -> None:
             if isinstance(term, StiffnessTerm):
                 moved = existing_terms.compute_known_pose_displacement(r, (term,))
                 np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16, err_msg=f"{h.name} {h.law}")
-                seen.add(h.effect)
-    assert seen == {
+                observed.add(h.effect)
+    assert observed == {
         "joint_nonlinear_stiffness",
         "joint_backlash",
         "joint_pose_dependent_stiffness",
@@ -117,7 +117,7 @@ def test_motion_finding_equals_the_written_stiffness_term(tmp_path: Path) -> Non
     recording, load, cell = simulate_vertical_joint(tmp_path)
     other = replace(recording, q_secondary=recording.q + load / 2e6)
     problem, catalogue, _, _ = motion_channels.build_motion_problem(other, cell, "link", np.random.default_rng(0))  # type: ignore[arg-type]
-    seen = set()
+    observed = set()
     for h in catalogue.hypotheses:
         if h.effect not in {e.name for e in registry.select_joint_torque_effects()}:
             continue
@@ -130,8 +130,8 @@ def test_motion_finding_equals_the_written_stiffness_term(tmp_path: Path) -> Non
                 other, cell, "link", np.random.default_rng(0), terms=(term,)
             )  # type: ignore[arg-type]
             np.testing.assert_allclose(problem.y - less.y, columns @ x, rtol=1e-7, atol=1e-15, err_msg=h.law)
-            seen.add(h.law)
-    assert {"play", "Bouc–Wen", "cubic"} <= seen
+            observed.add(h.law)
+    assert {"play", "Bouc–Wen", "cubic"} <= observed
 
 
 def test_user_effect_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
@@ -185,9 +185,9 @@ def test_terms_not_used_by_a_channel_are_reported() -> None:
         known.append(terms)
         return d, cast("DiagnosisProblem", None)
 
-    said, _ = existing_terms.diagnose_with_known_terms((play, link), look, existing_terms.is_known_in_motions)
+    output, _ = existing_terms.diagnose_with_known_terms((play, link), look, existing_terms.is_known_in_motions)
     assert known == [(play,)]
-    assert said.notes == (
+    assert output.notes == (
         "before",
         "the cell's own terms that this kind of recording does not count: link_compliance link:3",
         "the cell's own terms count as known: joint_backlash joint:2",
@@ -221,9 +221,9 @@ def test_motion_findings_are_compensated_by_a_cell_that_contains_them(channel: m
         return motion_channels.build_motion_problem(recording, holding, channel, rng, terms=terms)[:2]
 
     problem, catalogue = made(())
-    seen: dict[str, str] = {}
+    observed: dict[str, str] = {}
     for h in catalogue.hypotheses:
-        if (h.effect, h.law) in seen.items():
+        if (h.effect, h.law) in observed.items():
             continue  # one joint a law
         columns = h.columns(h.shapes[-1])
         size = 30.0 if channel == "torque" else 1e-5  # N·m; rad or m
@@ -237,9 +237,9 @@ def test_motion_findings_are_compensated_by_a_cell_that_contains_them(channel: m
         off, moved = problem.y - less.y, columns @ x
         # of the tip springs are fitted first, and torques are weighted by a noise that is estimated anew
         assert np.abs(off - moved).max() < (0.05 if channel != "link" else 1e-6) * np.abs(moved).max(), h.law
-        seen[h.effect] = h.law
+        observed[h.effect] = h.law
     wanted = {"torque": {"gravity_compensator"}}.get(channel, {"joint_backlash", "joint_creep", "transmission_error"})
-    assert wanted <= set(seen)
+    assert wanted <= set(observed)
 
 
 # --- whole commands -----------------------------------------------------------------------------------------

@@ -288,20 +288,20 @@ def test_load_columns_of_noise_count_as_zero() -> None:
     w = r.wrench.copy()
     w[:, 3:] = 2.0 * rng.standard_normal((len(r), 3))
     noisy = replace(stated, wrench=w)
-    heard, said = load_resolution.discard_noise_components(noisy)
-    assert heard.wrench is not None
-    assert not heard.wrench[:, 3:].any()
-    assert np.array_equal(heard.wrench[:, :3], w[:, :3])
-    assert len(said) == 1
+    received, output = load_resolution.discard_noise_components(noisy)
+    assert received.wrench is not None
+    assert not received.wrench[:, 3:].any()
+    assert np.array_equal(received.wrench[:, :3], w[:, :3])
+    assert len(output) == 1
     w = w.copy()
     w[r.pose == 2, 3] += 40.0  # a true moment in a tenth of the readings
-    heard, _ = load_resolution.discard_noise_components(replace(stated, wrench=w))
-    assert heard.wrench is not None
-    assert heard.wrench[:, 3].any()
+    received, _ = load_resolution.discard_noise_components(replace(stated, wrench=w))
+    assert received.wrench is not None
+    assert received.wrench[:, 3].any()
     unstated = replace(noisy, uncertainty=StandardUncertainty())
-    heard, _ = load_resolution.discard_noise_components(unstated)  # its repeats tell what nobody stated
-    assert heard.wrench is not None
-    assert not heard.wrench[:, 3:].any()
+    received, _ = load_resolution.discard_noise_components(unstated)  # its repeats tell what nobody stated
+    assert received.wrench is not None
+    assert not received.wrench[:, 3:].any()
     once = replace(unstated, pose=np.arange(len(unstated)))
     assert load_resolution.discard_noise_components(once)[0] is once
     loaded = replace(r, uncertainty=StandardUncertainty())
@@ -317,10 +317,10 @@ def test_sideways_noise_of_a_hanging_weight_is_no_load() -> None:
     w[:, 2] = -np.abs(r.wrench[:, 2]).max() * (0.5 + 0.5 * (np.arange(len(r)) % 2))
     w[:, :2] = 1e-3 * w[:, 2].min() * rng.standard_normal((len(r), 2))
     hung = replace(r, wrench=w, uncertainty=StandardUncertainty())
-    heard, _ = load_resolution.discard_noise_components(hung)
-    assert heard.wrench is not None
-    assert not heard.wrench[:, :2].any()
-    assert heard.wrench[:, 2].all()
+    received, _ = load_resolution.discard_noise_components(hung)
+    assert received.wrench is not None
+    assert not received.wrench[:, :2].any()
+    assert received.wrench[:, 2].all()
 
 
 def test_loads_within_sensor_noise_are_equal() -> None:

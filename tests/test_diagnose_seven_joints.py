@@ -121,8 +121,8 @@ def test_planning_for_seven_joints_is_refused_with_one_message(
         ["validate", str(cell)],
     ):
         assert main(call) == 2
-        said = capsys.readouterr()
-        text = said.err + said.out
+        output = capsys.readouterr()
+        text = output.err + output.out
         assert text.count("robot.arm_joints") == 1
         assert all(name in text for name in JOINTS)
 

@@ -96,19 +96,19 @@ def fit_step(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedMod
 def test_interval_of_a_step_reaches_both_neighbouring_readings(true: float) -> None:
     """Readings stand at every twentieth: of what lies between two of them nothing says more."""
     x = np.repeat(np.arange(0.0, 2.0, 0.05), 30)
-    value, said = estimate_step(x, true, 1)
+    value, output = estimate_step(x, true, 1)
     low, high = (0.05 * f(true / 0.05) for f in (np.floor, np.ceil))
-    assert said.ci95[0] == pytest.approx(low, abs=1e-3)
-    assert said.ci95[1] == pytest.approx(high, abs=1e-3)
+    assert output.ci95[0] == pytest.approx(low, abs=1e-3)
+    assert output.ci95[1] == pytest.approx(high, abs=1e-3)
     assert low + 0.01 < value < high - 0.01
 
 
 def test_interval_of_a_smooth_shape_ends_at_equal_likelihood() -> None:
     """Readings everywhere: the interval is as wide as a reading or two, the truth in it."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
-    _, said = estimate_step(x, 0.9, 2)
-    assert said.ci95[0] <= 0.9 <= said.ci95[1]
-    assert said.ci95[1] - said.ci95[0] < 0.02
+    _, output = estimate_step(x, 0.9, 2)
+    assert output.ci95[0] <= 0.9 <= output.ci95[1]
+    assert output.ci95[1] - output.ci95[0] < 0.02
 
 
 @pytest.mark.parametrize("true", [0.6, 0.97, 1.4])
@@ -145,9 +145,9 @@ def test_interval_truncated_by_the_law_range_is_marked() -> None:
 
 def test_equivalent_shapes_are_judged_by_absolute_loss() -> None:
     """A millionth of a gain of ten millions is more than another shape may be worse."""
-    seen = {(1.0,): 1e7, (1.1,): 1e7 - 9.0, (1.2,): 1e7 - 9.5}
-    assert max(seen.values()) * GAIN_ROUNDING > 9.5
-    assert _select_middle_shape(list(seen), seen) == (1.0,)
+    observed = {(1.0,): 1e7, (1.1,): 1e7 - 9.0, (1.2,): 1e7 - 9.5}
+    assert max(observed.values()) * GAIN_ROUNDING > 9.5
+    assert _select_middle_shape(list(observed), observed) == (1.0,)
 
 
 def test_cached_waves_equal_computed_ones() -> None:
@@ -162,7 +162,7 @@ def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
     grid = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 5) for w in (0.15, 0.3, 0.6))
     finer = build_two_number_refinement(grid)
     assert finer is not None
-    held, draws = np.zeros(2), 40
+    fixed, draws = np.zeros(2), 40
     for seed in range(draws):
         rng = np.random.default_rng(seed)
         true = rng.uniform(-0.6, 0.6), rng.uniform(0.2, 0.45)
@@ -171,12 +171,12 @@ def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
         base, law = _bump(x, y, grid, finer)
         first = whiten_hypotheses(base, [law])[0]
         found = refine_law_shape(base, base, SelectedEffect(score_hypotheses(base, [first])[0], 0.0), finer)
-        said = estimate_parameters(base, [found], 0, [found.whitened])
+        output = estimate_parameters(base, [found], 0, [found.whitened])
         for n, name in enumerate(("at", "wide")):
-            low, high = said[name].ci95
+            low, high = output[name].ci95
             assert 0.0 < high - low < 0.5
-            held[n] += low <= true[n] <= high
-    assert (held >= 0.85 * draws).all()  # of 95 %: 34 and fewer of 40 in one draw of 600
+            fixed[n] += low <= true[n] <= high
+    assert (fixed >= 0.85 * draws).all()  # of 95 %: 34 and fewer of 40 in one draw of 600
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -194,8 +194,8 @@ def test_shape_at_the_end_of_the_joint_range_is_valid(seed: int) -> None:
     base, law = _bump(x, y, grid, finer)
     first = whiten_hypotheses(base, [law])[0]
     found = refine_law_shape(base, base, SelectedEffect(score_hypotheses(base, [first])[0], 0.0), finer)
-    said = estimate_parameters(base, [found], 0, [found.whitened])
-    ends = np.array([said["at"].ci95, said["wide"].ci95])
+    output = estimate_parameters(base, [found], 0, [found.whitened])
+    ends = np.array([output["at"].ci95, output["wide"].ci95])
     assert low <= ends[0, 0] <= ends[0, 1] <= high
     assert min(s[1] for s in grid) <= ends[1, 0] <= ends[1, 1] <= max(s[1] for s in grid)
     at_end = any(

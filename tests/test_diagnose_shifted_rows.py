@@ -59,11 +59,11 @@ def test_deleted_cell_shifts_all_following_rows(sessions: int, deleted: int) -> 
     values[deleted:] = np.roll(r.displacement[deleted:], -1, axis=0)
     out, (finding,) = at_arm(replace(r, displacement=values))
     away = shifted_rows.find_lost_rows([finding], len(r))
-    kept = ~away
-    kept[-1] = False  # the file's end, where another's reading stands
+    retained = ~away
+    retained[-1] = False  # the file's end, where another's reading stands
     assert away.sum() == 1
     assert away[max(deleted - 1, 0) : deleted + 2].any()
-    wrong = np.linalg.norm(out.displacement - r.displacement, axis=1)[:, None][kept]
+    wrong = np.linalg.norm(out.displacement - r.displacement, axis=1)[:, None][retained]
     noise = 4.0 * 15e-6
     assert (wrong > noise).sum() <= 1  # of two neighbours that are alike either may be the one
 
@@ -134,8 +134,8 @@ def test_moments_in_another_unit_than_forces_are_corrected(factor: float, unit: 
     r = simulate_correct_sessions(moment=400.0)
     wrench = r.wrench.copy()
     wrench[:, 3:] *= factor
-    told = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
-    out, (finding,) = at_arm(told, swapped_columns.correct_moment_units)
+    message = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
+    out, (finding,) = at_arm(message, swapped_columns.correct_moment_units)
     assert (finding.effect, finding.location) == ("units", "column:mx_Nm")
     assert unit in finding.note
     assert np.allclose(out.wrench, r.wrench)

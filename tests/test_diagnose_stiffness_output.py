@@ -132,9 +132,9 @@ def test_finding_that_moves_against_its_load_is_not_written(soft: StiffnessTerm)
     assert made.after.terms == (LINK,)
     assert made.after.joints[1:3] == pytest.approx([1e6, 2.5e5])  # of joint 3 the fit without it
     assert made.withheld == (soft,)
-    (said,) = made.notes
-    assert re.match(r"(nonlinear stiffness|hysteresis) of joint 3 is not in stiffness.yaml", said)
-    assert "from joint 3, which has 2e-06 (1/stiffness); less than that would work" in said
+    (output,) = made.notes
+    assert re.match(r"(nonlinear stiffness|hysteresis) of joint 3 is not in stiffness.yaml", output)
+    assert "from joint 3, which has 2e-06 (1/stiffness); less than that would work" in output
     limits = CELL.limits.lower[:6], CELL.limits.upper[:6]
     ArmElasticity(load_robot(CELL), CELL.tool.T_flange_tcp, made.after, limits)
     fits = replace(
@@ -157,9 +157,9 @@ def test_matrix_with_a_negative_eigenvalue_is_not_written() -> None:
     assert made.after.terms == (own, LINK)
     assert made.after.joints[1] == pytest.approx(5e5)  # fitted without it, not beside it
     assert made.withheld == (wrong,)
-    (said,) = made.notes
-    assert "tool compliance is not in stiffness.yaml" in said
-    assert "deflects against the load" in said
+    (output,) = made.notes
+    assert "tool compliance is not in stiffness.yaml" in output
+    assert "deflects against the load" in output
 
 
 def test_terms_with_negative_total_compliance_are_not_written_together() -> None:
@@ -195,10 +195,10 @@ def test_unwritten_finding_remains_in_the_diagnosis() -> None:
     for field in fields(DiagnosisResult):
         object.__setattr__(d, field.name, ())
     object.__setattr__(d, "findings", (replace(f, correction=KNEE), replace(f, correction=LINK), f))
-    told = add_withheld_notes(d, made)
-    assert told.findings[0].correction == RecordCorrection(KNEE.effect, KNEE.location, KNEE.parameters)
-    assert told.findings[1:] == d.findings[1:]
-    assert told.warnings == ("said",)
+    message = add_withheld_notes(d, made)
+    assert message.findings[0].correction == RecordCorrection(KNEE.effect, KNEE.location, KNEE.parameters)
+    assert message.findings[1:] == d.findings[1:]
+    assert message.warnings == ("said",)
 
 
 def test_unobserved_joint_stiffness_comes_from_the_cell() -> None:

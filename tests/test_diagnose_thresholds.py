@@ -121,5 +121,5 @@ def test_generic_springs_are_assumed_where_no_cell_states_them() -> None:
     assert (model.nominal == 1e-6).all()
     first = model.fit_base()
     state = model.predict(first)[0]
-    seen = model.build_readings(state, first, np.array([1e-9, 1e-7, 1e-6, 1e-4, 1e-2, 0.0])).compliance
-    np.testing.assert_allclose(seen, [1e-7, 1e-7, 1e-6, 1e-4, 1e-2, 1e-7])
+    observed = model.build_readings(state, first, np.array([1e-9, 1e-7, 1e-6, 1e-4, 1e-2, 0.0])).compliance
+    np.testing.assert_allclose(observed, [1e-7, 1e-7, 1e-6, 1e-4, 1e-2, 1e-7])

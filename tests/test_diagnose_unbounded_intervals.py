@@ -58,12 +58,12 @@ def estimate_law_sizes(
 
 
 def test_unobserved_compliance_has_no_upper_bound_and_is_not_negative() -> None:
-    said = estimate_sizes("body", 1e-9, nearly=True)
-    assert np.isfinite(said["shift"].ci95).all()
-    assert np.isinf(said["tilt"].ci95[1])
-    assert said["shift"].ci95[0] > 0.0
-    assert said["tilt"].ci95[0] >= 0.0
-    assert said["tilt"].ci90[0] >= 0.0
+    output = estimate_sizes("body", 1e-9, nearly=True)
+    assert np.isfinite(output["shift"].ci95).all()
+    assert np.isinf(output["tilt"].ci95[1])
+    assert output["shift"].ci95[0] > 0.0
+    assert output["tilt"].ci95[0] >= 0.0
+    assert output["tilt"].ci90[0] >= 0.0
 
 
 def test_observed_compliance_keeps_its_bounds() -> None:

@@ -29,16 +29,16 @@ def diagnose_recording(recording: Recording) -> DiagnosisResult:
 
 def shift_points(by: Array, registration: str = "fixed") -> Recording:
     """A recording whose points are seen (N, 3) m elsewhere."""
-    seen = measure(noise=NOISE, registration=registration)
-    assert seen.position is not None
-    return replace(seen, position=seen.position + by)
+    observed = measure(noise=NOISE, registration=registration)
+    assert observed.position is not None
+    return replace(observed, position=observed.position + by)
 
 
 def sagging() -> Array:
     """(N, 3) m that a beam through warm air ends too low by: with its length to the third power."""
-    seen = measure().position
-    assert seen is not None
-    far = np.linalg.norm(seen - TRACKER, axis=1) / 3.0
+    observed = measure().position
+    assert observed is not None
+    far = np.linalg.norm(observed - TRACKER, axis=1) / 3.0
     return np.asarray(-1.2e-4 * far[:, None] ** 3 * unit(3)[:3])
 
 
@@ -52,10 +52,10 @@ def test_beam_bent_by_warm_air_is_no_displaced_frame() -> None:
 
 
 def test_displaced_frame_keeps_its_name() -> None:
-    seen = measure().position
-    assert seen is not None
+    observed = measure().position
+    assert observed is not None
     turn = np.radians(0.006) * np.array([0.6, 0.0, 0.8])
-    found = diagnose_recording(shift_points(np.cross(turn, seen) + np.array([1e-4, 0.0, -5e-5])))
+    found = diagnose_recording(shift_points(np.cross(turn, observed) + np.array([1e-4, 0.0, -5e-5])))
     assert [f.effect for f in found.findings] == ["displacement_frame"]
     assert found.verdict == "explained"
 
@@ -155,12 +155,12 @@ def test_frame_has_no_name_where_a_form_of_equal_size_fits_better() -> None:
 
 def simulate_bowed_arm(course: Array) -> Recording:
     """The arm behind joint 2 turned about the upper arm's own axis by 60 µrad times a course (N,)."""
-    seen = measure(noise=NOISE)
-    assert seen.position is not None
-    a, b = seen.q[:, 0], seen.q[:, 1]
+    observed = measure(noise=NOISE)
+    assert observed.position is not None
+    a, b = observed.q[:, 0], observed.q[:, 1]
     axis = np.stack([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), -np.sin(b)], axis=1)
-    by = 6e-5 * course[:, None] * np.cross(axis, seen.position - np.array([0.0, 0.0, 0.8]))
-    return replace(seen, position=seen.position + by)
+    by = 6e-5 * course[:, None] * np.cross(axis, observed.position - np.array([0.0, 0.0, 0.8]))
+    return replace(observed, position=observed.position + by)
 
 
 def test_bow_by_one_hour_of_sun_is_no_displaced_frame() -> None:
@@ -180,9 +180,11 @@ def test_warming_hall_is_one_drift_of_tracker_and_arm() -> None:
     time = measure().time
     assert time is not None
     warm = 1.0 - np.exp(-(time % 1e5) / 2500.0)
-    seen = measure(noise=NOISE, grow=6e-5 * warm[:, None] * np.ones(3))
-    assert seen.position is not None
-    found = diagnose_recording(replace(seen, position=seen.position + warm[:, None] * np.array([8e-5, -5e-5, 1.2e-4])))
+    observed = measure(noise=NOISE, grow=6e-5 * warm[:, None] * np.ones(3))
+    assert observed.position is not None
+    found = diagnose_recording(
+        replace(observed, position=observed.position + warm[:, None] * np.array([8e-5, -5e-5, 1.2e-4]))
+    )
     assert [f.effect for f in found.findings] == ["thermal_drift"]
     assert found.verdict == "explained"
 

@@ -45,8 +45,8 @@ def test_tool_length_is_corrected_and_nothing_else_is_named() -> None:
     (finding,) = (f for f in d.findings if f.effect != "geometric_stiffness")
     assert (finding.effect, finding.location, finding.record) == ("load_geometry", "sensor:force", True)
     for name, true in zip("xyz", OFFSET, strict=True):
-        said = finding.parameters[f"offset_{name}"]
-        assert said.ci95[0] - 0.5 < 1e3 * true < said.ci95[1] + 0.5
+        output = finding.parameters[f"offset_{name}"]
+        assert output.ci95[0] - 0.5 < 1e3 * true < output.ci95[1] + 0.5
     assert finding.after < 1.3 * d.noise_floor
     true = load_cell(CELLS / CELL).tool.T_flange_tcp[:3, 3]
     (words,) = (w for w in d.warnings if "tool.tcp.xyz_mm" in w)

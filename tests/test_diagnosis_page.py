@@ -145,16 +145,16 @@ def test_page_is_self_contained(name: str, tmp_path: Path) -> None:
     write_diagnosis_page(tmp_path / "report.html", page(name))
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert html == build_diagnosis_html(page(name))  # the same data, the same bytes
-    seen = Balanced(html)
-    assert set(seen.anchors) <= set(seen.ids)
-    assert len(seen.ids) == len(set(seen.ids))
+    observed = Balanced(html)
+    assert set(observed.anchors) <= set(observed.ids)
+    assert len(observed.ids) == len(set(observed.ids))
     drawn = [c["id"] for c in specs(html)]
     assert drawn
-    assert set(drawn) <= set(seen.ids)
+    assert set(drawn) <= set(observed.ids)
     d = page(name).diagnosis
-    assert bind_units(d.sentence) in seen.text
+    assert bind_units(d.sentence) in observed.text
     for word in ("nan", "None", "inf "):
-        assert not re.search(rf"\b{word}\b", seen.text)
+        assert not re.search(rf"\b{word}\b", observed.text)
 
 
 def test_finding_shows_size_place_law_and_alternatives() -> None:
@@ -546,11 +546,11 @@ def test_command_passes_options_on_and_every_verdict_is_success(
         result: dict[str, Any]
         report: Path
 
-    seen: list[DiagnoseRequest] = []
+    observed: list[DiagnoseRequest] = []
 
     def run(request: DiagnoseRequest, progress: Any) -> Outcome:
         progress("screening")
-        seen.append(request)
+        observed.append(request)
         return Outcome(
             build_diagnosis_document(CELL, made_up.recording(), getattr(made_up, verdict)()),
             request.out / "report.html",
@@ -588,7 +588,7 @@ def test_command_passes_options_on_and_every_verdict_is_success(
         overrides=("seed=3",),
         overwrite=True,
     )
-    assert seen == [expected]
+    assert observed == [expected]
     assert len(fields(DiagnoseRequest)) == 13  # no option is dropped on the way
     args = parser.parse_args([*typed.split(), "--json"])
     assert args.run(args) == 0
@@ -608,10 +608,10 @@ def test_residuals_are_drawn_at_the_arm_before_and_after() -> None:
     assert before["length"] == after["length"]  # one scale, or the picture would hide the gain
     red, green = postures["needles"]
     at = [np.frombuffer(base64.b64decode(n["at"]), "<f4").reshape(-1, 3) for n in (red, green)]
-    seen = d.used & np.isfinite(d.errors.residual[:, :3]).all(axis=1)
-    assert len(at[0]) == seen.sum()
-    np.testing.assert_allclose(np.sum(at[0] ** 2), np.sum(d.errors.residual[seen, :3] ** 2), rtol=1e-5)
-    np.testing.assert_allclose(np.sum(at[1] ** 2), np.sum(d.errors.final[seen, :3] ** 2), rtol=1e-5)
+    observed = d.used & np.isfinite(d.errors.residual[:, :3]).all(axis=1)
+    assert len(at[0]) == observed.sum()
+    np.testing.assert_allclose(np.sum(at[0] ** 2), np.sum(d.errors.residual[observed, :3] ** 2), rtol=1e-5)
+    np.testing.assert_allclose(np.sum(at[1] ** 2), np.sum(d.errors.final[observed, :3] ** 2), rtol=1e-5)
     html = build_diagnosis_html(data)
     assert html.count("var THREE=") == 1
     assert "each reading predicted by fits that never saw it" in html

@@ -46,12 +46,12 @@ def test_statistical_thresholds_are_recomputed() -> None:
         "shares.half_power_amplitude": 0.5**0.5,
         "shares.max_relative_error": 1.0 / 2.0,
     }
-    said = {t.key: t.value for t in thresholds.list_thresholds() if t.origin.method == "statistics"}
-    assert said == pytest.approx(follows, rel=2e-3)
+    output = {t.key: t.value for t in thresholds.list_thresholds() if t.origin.method == "statistics"}
+    assert output == pytest.approx(follows, rel=2e-3)
 
 
 def test_script_prints_the_table() -> None:
-    said = subprocess.run(
+    output = subprocess.run(
         [sys.executable, str(ROOT / "benchmarks" / "diagnosis_thresholds.py")],
         capture_output=True,
         text=True,
@@ -59,7 +59,7 @@ def test_script_prints_the_table() -> None:
         cwd=ROOT,
     ).stdout
     for row in thresholds.list_thresholds():
-        assert f"{row.concern.lower()}.{row.name}" in said
+        assert f"{row.concern.lower()}.{row.name}" in output
 
 
 NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load

@@ -105,10 +105,10 @@ def test_loaded_weight_and_geometric_stiffness_count_once() -> None:
     for terms in ((), (StiffnessTerm("geometric_stiffness", "arm", {}),)):
         stiffness = ArmStiffness(joints=0.2 * made.TRUE_K, terms=terms, discrepancy=found)
         for counted in (False, True):
-            said = (
+            output = (
                 ArmElasticity(robot, T, stiffness, masses=masses, counted=counted).evaluate(q).compute_twist(w)[:, :3]
             )
-            off[len(terms), counted] = np.linalg.norm(said - true) / np.linalg.norm(true)
+            off[len(terms), counted] = np.linalg.norm(output - true) / np.linalg.norm(true)
     assert off[0, True] < 0.3 * off[0, False]
     assert off[1, True] < 0.3 * off[1, False]
     assert off[1, True] < 1.2 * off[0, True]

@@ -293,28 +293,28 @@ def test_forearm_twist_equals_joint_4_in_every_experiment(cell: Cell, tests: tup
 
 def test_plan_noise_comes_from_the_diagnosis_or_the_option() -> None:
     typed = ReadingNoise(displacement=3e-5, targets=0.4)
-    asked = DiscriminationOptions(typed, has_stated_noise=False, targets=0.2)
+    requested = DiscriminationOptions(typed, has_stated_noise=False, targets=0.2)
     three, six = open_(), replace(open_(), coordinates=6, turn=1e-4)
-    seen = compute_planning_noise(asked, three, 4)
-    assert seen.shared()[0, 0] ** 0.5 == pytest.approx(0.5e-5)  # what a visit shares is new in each of four rounds
-    assert seen.targets is None
-    assert compute_planning_noise(asked, six, 1).targets == pytest.approx(0.2)  # 20 µm and 100 µrad
-    assert compute_planning_noise(asked, replace(six, turn=None), 1).targets == asked.targets
-    for found in (replace(asked, has_stated_noise=True), asked):
-        by = replace(six, scatter=None) if found is asked else six
+    observed = compute_planning_noise(requested, three, 4)
+    assert observed.shared()[0, 0] ** 0.5 == pytest.approx(0.5e-5)  # what a visit shares is new in each of four rounds
+    assert observed.targets is None
+    assert compute_planning_noise(requested, six, 1).targets == pytest.approx(0.2)  # 20 µm and 100 µrad
+    assert compute_planning_noise(requested, replace(six, turn=None), 1).targets == requested.targets
+    for found in (replace(requested, has_stated_noise=True), requested):
+        by = replace(six, scatter=None) if found is requested else six
         assert compute_planning_noise(found, by, 2) == replace(typed, cycles=2)
         assert compute_planning_noise(found, replace(by, coordinates=3), 2).targets is None
 
 
 def test_experiment_advice_follows_from_the_laws() -> None:
-    for one, two, said in (
+    for one, two, output in (
         ("force_sensor_gain", "link_compliance", "second force sensor"),
         ("displacement_frame", "base_compliance", "register the displacement's axes"),
         ("joint_zero_offset", "geometry", "the same poses without load"),
         ("thermal_drift", "geometry", "the same poses without load"),
         ("link_compliance", "base_compliance", "a second target on the arm between here and there"),
     ):
-        assert said in advise_on_separation(
+        assert output in advise_on_separation(
             CandidateLaw(effect=one, location="here"), CandidateLaw(effect=two, location="there")
         )
     assert "larger loads" in advise_on_separation(NO_EFFECT, CandidateLaw(effect="link_compliance", location="link:3"))
@@ -448,7 +448,7 @@ def finding(own: CandidateLaw, *rivals: CandidateLaw, open_too: bool = True) -> 
 
     names = [list(s.name) for s in (own, *(rivals if open_too else ()))]
     rest = {"closed_share": 0.9, "standing": "not excluded", "p_value": 0.3, "placebo": False}
-    told = {
+    message = {
         "parameters": {},
         "heldout_rmse_before": 0.06,
         "heldout_rmse_after": 0.02,
@@ -458,7 +458,7 @@ def finding(own: CandidateLaw, *rivals: CandidateLaw, open_too: bool = True) -> 
         "of_the_record": False,
         "correction": None,
     }
-    return as_fitted(own) | told | {"one_of": names, "rivals": [as_fitted(r) | rest for r in rivals]}
+    return as_fitted(own) | message | {"one_of": names, "rivals": [as_fitted(r) | rest for r in rivals]}
 
 
 def test_open_rivals_are_read_from_the_diagnosis(tmp_path: Path) -> None:
@@ -547,15 +547,15 @@ def test_command_plans_the_separation_of_two_links(tmp_path: Path) -> None:
         "recording_template",
         "report.html",
     ]
-    told = json.loads((folder / "plan.json").read_text())["discriminate"]
-    (pair,) = told["pairs"]
+    message = json.loads((folder / "plan.json").read_text())["discriminate"]
+    (pair,) = message["pairs"]
     assert {pair["one"]["location"], pair["two"]["location"]} == {"link:3", "link:4"}
     assert pair["told_apart"]
-    assert pair["noncentrality_planned"] >= told["noncentrality_needed"]
+    assert pair["noncentrality_planned"] >= message["noncentrality_needed"]
     assert pair["noncentrality_per_cycle"] > 2.0 * pair["random_noncentrality_per_cycle"]  # else the search is idle
-    assert told["cycles"] >= pair["cycles_for_power"]
+    assert message["cycles"] >= pair["cycles_for_power"]
     table = read_poses_csv(folder / "poses.csv")
-    assert pair["cycles_until_diagnose_excludes"] <= told["cycles"]  # by its own test, which six poses do not pass
+    assert pair["cycles_until_diagnose_excludes"] <= message["cycles"]  # by its own test, which six poses do not pass
     assert 6 < len(np.unique(table.pose)) <= MOST_POSES
     assert "Explanations it separates" in (folder / "report.html").read_text()
     assert "1 of 1 pairs" in done.message
@@ -570,12 +570,12 @@ def test_load_cycles_have_steps_where_a_law_has_memory(tmp_path: Path) -> None:
     )
     done = plan(tmp_path, play, late)
     folder = done.report.parent
-    told = done.result.to_json_types()["discriminate"]
-    assert isinstance(told, dict)
-    assert told["steps"] == [0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0]
+    message = done.result.to_json_types()["discriminate"]
+    assert isinstance(message, dict)
+    assert message["steps"] == [0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0]
     table = read_poses_csv(folder / "poses.csv")
     first = np.linalg.norm(table.wrench[:8, :3], axis=1)
-    np.testing.assert_allclose(first, first[3] * np.array(told["steps"]), atol=1e-3)  # N, as printed
+    np.testing.assert_allclose(first, first[3] * np.array(message["steps"]), atol=1e-3)  # N, as printed
     with (folder / "recording_template" / "data.csv").open(encoding="utf-8") as text:
         rows = list(csv.DictReader(text))
     assert [r["branch"] for r in rows[:8]] == ["load"] * 4 + ["unload"] * 4
@@ -606,8 +606,8 @@ def test_measured_poses_are_planned_too(tmp_path: Path) -> None:
         weights_kg=(80.0,),
         no_collision=True,
     )
-    told = run_plan_poses(request).result.to_json_types()["discriminate"]
-    assert isinstance(told, dict)
-    (pair,) = told["pairs"]
+    message = run_plan_poses(request).result.to_json_types()["discriminate"]
+    assert isinstance(message, dict)
+    (pair,) = message["pairs"]
     assert pair["noncentrality_per_cycle"] > pair["random_noncentrality_per_cycle"] > 0.0
     assert {"no load"} & set(read_poses_csv(tmp_path / "out" / "poses.csv").load)

@@ -148,8 +148,8 @@ def test_creep_before_a_session_is_complete_and_later_depends_on_time_only() -> 
         assert late[start] == drive.torque[start] != 0.0
     for k, effect in enumerate((creep.EFFECT, hysteresis.EFFECT)):
         found, _ = joint_torque.build_joint_hypotheses(r, 1, effect)
-        kept = [n for n, m in enumerate(MEMORIES) if k or m not in ("cycle", "approach")]
-        assert {int(shape[-1]) for h in found for shape in h.shapes} == set(kept)
+        retained = [n for n, m in enumerate(MEMORIES) if k or m not in ("cycle", "approach")]
+        assert {int(shape[-1]) for h in found for shape in h.shapes} == set(retained)
 
 
 def test_reset_memory_is_preloaded_by_weight_in_each_cycle() -> None:
@@ -188,8 +188,8 @@ def test_law_stays_within_its_stated_bounds(effect: Effect, law: JointLaw) -> No
         values, shape = choose_coefficients(law, sign)
         least, _ = law.compute_max_slope(values, shape, SCALE.min_angle, SCALE.max_angle)
         if np.isneginf(least):
-            held = law.limit_to_compliance(values, 1e-6)
-            assert held.compute_max_slope(values, shape, SCALE.min_angle, SCALE.max_angle)[0] == pytest.approx(-0.9e-6)
+            fixed = law.limit_to_compliance(values, 1e-6)
+            assert fixed.compute_max_slope(values, shape, SCALE.min_angle, SCALE.max_angle)[0] == pytest.approx(-0.9e-6)
             continue
         tau, q = np.meshgrid(np.r_[TORQUES, 0.0, 1e5], np.linspace(SCALE.min_angle, SCALE.max_angle, 3001))
         slopes = law.tangent(shape, JointLoading(tau, q)) @ values
@@ -216,14 +216,14 @@ def test_files_preserve_law_coefficients_shape_and_memory(
     write_stiffness(file, ArmStiffness(joints=np.full(6, 1e6), terms=(term,)))
     given = ParameterReader(load_stiffness(file).terms[0].parameters, "terms[0]")
     again = parameter_conversion.find_law(effect, given)
-    found, form, said = parameter_conversion.read_law_parameters(again, given)
+    found, form, output = parameter_conversion.read_law_parameters(again, given)
     given.refuse_unread_keys()
     assert type(again) is type(law)
     assert again.word == law.word
     np.testing.assert_allclose(found, values, rtol=1e-14)
     np.testing.assert_allclose(form, shape, rtol=1e-14)
-    assert said == memory
-    assert set(parameter_conversion.write_law_parameters(again, found, form, said)) == set(term.parameters)
+    assert output == memory
+    assert set(parameter_conversion.write_law_parameters(again, found, form, output)) == set(term.parameters)
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
@@ -483,7 +483,7 @@ def test_written_law_explains_what_diagnose_fitted_for_every_memory() -> None:
     """Every law at a joint that load tests offer, in every memory: finding → file → the same displacement."""
     r, _ = load_test()
     r = replace(r, recording=replace(r.recording, time=np.cumsum(np.linspace(5.0, 40.0, len(r)))))
-    seen = set()
+    observed = set()
     for h in load_test_channel.build_load_test_catalogue(r, None).hypotheses:
         if h.location != "joint:3" or h.effect not in {
             e.name for e in registry.select_joint_torque_effects() if e.has_memory
@@ -498,9 +498,9 @@ def test_written_law_explains_what_diagnose_fitted_for_every_memory() -> None:
             moved, left = joint_torque.compute_memory_term_displacement(r, (other, term))
             assert left == (other,)
             np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16)
-            seen.add((h.effect, term.parameters["memory"]))
+            observed.add((h.effect, term.parameters["memory"]))
     at_once = {("joint_creep", m) for m in ("cycle", "approach")}  # what fades by the clock forgets nothing at once
-    assert seen == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES} - at_once
+    assert observed == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES} - at_once
     creep_term = StiffnessTerm(
         "joint_creep", "joint:3", {"extra_rad_per_Nm": 1e-7, "time_constant_s": 9.0, "memory": "visit"}
     )

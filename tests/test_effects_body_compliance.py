@@ -75,7 +75,7 @@ def build_body_spring(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, w
 def test_law_is_symmetric_and_batches_equal_single_states(effect: Effect, law: BodyLaw, cell: str) -> None:
     """Maxwell; and a state by itself, in a row of others, gives the same twist, linear in the wrench."""
     robot, tool, state, wrench = arm(cell)
-    seen = 0
+    observed = 0
     for where in (place for place in effect.places if is_on_arm(place, 6)):
         one = build_body_spring(robot, tool, effect, law, where)
         if one is None:
@@ -88,8 +88,8 @@ def test_law_is_symmetric_and_batches_equal_single_states(effect: Effect, law: B
         np.testing.assert_allclose(
             one.combine_coefficients().compute_response(state, wrench)[..., 0], whole @ one.values, rtol=1e-9
         )
-        seen += 1
-    assert seen or law.name.startswith("bends about")  # the TCP lies on the tool's axis
+        observed += 1
+    assert observed or law.name.startswith("bends about")  # the TCP lies on the tool's axis
 
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
@@ -326,12 +326,12 @@ def test_body_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.Monke
 
 def test_user_defined_body_is_accepted_and_an_invalid_one_named() -> None:
     user_effects._check_effects([TOY], "mine.py")
-    for bad, said in (
+    for bad, output in (
         (replace(TOY, places=("wall",)), "port body and places link:1 … link:6, base, tool"),
         (replace(TOY, body_laws=(Flat(),)), r"law 'shears': matrices have the shape"),
         (replace(TOY, body_laws=(Broken(),)), r"does not run: ZeroDivisionError"),
     ):
-        with pytest.raises(EffectDefinitionError, match=said):
+        with pytest.raises(EffectDefinitionError, match=output):
             user_effects._check_effects([bad], "mine.py")
 
 

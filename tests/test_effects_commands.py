@@ -177,10 +177,10 @@ def test_inspecting_commands_know_user_effects(
         assert main(words) == 2
         assert "where its file is given" in capsys.readouterr().err
         assert main([*words, "--effects", str(scale), "--json"]) == 0
-        told = capsys.readouterr()
-        assert "encoder_scale" not in told.err
-        assert f"--effects runs the code in {scale} with your rights" in told.err
-        assert "cannot_be_planned" not in json.loads(told.out)
+        message = capsys.readouterr()
+        assert "encoder_scale" not in message.err
+        assert f"--effects runs the code in {scale} with your rights" in message.err
+        assert "cannot_be_planned" not in json.loads(message.out)
     assert "encoder_scale" not in registry.EFFECTS  # nothing of it stays
     assert main(["inspect", str(path), "--effects", str(scale)]) == 2
     assert "--effects: found a toolpath and no cell" in capsys.readouterr().err
@@ -233,11 +233,11 @@ def simulate_tracked_poses() -> Recording:
     rng = np.random.default_rng(8)
     q = np.radians([0, -90, 100, 0, 60, 0]) + rng.uniform(-0.6, 0.6, (40, 6)) * [2.2, 0.6, 0.6, 2.0, 1.0, 2.0]
     q = np.tile(q, (2, 1))
-    stands = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0]
+    placed = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0]
     for _ in range(8):
-        tau = compute_gravity_torque(robot, load_masses(cell), robot.compute_state(stands, tool, bodies=True))[0]
-        stands = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0] + tau / cell.stiffness.joints
-    position = robot.compute_state(stands, tool).T_base_tool[:, :3, 3] + 1e-5 * rng.normal(size=(len(q), 3))
+        tau = compute_gravity_torque(robot, load_masses(cell), robot.compute_state(placed, tool, bodies=True))[0]
+        placed = q * [1.002, 1.0, 1.0, 1.0, 1.0, 1.0] + tau / cell.stiffness.joints
+    position = robot.compute_state(placed, tool).T_base_tool[:, :3, 3] + 1e-5 * rng.normal(size=(len(q), 3))
     visit, rows = np.repeat([0, 1], 40), np.arange(len(q))
     return Recording(
         kind="absolute", source="made up", q=q, pose=np.tile(np.arange(40), 2), cycle=visit, session=visit,
@@ -284,8 +284,8 @@ def test_kinematic_effect_file_goes_through_every_command(tmp_path: Path, capsys
     grid = ["--step", "700", "--collision", "none"]
     assert main(["map", str(cell), *mine, *grid, *QUIET, str(tmp_path / "map")]) == 0
     assert main(["map", str(cell), *grid, *QUIET, str(tmp_path / "unknown")]) == 2  # without its file
-    assert "'encoder_scale'" in (told := capsys.readouterr().err)
-    assert "where its file is given" in told
+    assert "'encoder_scale'" in (message := capsys.readouterr().err)
+    assert "where its file is given" in message
 
     known = [str(cell), str(rec), "--effects", str(scale), *QUIET, str(tmp_path / "again")]
     assert main(["diagnose", *known]) == 0

@@ -120,8 +120,8 @@ def diagnose_coupled_motors(tmp_path: Path, *, by_motors: bool) -> DiagnosisResu
     motors = np.linalg.solve(A.T, load_dynamics(cell).compute_torque(q, v, a).T).T
     turns = v @ A.T
     motors += 6.0 * np.sign(turns) + 2.0 * turns + 0.3 * (a @ A.T)
-    told = motors if by_motors else motors @ A
-    return diagnose_recording(build_motion_recording(t, q, v, told + rng.normal(size=q.shape)), cell, "torque")[0]
+    message = motors if by_motors else motors @ A
+    return diagnose_recording(build_motion_recording(t, q, v, message + rng.normal(size=q.shape)), cell, "torque")[0]
 
 
 @pytest.mark.parametrize("by_motors", [True, False])
@@ -174,9 +174,9 @@ def test_currents_of_unknown_gain_are_fitted_with_all_other_parameters(tmp_path:
     found, notes, _ = diagnose_recording(in_amperes(quiet, gains), cell, "torque")
     assert not found.findings
     assert found.verdict == "consistent"
-    said = next(n for n in notes if "current times a gain" in n)
-    told = [float(part.split(" (joint")[0].split(", ")[-1]) for part in said.split(")")[:3]]
-    assert told == pytest.approx(gains, rel=0.1)
+    output = next(n for n in notes if "current times a gain" in n)
+    message = [float(part.split(" (joint")[0].split(", ")[-1]) for part in output.split(")")[:3]]
+    assert message == pytest.approx(gains, rel=0.1)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
     found, *_ = diagnose_recording(
         in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), gains), cell, "torque"

@@ -206,16 +206,16 @@ def test_law_parameters_survive_a_file_in_any_order() -> None:
 def test_commands_forward_effect_files_and_report_their_execution(
     words: list[str], runs: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked: list[Any] = []
+    requested: list[Any] = []
 
     def noted(request: Any, _: object) -> None:
-        asked.append(request)
+        requested.append(request)
         raise InputError("far enough")
 
     module, _, name = runs.rpartition(".")
     monkeypatch.setattr(import_module(module), name, noted)  # by path: functions of like names hide packages
     assert main([*words, "-o", "out", "--effects", "a.py", "--effects", "b.py"]) == 2
-    assert asked[0].effects == (Path("a.py"), Path("b.py"))
+    assert requested[0].effects == (Path("a.py"), Path("b.py"))
     assert "--effects runs the code in a.py with your rights" in capsys.readouterr().err
 
 

@@ -133,10 +133,10 @@ def test_part_longer_than_the_reach_is_cut_in_one_run(tmp_path: FilePath) -> Non
     assert np.abs(tip[:, 0]).max() < 2e-5  # the slot is straight, whatever the rail does
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / OPTIONS.sample
     assert speed.max() <= 0.05 * 1.001  # the feed is the tool's in the part
-    told = compute_certificate(p)
-    assert told is not None
-    assert told.sequence == pytest.approx(told.grid, rel=0.05)  # one unit, the rail's own way included in both
-    assert told.sequence > p.choice.total
+    message = compute_certificate(p)
+    assert message is not None
+    assert message.sequence == pytest.approx(message.grid, rel=0.05)  # one unit, the rail's own way included in both
+    assert message.sequence > p.choice.total
 
 
 @pytest.mark.slow
@@ -271,8 +271,8 @@ def test_too_many_joints_are_refused_and_planned_where_one_is_locked(tmp_path: F
     )
     with pytest.raises(InputError, match=r"for 4 external joints \(rail, x0, x1, x2\), and 3 are the most"):
         find_best_plan(cell, toolpath(slots(0.0)), OPTIONS)
-    held = tuple(ExternalJointOptions(joint=name, mode="locked") for name in names[1:])
-    found = find_best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=held))
+    fixed = tuple(ExternalJointOptions(joint=name, mode="locked") for name in names[1:])
+    found = find_best_plan(cell, toolpath(slots(0.0)), replace(OPTIONS, external=fixed))
     assert not found.breaks
     assert not len(found.missing)
 
@@ -302,8 +302,8 @@ def test_options_are_written_as_given() -> None:
     words = ["external.e1.mode=operation", "external.e1.range_mm=[0, 6000]", "external.turn.preferred_deg=30"]
     options = load_options(None, None, words)
     assert options.external[0].range == (0.0, 6.0)
-    told = format_user_options(options)
-    assert load_options(told) == options  # type: ignore[arg-type]
+    message = format_user_options(options)
+    assert load_options(message) == options  # type: ignore[arg-type]
     with pytest.raises(InputError, match="slides \\(mm\\) or turns"):
         load_options(None, None, ["external.e1={at_mm: 1, preferred_deg: 2}"])
     with pytest.raises(InputError, match="slides \\(mm\\) or turns"):  # one says mm, the other degrees

@@ -83,14 +83,14 @@ def every_price(x: ValueGridSequences) -> np.ndarray:
 
     def step(s: int, u: int, v: int) -> float:
         (g, r, b), (h, p, a) = (np.unravel_index(w, (V // (R * B), R, B)) for w in (v, u))
-        same, joined, kept = x.kind[s]
+        same, joined, retained = x.kind[s]
         if same and x.held[s, g] != x.held[s - 1, h]:
             return np.inf
-        if (joined and x.stable and a != b) or (kept and u != v):
+        if (joined and x.stable and a != b) or (retained and u != v):
             return np.inf
         ends = zip(x.q[s, v], x.more[s, v], x.q[s - 1, u], x.more[s - 1, u], strict=True)
-        told = [(q + TURN * np.arange(m + 1), p + TURN * np.arange(n + 1)) for q, m, p, n in ends]
-        way = np.array([np.abs(here[:, None] - before).min() for here, before in told])
+        message = [(q + TURN * np.arange(m + 1), p + TURN * np.arange(n + 1)) for q, m, p, n in ends]
+        way = np.array([np.abs(here[:, None] - before).min() for here, before in message])
         way = np.r_[way, np.abs(x.e[s, g] - x.e[s - 1, h])]
         turn = abs(np.angle(np.exp(1j * (x.phi[s, r] - x.phi[s - 1, p]))))
         seconds, travel, rotation, feed = x.priced[s]
@@ -121,8 +121,8 @@ def test_bound_and_best_against_every_sequence(
     assert bound <= ideal * (1 + EXACT)
     assert bound >= ideal * (1 - 1.01 * GAP)
     assert ideal * (1 - EXACT) <= total <= ideal * (1 + 1.01 * GAP)
-    told = every_price(problem)[int(np.ravel_multi_index(tuple(vertex), (problem.node.shape[1],) * len(vertex)))]
-    assert told == pytest.approx(total, rel=EXACT)
+    message = every_price(problem)[int(np.ravel_multi_index(tuple(vertex), (problem.node.shape[1],) * len(vertex)))]
+    assert message == pytest.approx(total, rel=EXACT)
 
 
 def hole_and_slot() -> Rows:
@@ -200,11 +200,11 @@ def test_plan_is_compared_with_all_values_or_a_reason_is_given(tmp_path: FilePat
 @settings(max_examples=scale_example_count(100), deadline=None)
 def test_whole_turns_within_the_limits_are_counted(q: float, lower: float, upper: float) -> None:
     """Against counting them one by one; on a limit counts as within."""
-    told = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
+    message = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
     low, more = unwrap_to_lower_limits(np.full((1, 6), q), np.full(6, lower), np.full(6, upper))
-    if told:
-        assert low[0, 0] == pytest.approx(q + TURN * told[0], abs=1e-6)
-        assert more[0, 0] == len(told) - 1
+    if message:
+        assert low[0, 0] == pytest.approx(q + TURN * message[0], abs=1e-6)
+        assert more[0, 0] == len(message) - 1
 
 
 def test_plan_is_one_of_the_sequences_and_above_the_bound(tmp_path: FilePath) -> None:
@@ -263,13 +263,13 @@ def test_plan_below_the_grid_bound_has_no_gap(bound: float, plan: float, gap: fl
     """It stands between the values of the grid, of which alone the bound holds; and whoever reads it back knows."""
     found = ExternalAxisBound(bound=bound, sequence=1.2, plan=plan, values=13, stations=9, step=0.2)
     assert found.gap == (gap if gap is None else pytest.approx(gap, abs=1e-12))
-    told = ExternalSearchBoundSection(
+    message = ExternalSearchBoundSection(
         why_none="", values=13, stations=9, rotation_step_deg=15.0, sequence=1.2, lower_bound=bound, plan=plan,
         gap_percent=None if found.gap is None else 100.0 * found.gap,
     )  # fmt: skip
-    assert list(_check_external_gap(told)) == []
-    wrong = told.model_copy(update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None})
+    assert list(_check_external_gap(message)) == []
+    wrong = message.model_copy(update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None})
     assert "gap_percent" in " ".join(_check_external_gap(wrong))
-    words = " ".join(format_external_lines(told))
+    words = " ".join(format_external_lines(message))
     assert ("the bound does not apply to it" in words) == (gap is None)
     assert "gap -" not in words

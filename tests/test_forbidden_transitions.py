@@ -59,7 +59,7 @@ def price(grid: SequenceGrid, rotation: tuple[int, ...], keep: dict[int, int]) -
     if not all(there[s, r] for s, r in enumerate(rotation)) or any(rotation[s] != r for s, r in keep.items()):
         return np.inf
     total = sum(float(grid.node[s, r, 0]) for s, r in enumerate(rotation))
-    seen = [float(grid.raw[s, r, 0]) for s, r in enumerate(rotation) if grid.counted[s]]
+    observed = [float(grid.raw[s, r, 0]) for s, r in enumerate(rotation) if grid.counted[s]]
     for s in range(1, S):
         up = (rotation[s] - rotation[s - 1]) % R
         steps, sign = (up, 1) if up <= R - up else (R - up, -1)
@@ -72,8 +72,8 @@ def price(grid: SequenceGrid, rotation: tuple[int, ...], keep: dict[int, int]) -
                 if not there[s, at] and not there[s - 1, at]:
                     return np.inf
                 if grid.counted[s] and grid.counted[s - 1]:
-                    seen.append(float(min(grid.raw[s, at, 0], grid.raw[s - 1, at, 0])))
-    return total + WORST * max(seen, default=0.0)
+                    observed.append(float(min(grid.raw[s, at, 0], grid.raw[s - 1, at, 0])))
+    return total + WORST * max(observed, default=0.0)
 
 
 def best(grid: SequenceGrid, keep: dict[int, int] | None = None) -> float:

@@ -130,8 +130,8 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_unreadable_content_is_named(name: str, tmp_path: Path) -> None:
-    keys, files, said = WRONG[name]
-    with pytest.raises(InputError, match=said):
+    keys, files, output = WRONG[name]
+    with pytest.raises(InputError, match=output):
         load_recording(write(tmp_path, keys, files))
 
 

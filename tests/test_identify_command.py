@@ -213,8 +213,8 @@ def test_loads_in_weight_units_lead_to_a_question(
     request = IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
     with pytest.raises(InputError, match=unit):
         run_identify(request)
-    kept = run_identify(replace(request, accept=("units",))).result.to_json_types()
-    assert kept["joints"][1]["k_Nm_per_rad"] == pytest.approx(TRUE_K[1] / newtons, rel=0.15)
+    retained = run_identify(replace(request, accept=("units",))).result.to_json_types()
+    assert retained["joints"][1]["k_Nm_per_rad"] == pytest.approx(TRUE_K[1] / newtons, rel=0.15)
 
 
 def test_two_poses_are_too_few_for_six_joints(simulated: Simulated, tmp_path: Path) -> None:
@@ -391,4 +391,4 @@ def test_stiffness_of_external_joints_is_preserved_and_reported(simulated: Simul
     request = IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
     found = compute_identification(request, lambda _: None, cell)
     assert found.identification.stiffness.external == (rail,)
-    assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in found.result.warnings)
+    assert any("external_joints of stiffness.yaml (rail): not fitted" in output for output in found.result.warnings)

@@ -319,9 +319,9 @@ def test_common_unit_factor_of_all_joints_is_reported() -> None:
     """Pounds (4.4) lie within what stiffness is off by; that all joints are off alike gives them away."""
     from machopt.measurement.identification.data_quality.unit_checks import describe_common_stiffness_factor
 
-    said = describe_common_stiffness_factor(TRUE_K / 4.448 * np.array([1.0, 1.1, 0.95, 1.0, 1.05, 1.0]), TRUE_K)
-    assert said is not None
-    assert "pounds" in said
+    output = describe_common_stiffness_factor(TRUE_K / 4.448 * np.array([1.0, 1.1, 0.95, 1.0, 1.05, 1.0]), TRUE_K)
+    assert output is not None
+    assert "pounds" in output
     assert "kilograms" in str(describe_common_stiffness_factor(TRUE_K[:3] / 9.81, TRUE_K[:3]))
     assert (
         describe_common_stiffness_factor(TRUE_K / 4.448 * np.array([1.0, 1.6, 0.95, 1.0, 1.05, 0.7]), TRUE_K) is None

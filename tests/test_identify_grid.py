@@ -246,23 +246,25 @@ def test_closed_form_of_held_out_poses_equals_refits(rig: Rig) -> None:
     prior = _prior_of(g)
     linear = work.linear(_unknowns_of(g, work))
     for p in (0, 7, 23):
-        kept = pose != p
+        retained = pose != p
         places = replace(work.places, site=np.delete(work.places.site, p))
         rest = GridEquations.from_fit(
-            fit_stiffness(f.experiment.select_readings(kept)),
-            np.ones(kept.sum(), bool),
+            fit_stiffness(f.experiment.select_readings(retained)),
+            np.ones(retained.sum(), bool),
             places,
             work.varying_joints,
             work.reference,
             True,
             NO_TERMS,
         )
-        weighting = replace(g.weighting, covariance=g.weighting.covariance[:, kept], robust=g.weighting.robust[kept])
+        weighting = replace(
+            g.weighting, covariance=g.weighting.covariance[:, retained], robust=g.weighting.robust[retained]
+        )
         posterior = rest.evidence(weighting).posterior(prior, linear)
         r = posterior.response[work.places.place[work.places.site[p]]]
-        error = work.y[~kept] - work.A[~kept] @ r
+        error = work.y[~retained] - work.A[~retained] @ r
         # the whole fit stopped within a fraction of a standard error of its mode: nanometres of 50 µm
-        np.testing.assert_allclose(g.heldout.grid[~kept], error, atol=2e-7)
+        np.testing.assert_allclose(g.heldout.grid[~retained], error, atol=2e-7)
 
 
 def _prior_of(g: GridFit) -> GridPrior:

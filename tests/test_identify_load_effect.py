@@ -54,8 +54,8 @@ def test_hanging_loads_bias_the_linear_law_and_the_load_effect_corrects_it() -> 
     error = {}
     for on in (False, True):
         result = identify_joints(e, load_effect=on)
-        seen = np.array([j.identified for j in result.joints])
-        error[on] = np.abs(result.stiffness.joints / SOFT - 1)[seen].max()
+        observed = np.array([j.identified for j in result.joints])
+        error[on] = np.abs(result.stiffness.joints / SOFT - 1)[observed].max()
         assert result.stiffness.terms == ()  # a correction of the readings, not a term for the planner
         assert any("K_C" in note for note in result.notes) == on
     assert error[False] > 2e-3
@@ -157,14 +157,14 @@ def test_projected_matrix_is_the_minimum(full: tuple[LoadTestExperiment, Stiffne
 @pytest.mark.proof
 def test_matrix_from_noise_alone_is_not_found() -> None:
     _, robot, T = cell()
-    kept = 0
+    retained = 0
     for seed in range(8):
         e = draw_load_tests(np.random.default_rng(60 + seed), poses=15)
         term = StiffnessTerm("tool_compliance", "tool", {"form": "full"})
         options = IdentifyOptions(terms=(term,), studies=False)
         result = identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), options, np.random.default_rng(0))
-        kept += bool(result.stiffness.terms)
-    assert kept <= 3  # at 10 % each: more happens once in 200
+        retained += bool(result.stiffness.terms)
+    assert retained <= 3  # at 10 % each: more happens once in 200
 
 
 def test_zero_redundancy_is_refused_and_few_equations_keep_every_reading() -> None:

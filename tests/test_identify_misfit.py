@@ -59,17 +59,17 @@ def test_intervals_cover_the_as_built_joints(tmp_path: Path) -> None:
     """90 % intervals hold 85 % of the springs over all causes, two thirds for each, and stay useful."""
     rates, width = [], []
     for name in truths(np.ones(6)):
-        held = []
+        fixed = []
         for seed in (51, 52, 53):
             k, document = identify(tmp_path, seed, name)
             for joint in document["joints"]:
                 low, high = joint["ci90"]
                 true = k[joint["joint"] - 1]
-                held.append(low <= true and (high is None or true <= high))
+                fixed.append(low <= true and (high is None or true <= high))
                 width.append(np.inf if high is None else true / low - true / high)
             assert document["misfit"]["significant"] or name in ("nothing", "play", "gear")
             assert bool(document["misfit"]["next"]) == document["misfit"]["significant"]
-        rates.append(np.mean(held))
+        rates.append(np.mean(fixed))
     assert np.mean(rates) >= 0.85
     assert min(rates) >= 2 / 3
     assert np.median(width) < 0.1

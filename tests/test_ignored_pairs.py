@@ -120,11 +120,11 @@ def test_pairs_with_a_constant_distance_are_excluded_by_planner_and_verifier(cel
     assert far[0] > 1e-3
     assert np.ptp(far) < 1e-6
     robot, shapes = load_chain(round_tool)
-    for clearance, kept in ((far[0] - 5e-4, True), (far[0] + 5e-4, False)):
+    for clearance, retained in ((far[0] - 5e-4, True), (far[0] + 5e-4, False)):
         model = CollisionModel(round_tool, robot, shapes, clearance)
-        assert ("link_5_0 ~ disc" in {p.name for p in model.pairs}) is kept
+        assert ("link_5_0 ~ disc" in {p.name for p in model.pairs}) is retained
         named = {f"{a.name} ~ {b.name}" for a, b in list_checked_pairs(round_tool, arm, bodies, clearance)}
-        assert ("link_5_0 ~ disc" in named) is kept
+        assert ("link_5_0 ~ disc" in named) is retained
 
 
 def test_planner_and_verification_exclude_and_report_the_same_pairs(cell: Cell) -> None:
@@ -209,7 +209,7 @@ def test_body_that_nothing_moves_against_is_in_no_pair(cell: Cell, tmp_path: Pat
         return [c.where for c in check_inventory(cell, arm, bodies, wanted) if c.passed is False]
 
     assert told(alone, all_pairs=True) == []
-    beside = replace(alone, obstacles=cell.obstacles)
-    assert told(beside, all_pairs=True) == []
-    (where,) = told(beside, all_pairs=False)
+    additional = replace(alone, obstacles=cell.obstacles)
+    assert told(additional, all_pairs=True) == []
+    (where,) = told(additional, all_pairs=False)
     assert "is in no pair that is checked" in where

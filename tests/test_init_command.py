@@ -122,8 +122,8 @@ def test_arm_on_a_rail_gets_a_cell_with_a_reachable_part(turned: tuple[float, ..
     T = load_machine(cell, robot).compute_T_base_workpiece(cell.external_home[None])[0]
     points = read_toolpath(toolpath).position @ T[:3, :3].T + T[:3, 3]
     tip = robot.compute_fk(cell.home, cell.tool.T_flange_tcp)[:3, 3]  # home is straight above one of the points
-    beside = np.linalg.norm((points - tip)[:, :2], axis=1)
-    assert beside.min() < 3e-3  # m: places are rounded to a mm, angles to 0.01 degrees
+    additional = np.linalg.norm((points - tip)[:, :2], axis=1)
+    assert additional.min() < 3e-3  # m: places are rounded to a mm, angles to 0.01 degrees
     text = (tmp_path / "cell" / "cell.yaml").read_text()
     assert "the URDF's root link, below the rail, in world" in text
     assert "a1, a2, a3, a4, a5, a6, rail (mm); deg (mm where it slides)" in text
@@ -132,12 +132,12 @@ def test_arm_on_a_rail_gets_a_cell_with_a_reachable_part(turned: tuple[float, ..
 def test_terminal_questions_repeat_until_the_answer_is_valid(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = iter(["-5", "three", "320", "", "12", "400", "60", "krll", "krl"])
-    asked: list[str] = []
+    output = iter(["-5", "three", "320", "", "12", "400", "60", "krll", "krl"])
+    requested: list[str] = []
 
     def answer(words: str) -> str:
-        asked.append(words)
-        return next(said)
+        requested.append(words)
+        return next(output)
 
     monkeypatch.setattr("builtins.input", answer)
     assert main(["init", str(robot), "-o", str(tmp_path / "cell"), "--ask"]) == 0
@@ -281,14 +281,14 @@ def test_path_without_unit_or_feed_is_refused_with_the_options(
     """The options that the refusal names are those of every other command that reads toolpaths."""
     file = tmp_path / "path.csv"
     file.write_text("x,y,z\n" + "".join(f"{0.5 * k},0,0\n" for k in range(4)))
-    asked = ["init", str(robot), "-o", str(tmp_path / "a b"), "--toolpath", str(file)]
-    assert main(asked) == 2
+    requested = ["init", str(robot), "-o", str(tmp_path / "a b"), "--toolpath", str(file)]
+    assert main(requested) == 2
     assert "--unit" in capsys.readouterr().err
-    assert main([*asked, "--unit", "inch"]) == 2
+    assert main([*requested, "--unit", "inch"]) == 2
     assert "--feed" in capsys.readouterr().err
-    assert main([*asked, "--unit", "inch", "--feed", "600"]) == 2
+    assert main([*requested, "--unit", "inch", "--feed", "600"]) == 2
     assert "--kind" in capsys.readouterr().err
-    assert main([*asked, "--unit", "inch", "--feed", "600", "--kind", "path"]) == 0
+    assert main([*requested, "--unit", "inch", "--feed", "600", "--kind", "path"]) == 0
     assert capsys.readouterr().out.endswith(f"next: machopt validate '{tmp_path / 'a b'}'\n")
 
 
@@ -297,10 +297,10 @@ def test_command_refuses_to_overwrite_and_to_guess(
 ) -> None:
     out = tmp_path / "cell"
     assert main(["init", str(robot), "-o", str(out), "--workpiece-mm", "1500,0,600", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert InitDocument.model_validate(told).to_json_types() == told
-    assert told["flange_link"] == "flange"
-    assert told["guesses"]
+    message = json.loads(capsys.readouterr().out)
+    assert InitDocument.model_validate(message).to_json_types() == message
+    assert message["flange_link"] == "flange"
+    assert message["guesses"]
     before = (out / "cell.yaml").read_bytes()
     assert main(["init", str(robot), "-o", str(out)]) == 2
     assert "is not empty" in capsys.readouterr().err
@@ -369,16 +369,16 @@ def test_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path) 
     )
     if how == "package.xml":
         (package / "package.xml").write_text("<package><!-- <name>no</name> --><name>kr_support</name></package>")
-    asked = InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0))
+    requested = InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0))
     if how == "given":
         with pytest.raises(InputError, match=r"refers to the ROS package 'kr_support'.*--package kr_support=FOLDER"):
-            run_init(asked)
-        asked = replace(asked, packages={"kr_support": package})
-    assert (run_init(asked).folder / "kr_support" / "meshes" / "a.stl").is_file()
+            run_init(requested)
+        requested = replace(requested, packages={"kr_support": package})
+    assert (run_init(requested).folder / "kr_support" / "meshes" / "a.stl").is_file()
     if how == "package.xml":  # a folder that says another name is not it, whatever it holds
         (package / "package.xml").write_text("<package><name>other</name></package>")
         with pytest.raises(InputError, match="refers to the ROS package 'kr_support'"):
-            run_init(replace(asked, out=tmp_path / "c2"))
+            run_init(replace(requested, out=tmp_path / "c2"))
 
 
 @pytest.mark.parametrize("file", sorted(FILES))

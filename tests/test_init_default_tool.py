@@ -53,8 +53,8 @@ def test_tool_and_tool_point_match(angle: float, length: float | None, tmp_path:
     assert [s.name for s in cell.tool.geometry] == (["bracket", "spindle"] if angle else ["spindle"])
     bodies = load_chain(cell)
     assert CollisionModel(cell, *bodies, 0.002).suspicious == ()
-    said = [f.text for f in run_validate(tmp_path / "cell").findings if f.where.startswith("tool")]
-    assert len(said) == (angle == 0.0)  # on axis 6: the rotation has no effect
+    output = [f.text for f in run_validate(tmp_path / "cell").findings if f.where.startswith("tool")]
+    assert len(output) == (angle == 0.0)  # on axis 6: the rotation has no effect
 
 
 def test_default_tool_is_a_bracket_of_45_degrees(tmp_path: Path) -> None:

@@ -238,11 +238,11 @@ def test_command_is_verified_and_never_slower(toolpath_file: Path) -> None:
 def test_result_that_fails_verification_is_replaced_by_the_fixed_path(
     toolpath_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen: list[str] = []
+    observed: list[str] = []
 
     def find_once(result: OptimizeDocument) -> str:
-        seen.append("")
-        return "its verification failed: time" if len(seen) == 1 else ""
+        observed.append("")
+        return "its verification failed: time" if len(observed) == 1 else ""
 
     monkeypatch.setattr("machopt.commands.optimize.run.find_failed_joint_result", find_once)
     outcome = run_optimize(

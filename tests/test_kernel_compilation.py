@@ -55,7 +55,7 @@ def test_kernel_is_recompiled_when_a_called_kernel_changed(tmp_path: Path, monke
     (tmp_path / "outer_kernel.py").write_text(
         f"{head}from inner_kernel import inner\n\n@jit_compile\ndef outer(x):\n    return inner(x)\n"
     )
-    made, said = ("outer_kernel", "inner_kernel"), []
+    made, output = ("outer_kernel", "inner_kernel"), []
     for factor in ("2.0", "2.0", "-3.25"):  # lengths differ: a module's bytecode is found by time and size
         (tmp_path / "inner_kernel.py").write_text(f"{head}\n@jit_compile\ndef inner(x):\n    return {factor} * x\n")
         importlib.invalidate_caches()
@@ -63,20 +63,20 @@ def test_kernel_is_recompiled_when_a_called_kernel_changed(tmp_path: Path, monke
         for name in made:
             sys.modules.pop(name, None)
         outer = importlib.import_module(made[0]).outer
-        said.append((outer(1.0), len(outer.stats.cache_hits)))
+        output.append((outer(1.0), len(outer.stats.cache_hits)))
     for name in made:
         sys.modules.pop(name)
     module._hash_file.cache_clear()
-    assert said == [(2.0, 0), (2.0, 1), (-3.25, 0)]
+    assert output == [(2.0, 0), (2.0, 1), (-3.25, 0)]
 
 
 def test_precompiled_kernel_is_stored_under_its_call_signature() -> None:
     """numba stores under what ``compile`` is given: under a text of the types no call finds it."""
     finest = next(k for k in KERNELS if k[1] == "_finest")
     (kernel,) = compile_all([finest])
-    asked = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
-    assert asked
-    assert all(isinstance(types, tuple) for types in asked)
+    requested = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
+    assert requested
+    assert all(isinstance(types, tuple) for types in requested)
 
 
 def test_stored_kernel_is_loaded_without_compilation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,21 +125,21 @@ print(mean(np.array([1, 2])), len(refreshed) > 0)
 def test_second_core_loads_kernels_until_one_is_missing(
     cores: int, taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[str] = []
+    requested: list[str] = []
     third = threading.Event()
 
     def take(kernel: Any, types: tuple[Any, ...]) -> bool:
         assert len(types) == kernel.py_func.__code__.co_argcount
-        asked.append(kernel.py_func.__name__)
-        if len(asked) == 3:
+        requested.append(kernel.py_func.__name__)
+        if len(requested) == 3:
             third.set()
-        return len(asked) < 3
+        return len(requested) < 3
 
     monkeypatch.setattr(module, "load_stored_kernel", take)
     monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: cores)
     with kernel_precompilation.preload_kernels_in_thread():
         assert cores < 2 or third.wait(60.0)
-    assert asked == [name for _, name, _ in KERNELS[:taken]]
+    assert requested == [name for _, name, _ in KERNELS[:taken]]
 
 
 @pytest.mark.parametrize(
@@ -149,15 +149,17 @@ def test_unknown_kernel_entry_does_not_affect_a_plan(
     gone: tuple[str, str, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Nothing is printed, no plan is lost; the next test names the entry."""
-    asked: list[str] = []
-    monkeypatch.setattr(module, "load_stored_kernel", lambda kernel, _: asked.append(kernel.py_func.__name__) or True)
+    requested: list[str] = []
+    monkeypatch.setattr(
+        module, "load_stored_kernel", lambda kernel, _: requested.append(kernel.py_func.__name__) or True
+    )
     monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
     monkeypatch.setattr(kernel_precompilation, "KERNELS", (KERNELS[0], gone, *KERNELS[1:]))
     before = threading.active_count()
     with kernel_precompilation.preload_kernels_in_thread():
         while threading.active_count() > before:
             pass
-    assert asked == [KERNELS[0][1]]
+    assert requested == [KERNELS[0][1]]
     assert capfd.readouterr().err == ""
 
 

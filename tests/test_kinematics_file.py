@@ -160,10 +160,10 @@ def test_waves_apply_in_their_measured_range_and_fade_out_beyond() -> None:
 
 def test_planner_and_verifier_report_angles_beyond_the_measured_range(tmp_path: Path) -> None:
     q = np.radians(np.array([[-30.0] * 6, [20.0] * 6]))
-    (said,) = correction(RANGED).list_range_violations(q)
-    assert "joint 5" in said
-    assert "-90.0° to 10.0°" in said
-    assert "-30.0° to 20.0°" in said
+    (output,) = correction(RANGED).list_range_violations(q)
+    assert "joint 5" in output
+    assert "-90.0° to 10.0°" in output
+    assert "-30.0° to 20.0°" in output
     (check,) = check_correction_range(RANGED, q)
     assert check.passed is None  # told; nothing is broken
     assert "joint:5" in check.name
@@ -198,12 +198,12 @@ def test_range_excludes_isolated_ends() -> None:
 
 def test_two_programs_invert_the_map() -> None:
     q = np.random.default_rng(0).uniform(-3, 3, (500, 6))
-    stands = correction().compute_true_angles(q)
-    np.testing.assert_allclose(correction().compute_encoder_angles(stands), q, atol=2e-15)  # round-off of 3 rad
-    np.testing.assert_allclose(compute_true_angles(ALL, q), stands, atol=2e-15)  # the verifier's own code
-    assert np.degrees(stands - q)[0, 2] == pytest.approx(0.2, abs=1e-12)
+    placed = correction().compute_true_angles(q)
+    np.testing.assert_allclose(correction().compute_encoder_angles(placed), q, atol=2e-15)  # round-off of 3 rad
+    np.testing.assert_allclose(compute_true_angles(ALL, q), placed, atol=2e-15)  # the verifier's own code
+    assert np.degrees(placed - q)[0, 2] == pytest.approx(0.2, abs=1e-12)
     np.testing.assert_allclose(
-        stands[:, 4] - q[:, 4], 1e-3 * q[:, 3] + np.radians(1 / 60) * np.cos(2 * q[:, 4]), atol=2e-15
+        placed[:, 4] - q[:, 4], 1e-3 * q[:, 3] + np.radians(1 / 60) * np.cos(2 * q[:, 4]), atol=2e-15
     )
     q[3, 2] = np.nan
     assert np.isnan(correction().compute_encoder_angles(q)[3, 2])

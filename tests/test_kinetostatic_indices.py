@@ -201,7 +201,7 @@ def test_stiffness_along_a_direction_depends_on_the_constraints(arm: tuple[Robot
     J = robot.compute_fk_jacobian(postures(20, 8), tool)[1]
     e = np.random.default_rng(9).normal(size=(20, 3))
     e /= np.linalg.norm(e, axis=1, keepdims=True)
-    free, line, pose = (compute_directional_stiffness(J, k, e, held) for held in ("nothing", "position", "pose"))  # type: ignore[arg-type]
+    free, line, pose = (compute_directional_stiffness(J, k, e, fixed) for fixed in ("nothing", "position", "pose"))  # type: ignore[arg-type]
     np.testing.assert_allclose(free, 1 / compute_directional_compliance(J, k, e), rtol=1e-12)
     C_tt = (J @ np.diag(1 / k) @ np.swapaxes(J, -1, -2))[:, :3, :3]
     np.testing.assert_allclose(line, np.einsum("ni,nij,nj->n", e, np.linalg.inv(C_tt), e), rtol=1e-8)

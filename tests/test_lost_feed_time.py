@@ -73,7 +73,7 @@ def test_segment_time_follows_from_finite_differences(name: str) -> None:
     rng = np.random.default_rng(3)
     bounds = np.stack([getattr(weak, k)[:6] for k in ("velocity", "acceleration", "jerk")]) * OPTIONS.limit_scale
     bounds *= np.array([[1.0], [ACCELERATION_SHARE], [JERK_SHARE]])
-    seen = 0
+    observed = 0
     for n in range(40):
         q = rng.uniform(-1.2, 1.2, 6)
         q[2] = rng.uniform(0.7, 1.6)  # neither stretched nor folded
@@ -89,9 +89,9 @@ def test_segment_time_follows_from_finite_differences(name: str) -> None:
         need = [np.abs(first) / bounds[0], np.sqrt(np.abs(second) / bounds[1]), np.cbrt(np.abs(third) / bounds[2])]
         by_speed = max(1.0, float((np.abs(first) / (AXIS_SPEED * weak.velocity[:6])).max()))
         expected = max(max(1.0, float(np.max(need))) - by_speed, 0.0)
-        seen += expected > 0.05
+        observed += expected > 0.05
         assert found == pytest.approx(expected, rel=2e-2, abs=1e-2)
-    assert seen >= 5
+    assert observed >= 5
 
 
 def drive_corner(cell: Cell, robot: Robot, q: np.ndarray, legs: np.ndarray, feed: float) -> float:
@@ -131,7 +131,7 @@ def drive_corner(cell: Cell, robot: Robot, q: np.ndarray, legs: np.ndarray, feed
 def test_lost_time_at_a_corner_is_near_that_of_the_retiming() -> None:
     cell, robot = load("kr500_milling")
     rng = np.random.default_rng(5)
-    told, driven = [], []
+    message, driven = [], []
     for n in range(24):
         q = np.r_[rng.uniform(-0.5, 0.5), -1.0, rng.uniform(1.2, 2.0), rng.uniform(-1, 1), 0.0, rng.uniform(-1, 1)]
         q[4] = np.radians((5.2, 15.0, 60.0)[n % 3])
@@ -150,10 +150,10 @@ def test_lost_time_at_a_corner_is_near_that_of_the_retiming() -> None:
             count=np.ones(1),
             seconds=np.array([0.01 / feed]),
         )
-        told.append(lose(cell, robot, cell.limits, q, motion))
-    ratio = np.array(told) / np.array(driven)
+        message.append(lose(cell, robot, cell.limits, q, motion))
+    ratio = np.array(message) / np.array(driven)
     assert np.median(ratio) == pytest.approx(1.0, abs=0.5)
-    assert np.corrcoef(told, driven)[0, 1] > 0.8
+    assert np.corrcoef(message, driven)[0, 1] > 0.8
 
 
 def test_no_motion_loses_no_time() -> None:

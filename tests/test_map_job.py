@@ -218,14 +218,14 @@ def test_command_writes_columns_fields_and_a_legend(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["map", str(cell), "-o", str(out), "--toolpath", str(job), "--process", str(cell / "process.yaml")]
     assert main([*words, "--slice", "xy", "--at", "900", "--step", "400", "--quiet"]) == 0
-    told = json.loads((out / "map.json").read_text())
-    fields = told["layers"]["given"]["fields"]
+    message = json.loads((out / "map.json").read_text())
+    fields = message["layers"]["given"]["fields"]
     assert fields["error_1_mm"]["better"] == "less"
     assert fields["p_in_1"]["max"] <= 1.0
     assert 0.0 < fields["stability_1"]["min"] <= fields["stability_1"]["max"] <= 4.0
     with (out / "map.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {"error_1_mm", "p_in_1", "stability_1"} <= set(rows[0])
-    assert "wall.csv" in told["inputs"]
+    assert "wall.csv" in message["inputs"]
     page = (out / "report.html").read_text()
     assert "Probability of default in tolerance" in page

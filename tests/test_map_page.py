@@ -142,7 +142,7 @@ def build_sample_map(kind: str = "slice", **changes: object) -> MapPageData:
         flange=np.ones(3),
         tcp=1.1 * np.ones(3),
     )
-    seen = MeasuredView(
+    observed = MeasuredView(
         file="m<.csv",
         axes=("x",),
         position=rng.random((4, 3)),
@@ -173,7 +173,7 @@ def build_sample_map(kind: str = "slice", **changes: object) -> MapPageData:
         arm=arm,
         verdict="half of it <can> be reached",
         warnings=("mind </script> & the gap",),
-        measured=seen,
+        measured=observed,
         options=(("by", "k_min"),),
         hashes=(("cell.yaml", "0" * 64),),
     )
@@ -260,22 +260,22 @@ def test_page_contains_joints_reasons_and_units_of_every_sample() -> None:
     spec = build_field_spec(data)
     assert [a["unit"] for a in spec["axes"]] == ["mm", "mm"]
     np.testing.assert_allclose(spec["axes"][0]["values"], np.linspace(100, 1000, 6))
-    for layer, told in zip(data.layers, spec["layers"], strict=True):
-        status = np.frombuffer(base64.b64decode(told["status"]), np.uint8)
+    for layer, message in zip(data.layers, spec["layers"], strict=True):
+        status = np.frombuffer(base64.b64decode(message["status"]), np.uint8)
         np.testing.assert_array_equal(status, layer.reason)
-        assert told["present"] == sorted(set(layer.reason.tolist()))
-        assert max(told["present"]) < len(spec["names"])
-        angle = np.frombuffer(base64.b64decode(told["q"]), "<i2").reshape(-1, 6)
+        assert message["present"] == sorted(set(layer.reason.tolist()))
+        assert max(message["present"]) < len(spec["names"])
+        angle = np.frombuffer(base64.b64decode(message["q"]), "<i2").reshape(-1, 6)
         np.testing.assert_array_equal(angle[:, 0] == -32768, layer.reason != 0)
         ok = layer.reason == 0
         np.testing.assert_allclose(angle[ok] * ANGLE_LEVEL, np.degrees(layer.q[ok]), atol=ANGLE_LEVEL / 2 + 1e-9)
         np.testing.assert_allclose(
-            decode_levels(told["value"]["k_min"])[ok], layer.value["k_min"][ok] * 1e-3, rtol=1e-4
+            decode_levels(message["value"]["k_min"])[ok], layer.value["k_min"][ok] * 1e-3, rtol=1e-4
         )
         np.testing.assert_allclose(
-            decode_levels(told["value"]["deflection"])[ok], layer.value["deflection"][ok] * 1e3, rtol=1e-2, atol=1e-4
+            decode_levels(message["value"]["deflection"])[ok], layer.value["deflection"][ok] * 1e3, rtol=1e-2, atol=1e-4
         )
-        guess = np.frombuffer(base64.b64decode(told["value"]["measured_x"]["guess"]), np.uint8)
+        guess = np.frombuffer(base64.b64decode(message["value"]["measured_x"]["guess"]), np.uint8)
         np.testing.assert_array_equal(guess.astype(bool), layer.guess["measured_x"])
     script = (ASSETS / "field.js").read_text(encoding="utf-8")
     for key in (
@@ -334,10 +334,10 @@ def test_singular_peak_is_truncated_and_the_title_states_it() -> None:
     data = build_sample_map("line")
     for layer in data.layers:
         layer.value["held_x"] = np.array([1e6, 1e6, np.nan, 1e12, 2e6, 1e6, 1e6])
-    held = replace(
+    fixed = replace(
         data, fields=(*data.fields, MapField(key="held_x", name="K_m xx", unit="N/m", better="more", note=""))
     )
-    chart = next(c for c in build_curve_charts(held) if c["id"] == "c-held")
+    chart = next(c for c in build_curve_charts(fixed) if c["id"] == "c-held")
     assert chart["series"][0]["y"] == [1000.0, 1000.0, None, 10000.0, 2000.0, 1000.0, 1000.0]
     assert chart["title"].endswith("cut off at 10,000 N/mm")
 
@@ -386,8 +386,8 @@ def test_colours_run_from_dark_to_bright_and_hatchings_differ() -> None:
     brightness = map_to_colours(np.linspace(0, 1, 50)).astype(float) @ [0.21, 0.72, 0.07]
     assert (np.diff(brightness) > 0).all()  # survives a grey print
     y, x = np.indices((36, 36))
-    seen = {compute_hatching(code, x, y).tobytes() for code in (1, 2, 3, 4, 5, 6, 7)}
-    assert len(seen) == 7
+    observed = {compute_hatching(code, x, y).tobytes() for code in (1, 2, 3, 4, 5, 6, 7)}
+    assert len(observed) == 7
 
 
 def test_isolines_of_a_plane_are_exact_and_stop_at_gaps() -> None:

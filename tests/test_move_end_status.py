@@ -101,10 +101,12 @@ def test_slow_move_is_reported_in_its_row(made: Plan) -> None:
         build_point_table(made, held([(at, UP, MoveKind.CUT) for at, _, _ in ROWS])).table, reason=("",) * len(ROWS)
     )
     dips = [dip(1.5, 2.0, 0.5), dip(2.0, 2.0, 0.4), dip(2.5, 3.5, 0.25), dip(5.0, 5.5, 0.1, "start")]
-    said = add_slowdown_notes(table, dips).reason
-    assert [k for k, text in enumerate(said) if text] == [2, 3, 4]
-    assert said[2] == ("feed not held: down to 50 % of the programmed one between points 1.50 and 2.00, by jerk of e1")
-    assert "down to 25 %" in said[3]  # the deepest of two
+    output = add_slowdown_notes(table, dips).reason
+    assert [k for k, text in enumerate(output) if text] == [2, 3, 4]
+    assert output[2] == (
+        "feed not held: down to 50 % of the programmed one between points 1.50 and 2.00, by jerk of e1"
+    )
+    assert "down to 25 %" in output[3]  # the deepest of two
     given = replace(table, status=("ok", "ok", "gap", *table.status[3:]))
     assert add_slowdown_notes(given, dips).reason[2] == ""
 
@@ -123,8 +125,8 @@ def test_obstacle_between_two_points_is_reported_in_the_second_row(
     ]
     table = toolpath(tmp_path, rows)
     assert optimize(cell, table, out, "--set", "rotation_step_deg=30") == 3
-    told = capsys.readouterr().err
-    assert "the first is 2: from point 1 to point 2" in told
+    message = capsys.readouterr().err
+    assert "the first is 2: from point 1 to point 2" in message
     with (out / "points.csv").open() as lines:
         by_point = list(csv.DictReader(lines))
     assert [r["status"] for r in by_point] == ["ok", "ok", "colliding", "ok"]

@@ -103,8 +103,8 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy_cell(folder, CONTROLLER)
     mine = read_post_text("krl").replace("moves_per_part = 4000", "moves_per_part = 6").replace("C_DIS", "C_VEL")
     (folder / "mine.toml").write_text(mine, encoding="utf-8")
-    asked = [w for post in (*POSTS, str(folder / "mine.toml")) for w in ("--post", post)]
-    assert optimize(folder, "--quiet", *asked) == 0
+    requested = [w for post in (*POSTS, str(folder / "mine.toml")) for w in ("--post", post)]
+    assert optimize(folder, "--quiet", *requested) == 0
     return folder
 
 
@@ -209,9 +209,9 @@ def test_unwritable_program_is_refused_before_planning(
         (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
     words_given = [str(tmp_path / f"{o}.toml") if o in made else o for o in options]
     assert optimize(tmp_path, *words_given) == 2
-    told = capsys.readouterr()
-    assert words in told.err
-    assert "collisions" not in told.err  # no stage of the plan was begun
+    message = capsys.readouterr()
+    assert words in message.err
+    assert "collisions" not in message.err  # no stage of the plan was begun
     assert not (tmp_path / "out").exists()
 
 
@@ -250,9 +250,9 @@ def test_arm_of_unknown_configuration_type_has_no_status(tmp_path: Path, capsys:
     tracks = Path(__file__).resolve().parents[1] / "toolpaths" / "bone_tracks.csv"
     job = ["optimize", str(CELLS / "cutting_cobot"), str(tracks), "-o", str(tmp_path / "out"), "--post", "krl_pos"]
     assert main(job) == 2
-    told = capsys.readouterr().err
-    assert "so there is no S; the post krl works without" in told
-    assert "collisions" not in told  # before the plan
+    message = capsys.readouterr().err
+    assert "so there is no S; the post krl works without" in message
+    assert "collisions" not in message  # before the plan
 
 
 @pytest.mark.parametrize(
@@ -283,9 +283,9 @@ def test_program_that_differs_from_the_plan_is_exit_4(
 
     monkeypatch.setattr(machopt.program_export.exported_programs, "write_program", faulty)
     assert optimize(tmp_path, "--quiet") == 4
-    told = capsys.readouterr().err
-    assert words in told
-    assert "part_apt.src: " in told
+    message = capsys.readouterr().err
+    assert words in message
+    assert "part_apt.src: " in message
     found = result(tmp_path)
     assert found["exit_code"] == 4
     assert found["verification"]["passed"] is False  # the motion is right, its program is not

@@ -50,14 +50,14 @@ def test_parquet_copy_equals_the_csv(tmp_path: Path) -> None:
     }
     assert find_parquet_difference(table, copy) == ""
     whole = table.read_text(encoding="utf-8")
-    for old, new, told in (
+    for old, new, message in (
         ("0.1", "0.11", "x_mm, row 1: 0.1, where points.csv has 0.11"),
         ("a, b", "a", "reason, row 2"),
         ("x_mm", "y_mm", "has the columns"),
         ('1,2,,"a, b"\n', "", "has 2 rows; points.csv has 1"),
     ):
         table.write_text(whole.replace(old, new), encoding="utf-8")
-        assert told in find_parquet_difference(table, copy)
+        assert message in find_parquet_difference(table, copy)
     copy.write_bytes(b"PAR1xxxxPAR1")
     assert "is not readable" in find_parquet_difference(table, copy)
 
@@ -91,6 +91,6 @@ def test_table_is_written_as_csv_and_parquet(tmp_path: Path) -> None:
     assert found["n"] == [1, 2]
     assert found["reason"] == ["a, b", ""]
     np.testing.assert_array_equal(found["x_mm"], columns["x_mm"])
-    for name, told in (("t.xlsx", "tables are CSV or Parquet"), ("gone/t.csv", "cannot be written")):
-        with pytest.raises(InputError, match=told):
+    for name, message in (("t.xlsx", "tables are CSV or Parquet"), ("gone/t.csv", "cannot be written")):
+        with pytest.raises(InputError, match=message):
             table.write(tmp_path / name)

@@ -85,18 +85,18 @@ def test_other_rotation_has_the_outcome_of_a_plan_with_that_pin(tmp_path: Path, 
     plan = session.current.job_result.plan
     row = int(np.searchsorted(plan.path.index, 2 - 1e-6))
     phi = find_phi(session, 2) + np.radians(turn)
-    told = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
-    assert told is not None
+    message = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
+    assert message is not None
     gamma = float(np.degrees(wrap_angle(np.array(phi + plan.path.offset[row]))))
     _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, ignore_progress)
-    if told.outcome == "unreachable":
+    if message.outcome == "unreachable":
         assert not shown
         return
     assert shown
     columns = session.current.job_result.points.table.process
     assert columns is not None
-    assert told.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3)
-    assert told.outcome == columns.outcome[2]
+    assert message.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3)
+    assert message.outcome == columns.outcome[2]
 
 
 @pytest.fixture(scope="module")
@@ -136,16 +136,16 @@ def test_other_rotation_with_compensation_equals_a_new_plan(tmp_path: Path, turn
     plan = session.current.job_result.plan
     row = int(np.searchsorted(plan.path.index, 2 - 1e-6))
     phi = find_phi(session, 2) + np.radians(turn)
-    told = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
-    assert told is not None
+    message = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
+    assert message is not None
     gamma = float(np.degrees(wrap_angle(np.array(phi + plan.path.offset[row]))))
     _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, ignore_progress)
     assert shown
     columns = session.current.job_result.points.table.process
     assert columns is not None
-    assert told.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3, abs=1e-4)
-    assert told.p_in == pytest.approx(columns.p_in[2], abs=0.02)
-    assert told.outcome == columns.outcome[2]
+    assert message.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3, abs=1e-4)
+    assert message.p_in == pytest.approx(columns.p_in[2], abs=0.02)
+    assert message.outcome == columns.outcome[2]
 
 
 def test_compensated_wall_at_the_chosen_rotation_equals_the_plan(tmp_path: Path) -> None:
@@ -210,8 +210,8 @@ def test_dragged_hole_shows_its_outcome_and_the_plan_is_restored(tmp_path: Path)
         process=tmp_path / "mine.yaml",
         overrides=("rotation_step_deg=10",),
     )
-    asked = ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml")
-    server = serve_view(asked, ignore_progress, ignore_progress)
+    requested = ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml")
+    server = serve_view(requested, ignore_progress, ignore_progress)
 
     def user(browser: Browser) -> None:
         browser.script("document.getElementById('rotation').scrollIntoView()")
@@ -221,10 +221,10 @@ def test_dragged_hole_shows_its_outcome_and_the_plan_is_restored(tmp_path: Path)
         mouse.down()
         mouse.move(x, y + (20 if y < 400 else -20))
         browser.page.wait_for_selector(".pin[data-outcome]:not([data-outcome=''])")
-        said = browser.script("document.querySelector('.tip').innerText")
-        assert "outcome" in said
-        assert "error across" in said
-        assert "of ± 0.3 mm" in said
+        output = browser.script("document.querySelector('.tip').innerText")
+        assert "outcome" in output
+        assert "error across" in output
+        assert "of ± 0.3 mm" in output
         mouse.up()
         assert browser.script("document.querySelectorAll('.pin[data-outcome]').length") == 0
         browser.page.click(".wish + button")

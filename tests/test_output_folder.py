@@ -125,12 +125,12 @@ def test_earlier_output_is_replaced_as_a_whole(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("_either_way")
 def test_all_data_are_on_disk_before_the_swap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
+    message: list[str] = []
     sync, put = folders.sync_tree, folders._OutputPlace.swap
-    monkeypatch.setattr(folders, "sync_tree", lambda f: (told.append("synced"), sync(f)))
-    monkeypatch.setattr(folders._OutputPlace, "swap", lambda self, f: (told.append("swapped"), put(self, f)))
+    monkeypatch.setattr(folders, "sync_tree", lambda f: (message.append("synced"), sync(f)))
+    monkeypatch.setattr(folders._OutputPlace, "swap", lambda self, f: (message.append("swapped"), put(self, f)))
     write(tmp_path / "out")
-    assert told == ["synced", "swapped"]
+    assert message == ["synced", "swapped"]
 
 
 def test_every_file_and_folder_is_synced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,12 +48,12 @@ def ball(rings: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_simplified_mesh_keeps_the_shape() -> None:
     vertices, faces = ball(80)
-    less, kept = decimate_mesh(vertices, faces, 2000)
-    assert 500 < len(kept) <= 2000
+    less, retained = decimate_mesh(vertices, faces, 2000)
+    assert 500 < len(retained) <= 2000
     radius = np.linalg.norm(less, axis=1)
     assert radius.min() > 0.93  # a cell of the grid is 0.09 wide
     assert radius.max() <= 1.0 + 1e-12
-    corners = less[kept]
+    corners = less[retained]
     volume = float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()) / 6
     assert abs(volume) == pytest.approx(4 / 3 * np.pi, rel=0.05)  # no hole, no face turned over
     same = decimate_mesh(vertices, faces, len(faces))
@@ -169,16 +169,16 @@ def test_map_is_navigated_by_keys_and_enter_moves_the_robot(tmp_path: Path) -> N
         assert browser.script(f"document.activeElement === {over}")
         assert "Enter" in browser.script(f"{over}.getAttribute('aria-label')")
         assert browser.script(f"getComputedStyle({over}).outlineStyle") == "solid"
-        said = []
+        output = []
         for key in ("Home", "ArrowRight", "ArrowUp"):
             browser.page.keyboard.press(key)
-            said.append(browser.script("document.querySelector('[role=status].aloud').textContent"))
-        assert len(set(said)) == 3
+            output.append(browser.script("document.querySelector('[role=status].aloud').textContent"))
+        assert len(set(output)) == 3
         before = browser.script("document.querySelector('.view .pose-details').textContent")
         browser.page.keyboard.press("Enter")
-        told = browser.script("document.querySelector('.view .pose-details').textContent")
-        assert told != before
-        assert said[-1].split(", ")[2].removeprefix("φ ") in told
+        message = browser.script("document.querySelector('.view .pose-details').textContent")
+        assert message != before
+        assert output[-1].split(", ")[2].removeprefix("φ ") in message
         assert browser.complaints == []
 
 

@@ -57,5 +57,5 @@ def test_every_page_passes_accessibility_rules_and_loads_nothing(
                     if r != file.as_uri() and not r.startswith(("data:", "blob:")) and not r.endswith("/timings.js")
                 ],
             }
-            broken |= {f"{name}: {what}": told for what, told in found.items() if told}
+            broken |= {f"{name}: {what}": message for what, message in found.items() if message}
     assert broken == {}

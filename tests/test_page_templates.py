@@ -50,7 +50,7 @@ EVIL = "<script>alert(1)</script><b>&\"'"
 def strings(file: Path) -> Iterator[tuple[int, str]]:
     """Every string of a file that is no docstring, pieces of f-strings too."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
-    told = {
+    message = {
         id(node.body[0].value)
         for node in ast.walk(tree)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
@@ -58,7 +58,7 @@ def strings(file: Path) -> Iterator[tuple[int, str]]:
         and isinstance(node.body[0], ast.Expr)
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in message:
             yield node.lineno, node.value
 
 
@@ -271,10 +271,10 @@ def evil_batch() -> str:
 def test_hostile_names_are_escaped(page: Callable[[], str], scripts: int) -> None:
     """In the toolpath, the cell, the recording and all they hold; no script runs but the page's own."""
     html = page()
-    seen = Seen(html)
-    assert seen.scripts == scripts
+    observed = Seen(html)
+    assert observed.scripts == scripts
     assert "alert(1)</script>" not in html
-    assert EVIL in seen.text
+    assert EVIL in observed.text
 
 
 def test_missing_macro_is_an_error() -> None:

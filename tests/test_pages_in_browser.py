@@ -139,13 +139,16 @@ def test_view_form_sends_external_values_as_in_a_plan_file(tmp_path: Path) -> No
     assert found["refused"] == []
     assert found["told"] == "rail keeps out of a zone from a lower to a higher place."
     assert "point 5: table at −30.25°" in [" ".join(words.split()) for words in found["listed"]]
-    [[what, asked]] = found["sent"]
+    [[what, requested]] = found["sent"]
     assert what == "plan"
-    assert asked["steer"][1:] == [
+    assert requested["steer"][1:] == [
         {"points": [5, 5], "external": "rail", "at_mm": 250.5},
         {"points": [5, 5], "external": "table", "at_deg": -30.25},
         {"points": [7, 9], "external": "rail", "forbid_mm": [-100, 40]},
         {"external": "table", "forbid_deg": [-183, -90]},
     ]
-    assert asked["external"] == {"table": {"at_operations_deg": {"rim": 12}}}
-    assert format_user_options(load_options(asked))["steer"][3]["forbid_mm"] == [-100.0, 40.0]  # understood as it is
+    assert requested["external"] == {"table": {"at_operations_deg": {"rim": 12}}}
+    assert format_user_options(load_options(requested))["steer"][3]["forbid_mm"] == [
+        -100.0,
+        40.0,
+    ]  # understood as it is

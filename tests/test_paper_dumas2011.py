@@ -266,11 +266,11 @@ def test_location_of_the_zones_depends_on_the_length() -> None:
     J = robot.compute_fk_jacobian(q)[1]
     base = compute_conditioning_index(J, L)
     best = base >= np.quantile(base, 0.737)  # as large a share as Table 1's zones
-    kept = []
+    retained = []
     for length in (L / 2, 2 * L):
         other = compute_conditioning_index(J, length)
-        kept.append(float(np.mean((other >= np.quantile(other, 0.737))[best])))
-    assert kept == pytest.approx([0.80, 0.67], abs=0.01)
+        retained.append(float(np.mean((other >= np.quantile(other, 0.737))[best])))
+    assert retained == pytest.approx([0.80, 0.67], abs=0.01)
     turned = q[::10, ::10].copy()
     turned[..., 0] = 1.1  # "the first revolute joint does not affect the robot dexterity": that holds
     np.testing.assert_allclose(

@@ -127,9 +127,9 @@ def test_equation_38_predicts_the_error_before_compensation() -> None:
     assert moved.mean() == pytest.approx(BEFORE, rel=0.02)  # place and points are not the paper's
     assert moved.max() == pytest.approx(0.4116e-3, abs=1e-6)
     _, J = robot.compute_fk_jacobian(q)
-    held = np.linalg.inv(compute_constrained_stiffness(J, np.broadcast_to(EQ38, (128, 6)))) @ force[0, :3]
-    assert np.linalg.norm(held, axis=1).mean() == pytest.approx(0.2517e-3, abs=1e-6)
-    assert np.linalg.norm(held, axis=1).max() == pytest.approx(BEFORE_WORST, rel=0.02)
+    fixed = np.linalg.inv(compute_constrained_stiffness(J, np.broadcast_to(EQ38, (128, 6)))) @ force[0, :3]
+    assert np.linalg.norm(fixed, axis=1).mean() == pytest.approx(0.2517e-3, abs=1e-6)
+    assert np.linalg.norm(fixed, axis=1).max() == pytest.approx(BEFORE_WORST, rel=0.02)
     tip = cell.tool.T_flange_tcp
     at_tip = (
         ArmElasticity(robot, tip, ArmStiffness(joints=np.array(EQ38)))

@@ -163,14 +163,14 @@ def test_dexterity_of_table_1_follows_from_no_interpretation() -> None:
     most; printed are 0.378 and 0.521, 38 % apart.
     """
     errors, ratios = {}, []
-    for signs, along, beside in product(SIGNS, (0.0, 0.1, 0.2, 0.3), (0.0, 0.15)):
+    for signs, along, additional in product(SIGNS, (0.0, 0.1, 0.2, 0.3), (0.0, 0.15)):
         T = np.eye(4)
-        T[:3, 3] = [beside, 0, along]
+        T[:3, 3] = [additional, 0, along]
         J = table_5(*signs).compute_fk_jacobian(TABLE_1, T)[1]
         for length in np.geomspace(0.05, 3.0, 60):
             index = compute_conditioning_index(J, float(length))
             ratios.append(index[4] / index[2])
-            key = "bare" if along == beside == 0 else "tool"
+            key = "bare" if along == additional == 0 else "tool"
             error = float(np.abs(index - DEXTERITY).max())
             if key not in errors or error < errors[key][0]:
                 errors[key] = (error, index)
@@ -349,12 +349,12 @@ def test_table_7_does_not_follow_the_model() -> None:
     """
     q, measured = TABLE_7[:, :6], TABLE_7[:, 6:]
     least: list[float] = []
-    for signs, held in product(SIGNS, HELD):
-        ours = np.stack([stiffness(table_5(*signs), q, e, held) for e in np.eye(3)], axis=1)
+    for signs, fixed in product(SIGNS, HELD):
+        ours = np.stack([stiffness(table_5(*signs), q, e, fixed) for e in np.eye(3)], axis=1)
         r = [float(np.corrcoef(np.log(ours[:, i]), np.log(measured[:, i]))[0, 1]) for i in range(3)]
         least.append(min(r))
         assert r[2] < 0  # along z always the wrong way round
-        if held == "nothing":
+        if fixed == "nothing":
             middle = np.median(ours / measured, axis=0)
             assert 0.75 < middle.min() < middle.max() < 4.85
             if signs == (-1, -1, -1):

@@ -163,7 +163,7 @@ def test_planner_finds_the_thin_lips_that_the_verifier_finds(tmp_path: Path) -> 
     """Plates of 0.25 to 0.8 mm anywhere at the cutter: one in thirteen was missed, now one in some hundreds is."""
     rng = np.random.default_rng(0)
     x = np.arange(0.0, 0.02 + 1e-9, 5e-4)
-    seen, missed = 0, 0
+    observed, missed = 0, 0
     for _ in range(120):
         radius = rng.uniform(0.003, 0.012)
         cutter = CutterGeometry(2.0 * radius, 0.03, float(rng.choice([0.0, 0.3 * radius, radius])))
@@ -186,6 +186,6 @@ def test_planner_finds_the_thin_lips_that_the_verifier_finds(tmp_path: Path) -> 
         )
         cell = SimpleNamespace(tool=SimpleNamespace(cutter=cutter), workpiece=SimpleNamespace(geometry=(shape,)))
         planner = bool(find_gouges(path, cast(Cell, cell), LIMIT).deep.any())
-        seen, missed = seen + verifier, missed + (verifier and not planner)
-    assert seen > 80
+        observed, missed = observed + verifier, missed + (verifier and not planner)
+    assert observed > 80
     assert missed <= 1

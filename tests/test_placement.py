@@ -303,8 +303,8 @@ def test_best_place_is_the_best_of_all_and_early_stopping_changes_nothing(tmp_pa
     assert found.is_optimal
     assert found.best[0].worst <= best * (1 + 2e-3)
     assert len(found.planned) < len(every)
-    told: list[str] = []
-    again = find_best_placement(site, search, SearchJournal(file, "q"), told.append)
+    message: list[str] = []
+    again = find_best_placement(site, search, SearchJournal(file, "q"), message.append)
     assert [(p.place, p.worst, p.shares) for p in again.planned] == [
         (p.place, p.worst, p.shares) for p in found.planned
     ]
@@ -334,20 +334,20 @@ def placed(tmp_path_factory: pytest.TempPathFactory) -> PlacedJob:
     """Searched once for all that compare with it."""
     folder, printed = tmp_path_factory.mktemp("placed"), io.StringIO()
     (folder / "holes.csv").write_text(WIDE_HOLES)
-    asked = ["place", str(CELLS / "kr240_drilling"), str(folder / "holes.csv"), "-o", str(folder / "out")]
-    asked += ["--places", "4", "--x-mm", "-100", "100", "--y-mm", "0", "0", "--best", "1", "--json", "--jobs", "2"]
+    requested = ["place", str(CELLS / "kr240_drilling"), str(folder / "holes.csv"), "-o", str(folder / "out")]
+    requested += ["--places", "4", "--x-mm", "-100", "100", "--y-mm", "0", "0", "--best", "1", "--json", "--jobs", "2"]
     with contextlib.redirect_stdout(printed):
-        assert main([*asked, "--set", "rotation_step_deg=15", "--tables", "parquet"]) == 0
+        assert main([*requested, "--set", "rotation_step_deg=15", "--tables", "parquet"]) == 0
     return PlacedJob(folder / "holes.csv", folder / "out", json.loads(printed.getvalue()))
 
 
 @pytest.mark.slow
 def test_command_writes_verified_plans_in_moved_cells(placed: PlacedJob) -> None:
-    out, told = placed.out, placed.told
-    assert told["proven"]
-    assert told["best"][0]["folder"] == "best-1"
-    assert set(told["carried"]) >= {"frame_near", "clamp_1", "leg_4"}
-    assert "pedestal" not in told["carried"]
+    out, message = placed.out, placed.told
+    assert message["proven"]
+    assert message["best"][0]["folder"] == "best-1"
+    assert set(message["carried"]) >= {"frame_near", "clamp_1", "leg_4"}
+    assert "pedestal" not in message["carried"]
     assert json.loads((out / "best-1" / "holes" / "result.json").read_text())["verdict"].startswith("done")
     checked = ["verify", str(out / "best-1" / "cell"), str(placed.holes), str(out / "best-1" / "holes")]
     assert main([*checked, "--quiet", "--set", "rotation_step_deg=15"]) == 0
@@ -355,7 +355,7 @@ def test_command_writes_verified_plans_in_moved_cells(placed: PlacedJob) -> None
     assert tables >= {"places", "best-1/holes/points", "best-1/holes/trajectory"}
     assert tables == {str(p.relative_to(out).with_suffix("")) for p in out.rglob("*.parquet")}
     rows = (out / "places.csv").read_text().splitlines()
-    assert len(rows) == 1 + told["looked_at"]
+    assert len(rows) == 1 + message["looked_at"]
     assert rows[1].startswith("0,0,0,0,,")
     assert not (out.parent / "out.progress.jsonl").exists()
 
@@ -363,16 +363,16 @@ def test_command_writes_verified_plans_in_moved_cells(placed: PlacedJob) -> None
 @pytest.mark.slow
 def test_library_finds_what_the_command_finds(tmp_path: Path, placed: PlacedJob) -> None:
     (tmp_path / "holes.csv").write_text(WIDE_HOLES)
-    asked = {"x_mm": (-100, 100), "y_mm": (0, 0), "places": 4, "best": 1, "rotation_step_deg": 15.0}
-    found = machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", **asked)
+    requested = {"x_mm": (-100, 100), "y_mm": (0, 0), "places": 4, "best": 1, "rotation_step_deg": 15.0}
+    found = machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", **requested)
     assert found.proven
     assert found.result.best[0].worst == placed.told["best"][0]["worst"]
     assert found.places.rows == found.result.looked_at
-    told = found.save(tmp_path / "out")
+    message = found.save(tmp_path / "out")
     before = found.result
-    assert told.best[0].worst == before.best[0].worst
+    assert message.best[0].worst == before.best[0].worst
     assert before.best[0].folder is None
-    assert (tmp_path / "out" / str(told.best[0].folder) / "holes" / "trajectory.csv").is_file()
+    assert (tmp_path / "out" / str(message.best[0].folder) / "holes" / "trajectory.csv").is_file()
     with pytest.raises(machopt.InputError, match="rotation_step_deg"):
         machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", rotation_stp_deg=15.0)
 
@@ -397,8 +397,15 @@ def test_incomparable_request_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], says: str
 ) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
-    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out"), *more]
-    assert main(asked) == 2
+    requested = [
+        "place",
+        str(CELLS / "kr240_drilling"),
+        str(tmp_path / "holes.csv"),
+        "-o",
+        str(tmp_path / "out"),
+        *more,
+    ]
+    assert main(requested) == 2
     assert says in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
 
@@ -408,10 +415,10 @@ def test_unreachable_part_may_be_moved_into_reach(tmp_path: Path) -> None:
     """By a shift; where none does, the unit is asked about, and nothing is written."""
     holes = HOLES.replace("\n-80,", "\n4920,").replace("\n80,", "\n5080,").replace(",20,0,0,1", ",60,0,0,1")
     (tmp_path / "holes.csv").write_text(holes)
-    cell, asked = CELLS / "kr240_drilling", {"y_mm": (0, 0), "places": 2, "rotation_step_deg": 15.0}
+    cell, requested = CELLS / "kr240_drilling", {"y_mm": (0, 0), "places": 2, "rotation_step_deg": 15.0}
     with pytest.raises(machopt.InputError, match="inches that are mm"):
-        machopt.place(cell, tmp_path / "holes.csv", x_mm=(-100, 100), **asked)
-    found = machopt.place(cell, tmp_path / "holes.csv", x_mm=(-5000, -4900), **asked)
+        machopt.place(cell, tmp_path / "holes.csv", x_mm=(-100, 100), **requested)
+    found = machopt.place(cell, tmp_path / "holes.csv", x_mm=(-5000, -4900), **requested)
     assert found.result.best[0].shift_mm[0] <= -4900
     assert found.result.as_it_stands is not None
     assert "out of reach" in found.result.as_it_stands.verdict
@@ -424,11 +431,22 @@ def test_cluster_workers_find_what_processes_find(
     """Relative paths too: the workers stand elsewhere."""
     (tmp_path / "holes.csv").write_text(WIDE_HOLES)
     monkeypatch.chdir(tmp_path)
-    asked = ["place", str(CELLS / "kr240_drilling"), "holes.csv", "-o", "out", "--places", "4", "--best", "1"]
-    asked += ["--x-mm", "-100", "100", "--y-mm", "0", "0", "--set", "rotation_step_deg=15", "--scheduler", scheduler]
-    assert main([*asked, "--quiet"]) == 0
-    told = json.loads((tmp_path / "out" / "place.json").read_text())
-    assert told["best"][0]["worst"] == placed.told["best"][0]["worst"]
+    requested = ["place", str(CELLS / "kr240_drilling"), "holes.csv", "-o", "out", "--places", "4", "--best", "1"]
+    requested += [
+        "--x-mm",
+        "-100",
+        "100",
+        "--y-mm",
+        "0",
+        "0",
+        "--set",
+        "rotation_step_deg=15",
+        "--scheduler",
+        scheduler,
+    ]
+    assert main([*requested, "--quiet"]) == 0
+    message = json.loads((tmp_path / "out" / "place.json").read_text())
+    assert message["best"][0]["worst"] == placed.told["best"][0]["worst"]
     assert (tmp_path / "out" / "best-1" / "holes" / "report.html").exists()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv", "out"]
 
@@ -444,8 +462,8 @@ def test_invalid_request_is_refused_and_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, told: str
 ) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
-    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
-    assert main([*asked, option, value]) == 2
+    requested = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
+    assert main([*requested, option, value]) == 2
     assert told in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
 
@@ -478,8 +496,8 @@ def test_stopped_search_states_that_it_can_be_resumed(
 
     monkeypatch.setattr("machopt.commands.place.run.run_place", stopped)
     (tmp_path / "holes.csv").write_text(HOLES)
-    asked = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
-    assert main([*asked, "--jobs", "1"]) == 130
+    requested = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
+    assert main([*requested, "--jobs", "1"]) == 130
     assert "what was found is kept, the same command goes on" in capsys.readouterr().err
 
 

@@ -85,7 +85,7 @@ def test_bound_counts_what_passes_in_no_configuration(job: Path, monkeypatch: py
         return grids[-1]
 
     monkeypatch.setattr(placement_estimate, "enumerate_candidates", keep)
-    seen = set()
+    observed = set()
     for limit, x, y in ((0.3, 0.0, 0.0), (0.33, -0.3, 0.0), (0.38, -0.3, 0.3), (0.45, 0.0, 0.0), (0.6, 0.0, 0.0)):
         site = load_site(job, PROCESS.replace("position_mm: 0.3", f"position_mm: {limit}"))
         shift = PlacementShift(x=x, y=y)
@@ -108,8 +108,8 @@ def test_bound_counts_what_passes_in_no_configuration(job: Path, monkeypatch: py
         assert found.missed == sum(p < least for p in most)
         assert sum(found.outcomes) == 4
         assert found.missed <= sum(found.outcomes[1:])
-        seen.add(found.missed)
-    assert len(seen) > 1
+        observed.add(found.missed)
+    assert len(observed) > 1
 
 
 def _place(task: object, site: PlacementSite, shift: PlacementShift) -> tuple[object, object, object]:
@@ -242,15 +242,15 @@ def test_journal_stores_outcomes(tmp_path: Path) -> None:
 def test_best_places_have_the_values_of_their_plans(job: Path) -> None:
     """place.json and places.csv against result.json of the written plan, whose cell holds the process.yaml."""
     out = job / "out"
-    asked = ["place", str(job / "cell"), str(job / "holes.csv"), "-o", str(out), "--places", "4", "--best", "2"]
+    requested = ["place", str(job / "cell"), str(job / "holes.csv"), "-o", str(out), "--places", "4", "--best", "2"]
     options = ["--process", str(job / "other" / "mine.yaml"), "--x-mm", "-200", "0", "--y-mm", "0", "0"]
-    code = main([*asked, *options, "--jobs", "1", "--quiet", "--set", "rotation_step_deg=15"])
+    code = main([*requested, *options, "--jobs", "1", "--quiet", "--set", "rotation_step_deg=15"])
     assert code == 0
-    told = json.loads((out / "place.json").read_text())
+    message = json.loads((out / "place.json").read_text())
     with (out / "places.csv").open(encoding="utf-8") as file:
         rows = {(float(r["dx_mm"]), float(r["dy_mm"])): r for r in csv.DictReader(file)}
-    assert len(told["best"]) == 2
-    for entry in told["best"]:
+    assert len(message["best"]) == 2
+    for entry in message["best"]:
         result = json.loads((out / entry["folder"] / "holes" / "result.json").read_text())
         counts = result["process"]["in_tolerance"]["after"]
         found = entry["tolerances"]
@@ -262,9 +262,9 @@ def test_best_places_have_the_values_of_their_plans(job: Path) -> None:
         assert int(row["in_tolerance"]) == counts["pass"]
         assert int(row["bound_in_tolerance"]) >= counts["pass"]
         assert float(row["worst_error_mm"]) == pytest.approx(found["worst_error_mm"], rel=1e-8)
-    missed = [sum(e["tolerances"][w] for w in ("marginal", "fail", "unknown")) for e in told["best"]]
+    missed = [sum(e["tolerances"][w] for w in ("marginal", "fail", "unknown")) for e in message["best"]]
     assert missed == sorted(missed)
-    cell = out / told["best"][0]["folder"] / "cell"
-    folder = out / told["best"][0]["folder"] / "holes"
+    cell = out / message["best"][0]["folder"] / "cell"
+    folder = out / message["best"][0]["folder"] / "holes"
     assert main(["verify", str(cell), str(job / "holes.csv"), str(folder), "--quiet"]) == 0
     assert "In tolerance" in (out / "report.html").read_text()

@@ -66,9 +66,9 @@ def test_change_of_configuration_between_runs_is_reported(made: Plan) -> None:
 def test_force_beyond_linear_elasticity_is_reported(made: Plan) -> None:
     bent = replace(made.chosen, cost=np.full(len(made.path.index), 0.05))
     other = replace(made, chosen=bent, scores=replace(made.scores, index="deflection"))
-    (said,) = (h for h in list_hints(other) if "bends the arm" in h)
-    assert "by up to 50 mm, beyond linear elasticity" in said
-    assert "is force_N in N" in said
+    (output,) = (h for h in list_hints(other) if "bends the arm" in h)
+    assert "by up to 50 mm, beyond linear elasticity" in output
+    assert "is force_N in N" in output
     small = replace(other, chosen=replace(bent, cost=bent.cost / 1e3))
     assert not any("bends the arm" in h for h in list_hints(small))
 
@@ -90,15 +90,15 @@ def test_near_point_is_not_advised_to_move_by_zero(made: Plan) -> None:
     reason[0] = InfeasibilityReason.UNREACHABLE
     out_of_reach = replace(made, candidates=replace(c, reason=reason, dropped=None))
     beyond = lose_row(out_of_reach, row, InfeasibilityReason.UNREACHABLE)
-    told = [
+    message = [
         explain_points(p)[row]
         for p in (beyond, _set_shortfall(beyond, shortfall, 0.0), _set_shortfall(beyond, shortfall, 0.05))
     ]
-    assert told[0] == told[1]
-    assert "not too far away" in told[0]
+    assert message[0] == message[1]
+    assert "not too far away" in message[0]
     assert "(0, 0, 0)" not in describe_remedy(beyond, row)
     assert "machopt place" in describe_remedy(beyond, row)
-    assert "50 mm outside the workspace" in told[2]
+    assert "50 mm outside the workspace" in message[2]
     assert "moving the part by about (" in describe_remedy(_set_shortfall(beyond, shortfall, 0.05), row)
 
 
@@ -114,8 +114,8 @@ def test_feasible_but_unconnected_rotations_are_counted(made: Plan) -> None:
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
     working = int((made.candidates.reason_of_rotation()[s] == InfeasibilityReason.OK).sum())
     assert working > 0
-    said = explain_points(lose_row(made, row, InfeasibilityReason.NO_PATH))[row]
-    assert said.startswith(f"{working} of {len(made.candidates.phi)} rotations work here, but none can be reached")
+    output = explain_points(lose_row(made, row, InfeasibilityReason.NO_PATH))[row]
+    assert output.startswith(f"{working} of {len(made.candidates.phi)} rotations work here, but none can be reached")
 
 
 def test_bodies_in_contact_at_a_point_are_named(made: Plan) -> None:
@@ -126,9 +126,9 @@ def test_bodies_in_contact_at_a_point_are_named(made: Plan) -> None:
     touching = lose_row(replace(made, check=replace(made.check, pair=pair)), row, InfeasibilityReason.COLLIDING)
     own = made.setup.collision.pairs[0]
     assert own.kinds == ("link", "link")
-    said = explain_points(touching)[row]
-    assert said.startswith(f"{own.name} touch or come nearer than the clearance")
-    assert f"ignore_pairs: [[{own.a}, {own.b}]]" in said  # what the robot itself is built of may be so
+    output = explain_points(touching)[row]
+    assert output.startswith(f"{own.name} touch or come nearer than the clearance")
+    assert f"ignore_pairs: [[{own.a}, {own.b}]]" in output  # what the robot itself is built of may be so
 
 
 def test_place_between_two_points_is_a_separate_break(made: Plan) -> None:
@@ -151,16 +151,16 @@ def test_stiffness_misfit_is_reported_with_its_use(made: Plan) -> None:
         (True, "count in, in the mean"),
         (False, "of the springs alone (discrepancy.counted: false)"),
     ):
-        told = ModelDiscrepancy(
+        message = ModelDiscrepancy(
             parts=tuple(f"joint {j}" for j in range(1, 7)), torque=np.ones(6), shift=none[0], modes=none, local=0.0,
             left=6e-5, noise=2e-5, misfit=True, counted=counted,
         )  # fmt: skip
         other = ArmElasticity(
-            made.setup.robot, made.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=told), None, None
+            made.setup.robot, made.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=message), None, None
         )
-        said = describe_model_misfit(replace(made, setup=replace(made.setup, elasticity=other)))
-        assert "0.06 mm of the readings it comes from, 3.0 times their noise of 0.02 mm" in said
-        assert words in said
+        output = describe_model_misfit(replace(made, setup=replace(made.setup, elasticity=other)))
+        assert "0.06 mm of the readings it comes from, 3.0 times their noise of 0.02 mm" in output
+        assert words in output
     assert describe_model_misfit(made) == ""
 
 
@@ -173,11 +173,11 @@ def test_reach_lost_by_a_shift_is_reported_with_its_size(made: Plan) -> None:
     shifted = replace(made, compensation=cast(PathCompensation, SimpleNamespace(offset=offset)))
     for named, words in ((0, made.setup.collision.pairs[0].name), (-1, "0.300 mm")):
         pair[row] = named
-        said = _describe_lost_by_shift(
+        output = _describe_lost_by_shift(
             replace(shifted, check=replace(made.check, pair=pair)), InfeasibilityReason.COLLIDING, row
         )
-        assert said.startswith("possible as programmed, but not with the compensation of 0.300 mm: ")
-        assert words in said
+        assert output.startswith("possible as programmed, but not with the compensation of 0.300 mm: ")
+        assert words in output
     lacks = SimpleNamespace(offset=offset, lost=np.arange(len(offset)) == row)
     for reason, key in (
         (InfeasibilityReason.COLLIDING, "clearance_mm"),
@@ -195,8 +195,8 @@ def test_single_rotation_method_reports_other_feasible_rotations(made: Plan) -> 
     stopped = lose_row(made, row, InfeasibilityReason.LIMIT)
     for method, words in (("default", "the CAM file's own rotation"), ("jiao2022", "the rotation that jiao2022 takes")):
         one = replace(stopped, options=replace(made.options, method=method))  # type: ignore[arg-type]
-        said = explain_points(one)[row]
-        assert said.startswith(f"{words} does not work here (a joint would leave its range); ")
+        output = explain_points(one)[row]
+        assert output.startswith(f"{words} does not work here (a joint would leave its range); ")
         assert "--method global" in describe_remedy(one, row)
 
 
@@ -239,14 +239,14 @@ def test_point_without_a_path_has_the_reason_of_the_furthest_attempt(made: Plan)
     assert find_reason(lose_row(made, row, InfeasibilityReason.LIMIT), row) is InfeasibilityReason.LIMIT
     feasible = made.candidates.feasible.copy()
     feasible[s] = False
-    for given, told in (
+    for given, message in (
         ((InfeasibilityReason.BOUNDS, InfeasibilityReason.LIMIT), InfeasibilityReason.LIMIT),
         ((InfeasibilityReason.BOUNDS,), InfeasibilityReason.BOUNDS),
     ):
         reason[s] = InfeasibilityReason.BOUNDS
         reason[s, 0] = given[-1]
         stopped = replace(no_path, candidates=replace(made.candidates, reason=reason.copy(), feasible=feasible))
-        assert find_reason(stopped, row) is told
+        assert find_reason(stopped, row) is message
 
 
 def test_residual_pose_error_is_reported_and_moves_nothing(made: Plan) -> None:

@@ -161,8 +161,8 @@ def test_gradient_and_hessian_agree_with_finite_differences(width: float) -> Non
         here = nlp.model(c, width, 50.0)
         gradient = basis.transposed(here.gradient)
         curved = here.price * (1.0 - here.slope**2) / here.size
-        diagonal, beside = nlp.hessian(here, curved)
-        band, dyad = basis.hessian(diagonal, beside), basis.transposed(here.dyad)
+        diagonal, additional = nlp.hessian(here, curved)
+        band, dyad = basis.hessian(diagonal, additional), basis.transposed(here.dyad)
         H = sum(np.diag(row[: len(c) - k], -k) for k, row in enumerate(band))
         H = H + np.tril(H, -1).T - np.outer(dyad, dyad)
         for i in rng.permutation(len(c))[:12]:

@@ -236,8 +236,8 @@ def test_cell_and_direct_options_are_validated() -> None:
     ],
 )
 def test_options_disabled_by_others_are_named(words: list[str], part: str) -> None:
-    (said,) = find_options_without_effect(load_options(overrides=words))
-    assert part in said
+    (output,) = find_options_without_effect(load_options(overrides=words))
+    assert part in output
     assert find_options_without_effect(load_options(overrides=words[:0])) == ()
 
 

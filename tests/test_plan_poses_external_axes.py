@@ -40,19 +40,19 @@ FEW = PosesRequest(
 
 def test_fixed_values_are_set_by_name_and_reported(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True, table=True)
-    held = set_external_axis_positions(cell, ("rail=-1500", "e2=30"))
-    np.testing.assert_allclose(held.external_home, [-1.5, np.radians(30.0)])
-    assert "rail at -1500 mm and turn at 30°" in describe_external_axis_positions(held)
+    fixed = set_external_axis_positions(cell, ("rail=-1500", "e2=30"))
+    np.testing.assert_allclose(fixed.external_home, [-1.5, np.radians(30.0)])
+    assert "rail at -1500 mm and turn at 30°" in describe_external_axis_positions(fixed)
     np.testing.assert_allclose(
-        update_base_frame(held, load_robot(held)).T_world_base[:3, 3], [0.0, -1.5, 0.0], atol=1e-12
+        update_base_frame(fixed, load_robot(fixed)).T_world_base[:3, 3], [0.0, -1.5, 0.0], atol=1e-12
     )
-    assert remove_workpiece(held).workpiece.link == "plate"
+    assert remove_workpiece(fixed).workpiece.link == "plate"
     assert describe_external_axis_positions(small_cell(tmp_path)) == ""
 
 
 def test_recording_reader_reports_a_fixed_rail(tmp_path: Path) -> None:
-    (told,) = describe_fixed_external_joints(external_cell(tmp_path, rail=True, table=True))
-    assert "external joints (rail, turn) are taken to stand still" in told
+    (message,) = describe_fixed_external_joints(external_cell(tmp_path, rail=True, table=True))
+    assert "external joints (rail, turn) are taken to stand still" in message
     assert describe_fixed_external_joints(small_cell(tmp_path)) == ()
 
 
@@ -66,7 +66,7 @@ def test_plan_reports_the_rail_as_rigid(tmp_path: Path) -> None:
     rail = ExternalJointSpring(joint="rail", stiffness=4e7, slides=True, compliance=np.zeros((6, 6)), at=np.zeros(3))
     cell = replace(external_cell(tmp_path, rail=True), stiffness=replace(K, external=(rail,)))
     made = compute_pose_plan(FEW, lambda _: None, cell)
-    assert any("external_joints of stiffness.yaml (rail): not fitted" in said for said in made.result.warnings)
+    assert any("external_joints of stiffness.yaml (rail): not fitted" in output for output in made.result.warnings)
 
 
 @pytest.mark.slow

@@ -105,10 +105,10 @@ def test_loads_are_exchanged_until_backlash_is_observable(bench: Bench) -> None:
     found = exchange_loads_for_reversal(bench.design, bench.cases, t, bench.problem)
     before, after = (t.value(d.readings.tolist()) for d in (bench.design, found))
     assert after > before
-    kept = compute_design_criterion(bench.problem, found.blocks) - compute_design_criterion(
+    retained = compute_design_criterion(bench.problem, found.blocks) - compute_design_criterion(
         bench.problem, bench.design.blocks
     )
-    assert kept >= 6 * np.log1p(-MAX_EFFICIENCY_LOSS) - 1e-9
+    assert retained >= 6 * np.log1p(-MAX_EFFICIENCY_LOSS) - 1e-9
     poses = [[int(bench.cases.pose[n]) for n in b] for b in bench.design.blocks]
     assert [[int(bench.cases.pose[n]) for n in b] for b in found.blocks] == poses  # at the same poses
     assert all(len(set(b)) == len(b) for b in found.blocks)
@@ -129,10 +129,10 @@ def test_unobservable_effects_of_job_joints_are_reported(bench: Bench) -> None:
     hidden = replace(t, backlash_information=t.backlash_information * 0.0, cross=t.cross * 0.0)
     torque = np.array([[-1.0, 2.0, -1.0, -1.0, 1.0, 1.0], [1.0, 3.0, 1.0, 1.0, 2.0, 2.0]])
     job = ProcessLoads(force=(200.0, 1500.0), torque=torque)
-    said = describe_joint_loads(job, compare_joint_loads(job, bench.design, hidden, (0.25, 1.0)), 1000.0)
-    assert "1500 N is more than any load planned (1000 N)" in said[0]
-    assert "at joint 1, 3, 4 would not show" in said[1]  # the others keep one side in the job
-    assert "The job turns them round" in said[1]
+    output = describe_joint_loads(job, compare_joint_loads(job, bench.design, hidden, (0.25, 1.0)), 1000.0)
+    assert "1500 N is more than any load planned (1000 N)" in output[0]
+    assert "at joint 1, 3, 4 would not show" in output[1]  # the others keep one side in the job
+    assert "The job turns them round" in output[1]
     unknown = ProcessLoads(force=(200.0, 800.0))
     (one,) = describe_joint_loads(unknown, compare_joint_loads(unknown, bench.design, hidden, (0.25, 1.0)), 1000.0)
     assert "joint 1, 2, 3, 4, 5, 6" in one
@@ -145,12 +145,12 @@ def plan_poses(out: Path, **more: Any) -> PlanPosesResult:
 
 def test_force_range_gives_two_rows_per_cycle(tmp_path: Path) -> None:
     done = plan_poses(tmp_path / "out", force_N=(250.0, 800.0))
-    told = json.loads((tmp_path / "out" / "plan.json").read_text())
-    assert told["job"]["steps"] == [0.25, 1.0]
-    assert told["readings"] == 6 * 2 * 2 * 2
-    assert [j["job_Nm"] for j in told["job"]["joints"]] == [None] * 6
+    message = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert message["job"]["steps"] == [0.25, 1.0]
+    assert message["readings"] == 6 * 2 * 2 * 2
+    assert [j["job_Nm"] for j in message["job"]["joints"]] == [None] * 6
     rows = list(csv.DictReader((tmp_path / "out" / "recording_template" / "data.csv").read_text().splitlines()))
-    assert len(rows) == told["readings"]
+    assert len(rows) == message["readings"]
     size = np.array([np.hypot(float(r["fx_N"]), float(r["fy_N"])) for r in rows]).reshape(-1, 2)
     np.testing.assert_allclose(size[:, 0] / size[:, 1], 0.25, rtol=1e-4)
     assert all(a["pose"] == b["pose"] and a["cycle"] == b["cycle"] for a, b in zip(rows[::2], rows[1::2], strict=True))
@@ -162,20 +162,20 @@ def test_both_sizes_count_as_readings_and_only_full_loads_are_compared(
     tmp_path: Path, force: tuple[float, float] | None, sizes: int
 ) -> None:
     done = plan_poses(tmp_path / "out", force_N=force, target_percent=10.0)
-    told = json.loads((tmp_path / "out" / "plan.json").read_text())
+    message = json.loads((tmp_path / "out" / "plan.json").read_text())
     page = done.report.read_text()
     rows = list(csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines()))
     at_each = {sum(r["pose"] == str(pose) for r in rows) for pose in range(1, 7)}
     assert at_each == {4 * sizes}  # two loads, twice
     assert f"{4 * sizes} at each pose" in page
-    needed = told["target"]["poses"]
-    assert told["target"]["readings"] == needed * 4 * sizes
+    needed = message["target"]["poses"]
+    assert message["target"]["readings"] == needed * 4 * sizes
     assert f">{needed * 4 * sizes}<" in page
     assert f"readings ({needed} poses)" in page
     (drawn,) = re.findall(r'"id": ?"p-curve".*?"x": ?\[([^]]*)\]', page)
-    assert [float(x) for x in drawn.split(",")] == [n * 4 * sizes for n in told["curve"]["poses"]]
-    least = min(told["heuristics"], key=lambda h: h["readings_for_the_same"])
-    assert least["readings_for_the_same"] == pytest.approx((least["rms_10_50_90"][1] / told["design"]["rms"]) ** 2)
+    assert [float(x) for x in drawn.split(",")] == [n * 4 * sizes for n in message["curve"]["poses"]]
+    least = min(message["heuristics"], key=lambda h: h["readings_for_the_same"])
+    assert least["readings_for_the_same"] == pytest.approx((least["rms_10_50_90"][1] / message["design"]["rms"]) ** 2)
     of = " of full loads" if sizes > 1 else ""
     assert f"needs {least['readings_for_the_same']:.1f} times the readings{of}." in done.message
     assert f"6 poses, {len(rows)} readings{' (24 of full loads)' if sizes > 1 else ''}: " in done.message
@@ -186,9 +186,9 @@ def test_both_sizes_count_as_readings_and_only_full_loads_are_compared(
 def test_toolpath_gives_the_torque_reversals_of_the_job(tmp_path: Path) -> None:
     quick = ("collision=false", "rotation_step_deg=30")
     plan_poses(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=quick)
-    told = json.loads((tmp_path / "out" / "plan.json").read_text())
-    assert told["job"]["force_N"] == pytest.approx([250.0, 250.0])  # of the cell's plan
-    joints = told["job"]["joints"]
+    message = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert message["job"]["force_N"] == pytest.approx([250.0, 250.0])  # of the cell's plan
+    joints = message["job"]["joints"]
     assert all(j["job_Nm"][0] < j["job_Nm"][1] for j in joints)
     assert all(j["turns_round"] is (j["job_Nm"][0] < 0.0 < j["job_Nm"][1]) for j in joints)
     assert "panel_holes.csv" in (tmp_path / "out" / "manifest.json").read_text()

@@ -161,7 +161,7 @@ def test_tables_agree_with_their_published_schema(tmp_path: Path, prismatic: tup
     write_points_csv(tmp_path / "points.csv", table)
     motion = replace(smooth_motion(n, E), lead=np.zeros(n), side=np.full(n, np.nan))
     write_trajectory_csv(tmp_path / "motion.csv", motion, ["a"], prismatic, ["mill"])
-    seen: set[str] = set()
+    observed: set[str] = set()
     for file, model in (("points.csv", PointsTableRow), ("motion.csv", TrajectoryTableRow)):
         with (tmp_path / file).open(encoding="utf-8", newline="") as text:
             for given in csv.DictReader(text):
@@ -171,9 +171,9 @@ def test_tables_agree_with_their_published_schema(tmp_path: Path, prismatic: tup
                 row = {k: v if k in words else (json.loads(v) if v else None) for k, v in given.items()}
                 model.model_validate(row)
                 assert list(row) == [name for name in model.model_fields if name in row]
-                seen |= {name for name in row if model is PointsTableRow}
+                observed |= {name for name in row if model is PointsTableRow}
     optional = {f"e{k}_{unit}" for k in (1, 2, 3) for unit in ("mm", "deg")}
-    assert set(PointsTableRow.model_fields) - seen == optional - {
+    assert set(PointsTableRow.model_fields) - observed == optional - {
         f"e{k + 1}_{'mm' if p else 'deg'}" for k, p in enumerate(prismatic)
     }
 

@@ -74,16 +74,16 @@ def test_plan_from_cached_results_equals_a_new_one(tmp_path: Path, *, rail: bool
         build_timeline(free, path)
     for again in (False, True):  # the second time everything is there: arrays that are read-only do as well
         with use_step_cache(store):
-            kept = find_best_plan(cell, path, pinned, before=free)
-            driven = build_timeline(kept, path)
+            retained = find_best_plan(cell, path, pinned, before=free)
+            driven = build_timeline(retained, path)
         assert not rail or store.found["places"] > 0
         assert not again or (store.found["retime"] > 0 and not store.made)
     alone = find_best_plan(cell, path, pinned)
     timeline = build_timeline(alone, path)
     for name in ("phi", "q", "branch", "reason"):
-        np.testing.assert_array_equal(getattr(kept.chosen.assignment, name), getattr(alone.chosen.assignment, name))
-    np.testing.assert_array_equal(kept.path.external, alone.path.external)
-    assert kept.chosen.objective == alone.chosen.objective
+        np.testing.assert_array_equal(getattr(retained.chosen.assignment, name), getattr(alone.chosen.assignment, name))
+    np.testing.assert_array_equal(retained.path.external, alone.path.external)
+    assert retained.chosen.objective == alone.chosen.objective
     assert driven.trajectory is not None
     assert timeline.trajectory is not None
     for name in ("q", "external", "gamma", "point"):

@@ -45,10 +45,10 @@ def poses(registration: str = "fixed", reflectors: bool = False) -> Recording:
     p, R, _, _ = solve_equilibrium(a, HiddenEffects(a.nominal * 0.9, zero=zero), plan)
     _, _, T = load_arm()
     p, R, N = p[rows], R[rows], len(rows)
-    beside = REFLECTORS if reflectors else np.zeros((1, 3))
-    count = len(beside)
-    position = np.concatenate([p + R @ T[:3, :3].T @ at for at in beside])
-    places = T[:3, 3] + beside
+    additional = REFLECTORS if reflectors else np.zeros((1, 3))
+    count = len(additional)
+    position = np.concatenate([p + R @ T[:3, :3].T @ at for at in additional])
+    places = T[:3, 3] + additional
     return Recording(
         kind="absolute",
         source="simulated",

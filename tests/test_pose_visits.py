@@ -60,8 +60,8 @@ def test_result_does_not_depend_on_the_label_of_replicates(name: str, tmp_path: 
     assert (nothing["verdict"], nothing["findings"]) == ("consistent", [])
     for document in (found, nothing):
         assert document["baseline"]["measured_noise"] == pytest.approx(document["baseline"]["noise_floor"])
-        said = " ".join(document["notes"])
-        assert ("not measured by it" in said) == (name != "session")
+        output = " ".join(document["notes"])
+        assert ("not measured by it" in output) == (name != "session")
 
 
 def poses_read_three_times(return_mm: float) -> Recording:

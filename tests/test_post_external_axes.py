@@ -157,9 +157,9 @@ def test_base_on_a_rail_alone_is_in_world(tmp_path: Path) -> None:
     assert c.T_world_root is not None
     wanted = np.linalg.inv(c.T_world_root) @ cell.workpiece.T_link_workpiece
     np.testing.assert_allclose(parsed.bases[-1].T, wanted, atol=1e-7)
-    told = list_assumptions(program(cell), "krl", replace(c, T_world_root=None, external={}))
-    assert "no controller.world in the cell: the controller's WORLD is the cell's world" in told
-    assert any("controller.external.rail" in t for t in told)
+    message = list_assumptions(program(cell), "krl", replace(c, T_world_root=None, external={}))
+    assert "no controller.world in the cell: the controller's WORLD is the cell's world" in message
+    assert any("controller.external.rail" in t for t in message)
 
 
 def test_wrong_or_moving_frame_is_reported(tmp_path: Path) -> None:
@@ -191,15 +191,15 @@ def test_languages_without_external_axes_refuse(tmp_path: Path) -> None:
 
 def test_val3_states_the_required_rail_position(tmp_path: Path) -> None:
     cell = external_cell(tmp_path, rail=True)
-    stood = np.full((7, 1), 0.8)
+    rested = np.full((7, 1), 0.8)
     arm, p = UrdfKinematics(cell), program(cell)
-    T = arm.compute_tcp_in_workpiece(p.q, stood)
-    p = replace(p, external=stood, T_workpiece_tcp=T, T_base_workpiece=compute_workpiece_in_base(cell, stood[0]))
+    T = arm.compute_tcp_in_workpiece(p.q, rested)
+    p = replace(p, external=rested, T_workpiece_tcp=T, T_base_workpiece=compute_workpiece_in_base(cell, rested[0]))
     write_program(tmp_path, "part", p, "val3", controller(cell))
     parsed = read_program(tmp_path / "part" / "part.pjx")
     found, spare = convert_external_joints(parsed, cell, arm, controller(cell))
-    np.testing.assert_allclose(found, stood, atol=1e-8)
-    given = compute_workpiece_frame(parsed, cell, arm, controller(cell), stood[0])
+    np.testing.assert_allclose(found, rested, atol=1e-8)
+    given = compute_workpiece_frame(parsed, cell, arm, controller(cell), rested[0])
     assert spare == 0
     assert find_wrong_frames(parsed, controller(cell), given, cell.tool.T_flange_tcp, rides=False) == []
 

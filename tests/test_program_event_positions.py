@@ -113,8 +113,8 @@ def test_event_between_two_moves_to_one_place_is_in_place() -> None:
     at = np.array([np.nan, 0.0, 0.9955, 0.9955, 3.0])
     for index, passed in ((3, True), (2, False), (1, False), (4, True)):
         event = ToolpathEvent(index, "spindle", "S6000", 6000.0)
-        said = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
-        (check,) = check_events(said, cuts(toolpath), reached, at)
+        output = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
+        (check,) = check_events(output, cuts(toolpath), reached, at)
         assert check.passed is passed, (index, check.where)
 
 
@@ -127,8 +127,8 @@ def test_event_at_the_start_of_a_rapid_move_is_in_place() -> None:
         place = np.array([[0, 0, 99], [0, 0, 50], [x, 0, 50], [1400, 0, 50], [1400, 0, 60.0]])
         event = ToolpathEvent(2, "comment", "SLOT B")
         toolpath = replace(toolpath, events=(event,))
-        said = program(place, [PTP] * 5, (replace(event, index=3),), place_step=5e-6)
-        (check,) = check_events(said, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
+        output = program(place, [PTP] * 5, (replace(event, index=3),), place_step=5e-6)
+        (check,) = check_events(output, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
         assert check.passed is passed, (x, index, check.where)
 
 
@@ -141,10 +141,10 @@ def test_samples_within_printed_decimals_are_no_joint_move() -> None:
     )
     place = np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]])
     for step, passed in ((2e-6, True), (0.0, False)):
-        said = program(place, [LIN, LIN, PTP], (), place_step=step)
+        output = program(place, [LIN, LIN, PTP], (), place_step=step)
         at, linear = np.array([0.0, 1.2, 5.0]), np.array([True, True, False])
         motion = build_motion(np.array([0, 1, 1, 1, 1.5, 2.0]), move.astype(np.int64))
-        check = _check_move_kinds(said, motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        check = _check_move_kinds(output, motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
@@ -153,13 +153,13 @@ def test_joint_move_at_the_current_place_is_not_on_the_path() -> None:
     p = 1e-3 * np.array([[0, 0, 90.0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 90.0]])
     move = np.array([MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT, MoveKind.RAPID])
     place = np.array([[0, 0, 90], [0, 0, 2e-3], [0, 0, 2e-3], [0, 0, 90.0]])
-    said = program(place, [PTP, PTP, LIN, PTP], ())
+    output = program(place, [PTP, PTP, LIN, PTP], ())
     at, linear = np.array([0.0, 1.0, 1.0, 4.0]), np.array([False, False, True, False])
     moving = build_motion(np.array([-1, 0, 0, 0, -1.0]), move.astype(np.int64))
     q = moving.q.copy()
     q[1:4] = q[1]
     for motion, passed in ((replace(moving, q=q), True), (moving, False)):
-        check = _check_move_kinds(said, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
+        check = _check_move_kinds(output, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
@@ -170,11 +170,11 @@ def test_rounding_of_joint_targets_is_allowed_like_pulses() -> None:
     assert compute_last_digit(np.array([np.pi, np.nan])) == compute_last_digit(np.array([np.nan])) == 0.0
     p = 1e-3 * np.array([[0, 0, 0], [0, 0, 9.9988], [0, 0, 10.0], [0, 0, 15.0], [0, 0, 20.0]])
     move = np.array([MoveKind.CUT, MoveKind.RETRACT, MoveKind.RETRACT, MoveKind.RAPID, MoveKind.RAPID]).astype(np.int64)
-    said = program(np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]]), [LIN, LIN, PTP], ())
+    output = program(np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]]), [LIN, LIN, PTP], ())
     at, linear = np.array([0.0, 0.4, 4.0]), np.array([True, True, False])
     motion = build_motion(np.array([0, 1, 1, 1.5, 2.0]), move)
     for step, passed in ((1e-6, True), (1e-7, False)):
-        check = _check_move_kinds(replace(said, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        check = _check_move_kinds(replace(output, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
@@ -191,15 +191,15 @@ def on_the_spot() -> tuple[Toolpath, ProgramInCell]:
     axis = toolpath.axis.copy()
     axis[2:] = [np.sin(0.5), 0.0, np.cos(0.5)]
     toolpath = replace(toolpath, axis=axis)
-    said = program(np.array([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0.0]]), [LIN] * 4, ())
+    output = program(np.array([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0.0]]), [LIN] * 4, ())
     for n in (2, 3):
-        said.T_workpiece_tcp[n] = tilt_pose(said.T_workpiece_tcp[n], 0.5)
-    return toolpath, said
+        output.T_workpiece_tcp[n] = tilt_pose(output.T_workpiece_tcp[n], 0.5)
+    return toolpath, output
 
 
 def test_axis_rotation_on_the_spot_is_located_at_its_end() -> None:
-    toolpath, said = on_the_spot()
-    T = said.T_workpiece_tcp
+    toolpath, output = on_the_spot()
+    T = output.T_workpiece_tcp
     reached, gap, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
     assert reached.tolist()[1:] == [1, 2, 3]
     assert np.nanmax(gap) < 1e-9
@@ -213,8 +213,8 @@ def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
     """Samples come to the point, turn, and go: the first that is near enough is 15 µm before it."""
     toolpath, _ = on_the_spot()
     x = np.array([0, 29.9, 29.985, 30, 30, 30, 30.01, 30.1, 60])
-    said = program(np.column_stack([x, 0 * x, 0 * x]), [LIN] * len(x), ())
-    T = said.T_workpiece_tcp
+    output = program(np.column_stack([x, 0 * x, 0 * x]), [LIN] * len(x), ())
+    T = output.T_workpiece_tcp
     for n, angle in ((4, 0.25), (5, 0.4999), (6, 0.5), (7, 0.5), (8, 0.5)):
         T[n] = tilt_pose(T[n], angle)
     reached, _, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
@@ -227,11 +227,11 @@ def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
 
 def test_allowed_deviation_applies_to_streamed_motion_not_to_targets() -> None:
     toolpath = path([[0, 0, 0], [30, 0, 0], [60, 0, 0]], [MoveKind.CUT] * 3, ())
-    said = program(1e3 * toolpath.position, [LIN] * 3, ())
-    said.T_workpiece_tcp[1] = tilt_pose(said.T_workpiece_tcp[1], np.radians(0.5))
+    output = program(1e3 * toolpath.position, [LIN] * 3, ())
+    output.T_workpiece_tcp[1] = tilt_pose(output.T_workpiece_tcp[1], np.radians(0.5))
     for streamed, most, passed in ((True, 1.0, True), (True, 0.4, False), (True, 0.0, False), (False, 1.0, False)):
         wanted = cuts(toolpath, np.radians(most))
-        checks = compare_with_cam(replace(said, is_streamed=streamed), wanted, np.arange(3.0))
+        checks = compare_with_cam(replace(output, is_streamed=streamed), wanted, np.arange(3.0))
         (check,) = (c for c in checks if c.what == "CAM tool axis")
         assert check.passed is passed, (streamed, most, check.value, check.limit)
 
@@ -243,23 +243,23 @@ def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
     tcp[:, 0, 3] = 1e-3 * x
     rail = np.where(np.abs(x) < 0.5, 0.5 * (x + 0.5) ** 2, np.clip(x, 0.0, None))
     moving = build_motion(x, np.zeros(len(x), np.int64))
-    said = program(np.zeros((1, 3)), [LIN], ())
-    for beside, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
+    output = program(np.zeros((1, 3)), [LIN], ())
+    for additional, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
         motion = replace(moving, external=1e-3 * rail[:, None], slides=(True,))
-        said = replace(said, external=np.array([[1e-3 * -beside]]))
+        output = replace(output, external=np.array([[1e-3 * -additional]]))
         check = check_external_axes(
-            said,
+            output,
             motion,
             tcp,
             np.array([100.0]),
             TargetTolerances(position=1e-3, axis=1e-3, turn=0.01, corner=corner, axis_corner=0.0),
             ["1"],
         )
-        assert check.passed is passed, (beside, corner, check.value)
+        assert check.passed is passed, (additional, corner, check.value)
     even = replace(moving, external=1e-3 * x[:, None], slides=(True,))
-    said = replace(said, external=np.array([[2e-4]]))
+    output = replace(output, external=np.array([[2e-4]]))
     check = check_external_axes(
-        said,
+        output,
         even,
         tcp,
         np.array([100.0]),
@@ -271,14 +271,14 @@ def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
 
 def test_sample_of_a_started_rotation_belongs_to_that_move() -> None:
     """The target before is found by its place, so up to a sample late."""
-    _, said = on_the_spot()
-    T = said.T_workpiece_tcp
+    _, output = on_the_spot()
+    T = output.T_workpiece_tcp
     tcp = np.stack([tilt_pose(T[1], 1e-3), T[1]])
     tcp[1, 0, 3] -= 1e-4  # one on the way, which is left as it is
     tcp[1, :3, :3] = tcp[0, :3, :3]
     rows, move = np.arange(2), np.array([1, 1])
     off = _compute_line_deviation(tcp, T[move - 1], T[move])
     assert off[:, 1].min() > 9e-4
-    off = _compute_line_deviations(said, tcp, rows, move)
+    off = _compute_line_deviations(output, tcp, rows, move)
     assert off[0, 1] < 1e-9
     assert off[1, 1] > 9e-4

@@ -180,9 +180,9 @@ def test_inspect_shows_programs_in_text_json_and_pictures(
 ) -> None:
     page = tmp_path / "page.html"
     assert main(["inspect", str(job / "out/krl/pass_csv.src"), "--html", str(page)]) == 0
-    told = capsys.readouterr().out
-    assert "format: robot/krl" in told
-    assert f"pictures: {page}" in told
+    message = capsys.readouterr().out
+    assert "format: robot/krl" in message
+    assert f"pictures: {page}" in message
     assert '<svg class="plot"' in page.read_text(encoding="utf-8")
     joints = str(job / "out/fanuc_joint/PASS_CSV.ls")
     assert main(["inspect", joints]) == 2

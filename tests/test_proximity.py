@@ -94,9 +94,9 @@ def test_body_inside_another_is_found_at_every_placement() -> None:
         big, small = (T, np.linalg.inv(T)) if bodies[0] is a else (np.linalg.inv(T), T)
         corner = big[:, :3, :3] @ b.vertices[0] + big[:, :3, 3]  # of the small box, seen from the large one
         other = small[:, :3, :3] @ a.vertices[0] + small[:, :3, 3]
-        held = (np.abs(corner) < 0.5).all(axis=1) | (np.abs(other) < 0.05).all(axis=1)
+        fixed = (np.abs(corner) < 0.5).all(axis=1) | (np.abs(other) < 0.05).all(axis=1)
         found = surfaces.find_contained((0, 1), T)
-        assert np.array_equal(found, held)
+        assert np.array_equal(found, fixed)
         assert np.array_equal(found, [surfaces.is_contained((0, 1), t) for t in T])
         assert 0 < found.sum() < 300
     assert not surfaces.find_contained((0, 1), pose(5.0, 0.0, 0.0)[None])[0]

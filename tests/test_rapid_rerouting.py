@@ -185,13 +185,13 @@ def test_omitted_points_have_no_turn(made: Plan, driven: MotionTimeline) -> None
     last = made.path.runs[-1][1]
     q[last] = np.nan
     short = replace(made, chosen=replace(made.chosen, assignment=replace(a, q=q)))
-    kept = np.isfinite(q).all(axis=1)
+    retained = np.isfinite(q).all(axis=1)
     motion = Motion(
-        driven, lambda plan: np.allclose(plan.chosen.assignment.q[kept], q[kept]), (stop(6.0, float("nan")),)
+        driven, lambda plan: np.allclose(plan.chosen.assignment.q[retained], q[retained]), (stop(6.0, float("nan")),)
     )
     plan, timeline = reroute_blocked_rapids(short, motion, StageTimings())
     assert timeline is not None
     assert timeline.trajectory is not None
     assert np.isnan(plan.chosen.assignment.q[last]).all()
-    changed = np.flatnonzero((plan.chosen.assignment.q[kept] != q[kept]).any(axis=1))
+    changed = np.flatnonzero((plan.chosen.assignment.q[retained] != q[retained]).any(axis=1))
     assert changed.max() == last - 1

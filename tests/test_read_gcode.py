@@ -140,9 +140,9 @@ def test_wrong_rotary_signs_are_detected_from_plunges(tmp_path: Path) -> None:
     # three plunges along the axis of the reversed machine
     s, c = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
     rows = "".join(f"G0 X{n}. Y{10 * s:.6f} Z{10 * c:.6f} A40. C0.\nG1 X{n}. Y0. Z0. F100\n" for n in range(3))
-    told = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac")
+    message = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac")
     quiet = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac-reversed")
-    assert any("table-ac-reversed" in w for w in told.warnings)
+    assert any("table-ac-reversed" in w for w in message.warnings)
     assert not any("plunges" in w for w in quiet.warnings)
 
 
@@ -320,9 +320,9 @@ def test_siemens_five_axis_program_of_a_post(tmp_path: Path) -> None:
 def test_message_about_turns_does_not_apply_to_vectors(tmp_path: Path, word: str) -> None:
     """It was told as a subprogram that is missing; turns themselves stay refused."""
     lines = "G71 G90 G54\nTRAORI\n{}G0 X10 Y20 Z50 A3=0 B3=.6 C3=.8\nG1 Z-1 F1000\nX12 {}\nM30\n"
-    plain, told = (read(tmp_path, lines.format(v, "A3=0 B3=0 C3=1"), strict=True) for v in ("", f"{word}\n"))
-    np.testing.assert_array_equal(told.axis, plain.axis)
-    np.testing.assert_array_equal(told.position, plain.position)
+    plain, message = (read(tmp_path, lines.format(v, "A3=0 B3=0 C3=1"), strict=True) for v in ("", f"{word}\n"))
+    np.testing.assert_array_equal(message.axis, plain.axis)
+    np.testing.assert_array_equal(message.position, plain.position)
     with pytest.raises(InputError, match="A2"):
         read(tmp_path, lines.format(f"{word}\n", "A2=10 B2=0 C2=0"))
 

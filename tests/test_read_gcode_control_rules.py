@@ -119,9 +119,9 @@ def test_percent_sign_ends_the_program(tmp_path: Path) -> None:
     ],
 )
 def test_length_before_the_first_unit_word_asks_for_the_unit(tmp_path: Path, text: str) -> None:
-    with pytest.raises(OptionNeededError) as asked:
+    with pytest.raises(OptionNeededError) as requested:
         read(tmp_path, text)
-    assert asked.value.option == "unit"
+    assert requested.value.option == "unit"
 
 
 def test_option_is_the_unit_before_the_first_unit_word(tmp_path: Path) -> None:
@@ -406,9 +406,9 @@ IMPLIED = [  # a file whose numbers mean something else by a parameter; the lett
 def test_implied_decimals_are_asked_for_and_apply_everywhere(
     tmp_path: Path, text: str, letter: str, place: float
 ) -> None:
-    with pytest.raises(OptionNeededError) as asked:
+    with pytest.raises(OptionNeededError) as requested:
         read(tmp_path, text)
-    assert asked.value.option == "decimals"
+    assert requested.value.option == "decimals"
     t = read(tmp_path, text, decimals=3)
     assert end(t)["XYZ".index(letter)] == pytest.approx(place)
     assert sum("--decimals 3" in w for w in t.warnings) == 1

@@ -128,9 +128,9 @@ def test_reentry_point_occurs_twice(tmp_path: Path) -> None:
     assert np.array_equal(divided.position[again], divided.position[again - 1])
     assert np.allclose(divided.travel[again], divided.travel[again - 1])
     # what is counted, and its weights, are those of the path without
-    kept = ~divided.is_reentry
-    assert np.array_equal(divided.index[kept], plain.index)
-    assert np.allclose(divided.weight[kept], plain.weight, atol=1e-12)
+    retained = ~divided.is_reentry
+    assert np.array_equal(divided.index[retained], plain.index)
+    assert np.allclose(divided.weight[retained], plain.weight, atol=1e-12)
     assert divided.weight[again].tolist() == [0.0, 0.0]
     assert divided.time[-1] == pytest.approx(plain.time[-1])
     assert np.flatnonzero(divided.is_point).size == len(toolpath)

@@ -94,19 +94,19 @@ def test_distances_are_linear_in_the_offsets(tmp_path: Path, kind: dict[str, boo
     free = OffsetBounds(
         *(side * np.ones((len(x), d)) for side in (-1, 1)), np.zeros((len(x), 0, d)), *[np.zeros((len(x), 0))] * 2
     )
-    told = np.ones(len(x), bool)
-    told[0] = False
-    bounds = add_distance_constraints(free, model, x, lean, cutting, told)
+    message = np.ones(len(x), bool)
+    message[0] = False
+    bounds = add_distance_constraints(free, model, x, lean, cutting, message)
     assert bounds.lean.shape == (len(x), 1, d)
     assert bounds.under[0, 0] == -np.inf
     assert (bounds.over == np.inf).all()
-    assert bounds.under[told, 0] == pytest.approx(
-        KEPT - (model.find_nearest_pair(x, cutting, 0.1).distance[told] - clearance)
+    assert bounds.under[message, 0] == pytest.approx(
+        KEPT - (model.find_nearest_pair(x, cutting, 0.1).distance[message] - clearance)
     )
     z = rng.uniform(-1.0, 1.0, (len(x), d)) * np.radians(0.1)
     moved = model.find_nearest_pair(x + np.einsum("nkd,nd->nk", lean, z), cutting, 0.1)
     before = model.find_nearest_pair(x, cutting, 0.1)
-    same = told & (moved.pair == before.pair)
+    same = message & (moved.pair == before.pair)
     expected = before.distance + np.einsum("nd,nd->n", bounds.lean[:, 0], z)
     assert same.sum() > 3
     away = np.abs(moved.distance - expected)[same]

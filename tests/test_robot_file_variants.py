@@ -78,9 +78,9 @@ SIDE = {
 def test_joint_outside_the_chain_is_left_out_and_reported(name: str, tmp_path: Path) -> None:
     """Planner and verifier have the bodies and the kinematics of the arm without it; masses stay."""
     cell = run_init_on_text(with_parts(SIDE[name]), tmp_path).cell
-    said = [w for w in cell.warnings if "outside of the chain" in w]
+    output = [w for w in cell.warnings if "outside of the chain" in w]
     bodies = SIDE[name].count("<collision>")
-    assert bool(said) == bool(bodies or "<mass" in SIDE[name])
+    assert bool(output) == bool(bodies or "<mass" in SIDE[name])
     robot, shapes = load_chain(cell)
     assert len(shapes) == 7
     assert sum(b.kind == "link" for b in build_bodies(cell, UrdfKinematics(cell))) == 7
@@ -205,11 +205,11 @@ def test_impossible_velocity_names_the_urdf_and_the_option(
     file.write_text(limit_joints(("a3",), velocity=velocity))
     command = ["init", str(file), "-o", str(tmp_path / "cell"), "--workpiece-mm", "1500,0,600"]
     assert main(command) == 2
-    told = capsys.readouterr().err
-    assert str(file) in told
-    assert "line " in told
-    assert "cell.yaml" not in told
-    assert "--velocity-deg-s" in told
+    message = capsys.readouterr().err
+    assert str(file) in message
+    assert "line " in message
+    assert "cell.yaml" not in message
+    assert "--velocity-deg-s" in message
     assert main([*command, "--velocity-deg-s", "100,100,100,200,200,200"]) == 0
     path = tmp_path / "cell" / "cell.yaml"  # a cell that leaves the velocity to the URDF
     path.write_text("\n".join(line for line in path.read_text().split("\n") if "velocity_deg_s" not in line))

@@ -51,9 +51,9 @@ def test_any_rotation_is_fitted_and_corrected(frame: str, degrees: float, quanti
     assert finding.parameters["angle"].value == pytest.approx(degrees, abs=0.5)
     was = getattr(right, quantity)
     assert np.linalg.norm(getattr(corrected, quantity) - was) < 0.01 * np.linalg.norm(was)
-    kept, none, _ = correct_static_record(wrong, robot, T, cell.stiffness.joints, ("sensor_axes",))
+    retained, none, _ = correct_static_record(wrong, robot, T, cell.stiffness.joints, ("sensor_axes",))
     assert not [f for f in none if f.location == place]
-    np.testing.assert_array_equal(getattr(kept, quantity), getattr(wrong, quantity))
+    np.testing.assert_array_equal(getattr(retained, quantity), getattr(wrong, quantity))
 
 
 def test_identify_asks_for_the_axes() -> None:

@@ -111,8 +111,8 @@ def test_generator_makes_the_committed_files(tmp_path: Path) -> None:
         make.write_cell(build(), tmp_path)
     made = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file())
     on_disk = (p for n in CELLS for p in (ROOT / "cells" / n).rglob("*") if p.is_file() and p.suffix != ".md")
-    kept = sorted(p.relative_to(ROOT / "cells") for p in on_disk if "recordings" not in p.parts)
-    assert made == kept
+    retained = sorted(p.relative_to(ROOT / "cells") for p in on_disk if "recordings" not in p.parts)
+    assert made == retained
     for path in made:
         if path.suffix == ".stl":
             a, b = (trimesh.load(base / path, process=False) for base in (tmp_path, ROOT / "cells"))

@@ -96,7 +96,7 @@ def test_unknown_options_of_commands(
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         main(words)
-    said = capsys.readouterr().err
+    output = capsys.readouterr().err
     assert ended.value.code == 2
-    assert says in said
-    assert not not_said or not_said not in said
+    assert says in output
+    assert not not_said or not_said not in output

@@ -153,10 +153,10 @@ def test_pins_are_met_exactly_and_the_rest_is_free(tmp_path: Path) -> None:
     assert abs(at_points(free)[5] - 71.3) > 5.0  # it was not there by itself
     alone = job(tmp_path, steer=(SteeringRule(points=(4, 6), gamma=deg(71.3)),))
     np.testing.assert_array_equal(alone.chosen.assignment.q, pinned.chosen.assignment.q)  # whatever was lent
-    told = compute_certificate(pinned)
-    assert told is not None
-    assert told.bound <= told.sequence
-    assert told.bound > 0.0
+    message = compute_certificate(pinned)
+    assert message is not None
+    assert message.bound <= message.sequence
+    assert message.bound > 0.0
 
 
 def test_zone_holds_at_every_planning_point(tmp_path: Path) -> None:
@@ -190,9 +190,9 @@ def test_branch_rule_is_respected(tmp_path: Path) -> None:
 def test_branch_without_a_stable_number_is_refused(tmp_path: Path) -> None:
     """Axis 6 beside the wrist's centre: a general arm, whose solutions are counted anew at every pose."""
     cell = small_cell(tmp_path, stiffness=ArmStiffness(joints=K))
-    beside = cell.urdf.read_text().replace('xyz="0.215 0.0 0.0"', 'xyz="0.215 0.0 0.02"')
-    assert beside != cell.urdf.read_text()
-    cell.urdf.write_text(beside)
+    additional = cell.urdf.read_text().replace('xyz="0.215 0.0 0.0"', 'xyz="0.215 0.0 0.02"')
+    assert additional != cell.urdf.read_text()
+    cell.urdf.write_text(additional)
     with pytest.raises(InputError, match=r"branch 2 at points 1 to 9: branches of this arm have no numbers that"):
         plan_path(cell, toolpath(pass_over_block()), replace(FREE, steer=(SteeringRule(operation="op", branch=2),)))
 
@@ -204,14 +204,14 @@ def test_conflicting_pins_are_named(tmp_path: Path) -> None:
     options = replace(FREE, fixed=pins)
     p = job(tmp_path, fixed=pins)
     assert not is_complete(p)
-    told = add_constraint_conflict(p, p.setup.cell, path, options, StageTimings())
-    assert "the rotation 10° at point 4, the rotation -170° at point 5" in told.conflict
-    assert "point 1" not in told.conflict
-    assert told.conflict in list_hints(told)
-    held = replace(FREE, fixed=pins[:2])
+    message = add_constraint_conflict(p, p.setup.cell, path, options, StageTimings())
+    assert "the rotation 10° at point 4, the rotation -170° at point 5" in message.conflict
+    assert "point 1" not in message.conflict
+    assert message.conflict in list_hints(message)
+    fixed = replace(FREE, fixed=pins[:2])
     assert is_complete(job(tmp_path, fixed=pins[:2]))
     fine = job(tmp_path, fixed=pins[:2])
-    assert add_constraint_conflict(fine, p.setup.cell, path, held, StageTimings()) is fine
+    assert add_constraint_conflict(fine, p.setup.cell, path, fixed, StageTimings()) is fine
 
 
 def test_rules_beside_an_undrivable_place_are_reported(tmp_path: Path) -> None:
@@ -221,11 +221,11 @@ def test_rules_beside_an_undrivable_place_are_reported(tmp_path: Path) -> None:
     zone = SteeringRule(points=(8, 9), forbid=(deg(100), deg(120)))
     p = job(tmp_path, fixed=pins[:1])
     stop = SequenceBreak(before=4.25, after=4.25, code="no_pose", text="the pose cannot be reached", help="")
-    told = add_undrivable_conflict(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
-    assert "cannot be driven at point 4.25: the pose cannot be reached." in told
+    message = add_undrivable_conflict(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
+    assert "cannot be driven at point 4.25: the pose cannot be reached." in message
     near = "Nearest requests: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
-    assert near in told
-    assert "point 0" not in told
+    assert near in message
+    assert "point 0" not in message
     assert add_undrivable_conflict(p, (stop,), path, FREE) is p  # nothing was asked
     assert add_undrivable_conflict(p, (), path, replace(FREE, fixed=pins)) is p
 
@@ -242,14 +242,14 @@ def test_two_rotations_along_one_plunge_are_a_conflict(tmp_path: Path) -> None:
 def test_smallest_conflict_is_found_among_many() -> None:
     wishes = tuple(FixedRotation(k, 0.1) for k in range(40))
     bad = {wishes[7], wishes[31]}
-    asked: list[int] = []
+    requested: list[int] = []
 
     def possible(some: object) -> bool:
-        asked.append(1)
+        requested.append(1)
         return not bad <= set(some)  # type: ignore[call-overload]
 
     assert find_minimal_conflict(wishes, possible) == [wishes[7], wishes[31]]
-    assert len(asked) < 30
+    assert len(requested) < 30
 
 
 def test_preferences_are_never_in_a_conflict() -> None:
@@ -292,29 +292,29 @@ def test_verifier_detects_a_wrong_external_joint(tmp_path: Path) -> None:
         ),
         PlanOptions(collision=False, external=(ExternalJointOptions(joint="rail", mode="locked", at=0.3, unit="mm"),)),
     ):
-        (told,) = (
+        (message,) = (
             c
             for c in check_requested_choices(cell, path, points, np.arange(n), options, build_resting_motion(at))
             if "external" in c.name
         )
-        assert told.passed
+        assert message.passed
         between = at.copy()
         between[3] += 0.0002  # on the way from one pinned point to another
-        (told,) = (
+        (message,) = (
             c
             for c in check_requested_choices(cell, path, points, np.arange(n), options, build_resting_motion(between))
             if "external" in c.name
         )
-        assert (told.passed, told.unit, told.value) == (False, "mm off", pytest.approx(0.2))
-        assert "point 3" in told.where
+        assert (message.passed, message.unit, message.value) == (False, "mm off", pytest.approx(0.2))
+        assert "point 3" in message.where
     points.external[6] = 0.33
     options = PlanOptions(collision=False, steer=(pin, zone))
-    (told,) = (
+    (message,) = (
         c
         for c in check_requested_choices(cell, path, points, np.arange(n), options, build_resting_motion(at))
         if "external" in c.name
     )
-    assert (told.passed, told.value, told.where) == (False, pytest.approx(20.0), "point 6")
+    assert (message.passed, message.value, message.where) == (False, pytest.approx(20.0), "point 6")
 
 
 def test_verifier_detects_a_violated_zone_and_branch(tmp_path: Path) -> None:
@@ -451,9 +451,9 @@ def test_pinned_rail_with_unreachable_points_is_named(tmp_path: Path) -> None:
     options = PlanOptions(collision=False, rotation_step=deg(30), sample=0.02, steer=(far, near))
     p = find_best_plan(cell, long_slot(1.0), options)
     assert not is_complete(p)
-    told = add_constraint_conflict(p, cell, long_slot(1.0), options, StageTimings()).conflict
-    assert "rail at 2400 mm at point 3" in told
-    assert "500 mm" not in told
+    message = add_constraint_conflict(p, cell, long_slot(1.0), options, StageTimings()).conflict
+    assert "rail at 2400 mm at point 3" in message
+    assert "500 mm" not in message
 
 
 def test_place_is_read_back_as_written() -> None:
@@ -462,12 +462,12 @@ def test_place_is_read_back_as_written() -> None:
         {"operation": "a", "external": "e2", "forbid_deg": [-20.0, 30.0]},
     ]
     assert [format_steering(parse_steering(SteerKeys.model_validate(entry))) for entry in given] == given
-    for bad, told in (
+    for bad, message in (
         ({"point": 7, "at_mm": 1.0}, "external: names"),
         ({"point": 7, "external": "rail"}, "no place"),
         ({"external": "rail", "at_mm": 1.0, "at_deg": 2.0}, "at_mm and at_deg"),
         ({"external": "rail", "at_mm": 1.0, "gamma_deg": 2.0}, "two entries"),
         ({"external": "rail", "forbid_mm": [3.0, 1.0]}, "from < to"),
     ):
-        with pytest.raises(ValidationError, match=told):
+        with pytest.raises(ValidationError, match=message):
             SteerKeys.model_validate(bad)

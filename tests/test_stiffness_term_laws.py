@@ -321,7 +321,7 @@ def _hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 def test_every_elastic_law_of_diagnose_is_a_term_with_equal_predictions(tmp_path: Path) -> None:
     """Through the file: column · coefficient of the hypothesis = what the term adds to the planner's twist."""
     r = _readings()
-    seen = set()
+    observed = set()
     for h in _hypotheses(r):
         shape = h.shapes[0]  # of memory: each cycle begins relaxed, or has come to rest by the clock
         columns = h.columns(shape)
@@ -353,9 +353,9 @@ def test_every_elastic_law_of_diagnose_is_a_term_with_equal_predictions(tmp_path
         again = model.terms[0].to_file()
         assert (again.effect, again.location) == (term.effect, term.location)
         assert set(term.parameters) <= set(again.parameters)
-        seen.add(h.effect)
+        observed.add(h.effect)
     elastic = set(list_effects_and_locations()) - {"geometric_stiffness"}
-    assert seen == elastic
+    assert observed == elastic
 
 
 # --- what cannot be -----------------------------------------------------------------------------------------

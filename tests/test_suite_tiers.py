@@ -146,8 +146,8 @@ def test_version_has_one_source(wheel: zipfile.Path) -> None:
     name = f"machopt-{machopt.__version__}.dist-info/METADATA"
     metadata = (wheel / name).read_text(encoding="utf-8")
     assert f"\nVersion: {machopt.__version__}\n" in metadata
-    said = {line.removeprefix("Classifier: ") for line in metadata.splitlines() if line.startswith("Classifier: ")}
-    assert set(PROJECT["classifiers"]) <= said
+    output = {line.removeprefix("Classifier: ") for line in metadata.splitlines() if line.startswith("Classifier: ")}
+    assert set(PROJECT["classifiers"]) <= output
 
 
 def test_classifiers_agree_with_the_required_python() -> None:

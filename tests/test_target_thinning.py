@@ -50,13 +50,13 @@ def test_dense_points_are_thinned_within_the_tolerance(shape: str, step: float) 
         "noise": 0.004 * np.random.default_rng(1).standard_normal(len(s)),
     }[shape]
     T = poses(np.column_stack([s, across, 0 * s]))
-    kept = find_needed(T)
-    off = departures(T, kept)
+    retained = find_needed(T)
+    off = departures(T, retained)
     assert off[:, 0].max() <= 2e-5  # m, the CAM file's own points
     if shape != "noise":
-        lengths = np.linalg.norm(np.diff(T[kept, :3, 3], axis=0), axis=1)
+        lengths = np.linalg.norm(np.diff(T[retained, :3, 3], axis=0), axis=1)
         assert (lengths[:-1] >= 1e-4).all()  # m
-    assert len(kept) < len(T) / 2 or step > 0.05
+    assert len(retained) < len(T) / 2 or step > 0.05
 
 
 def test_targets_needed_by_the_path_remain() -> None:
@@ -65,8 +65,8 @@ def test_targets_needed_by_the_path_remain() -> None:
     line = poses(np.column_stack([0.01 * np.arange(100), np.zeros((100, 2))]))
     assert {30, 60} <= set(find_needed(line, fixed=(30, 60)).tolist())
     turning = poses(np.zeros((30, 3)), np.radians(3.0) * np.arange(30))
-    kept = find_needed(turning)
-    assert departures(turning, kept)[:, 1].max(initial=0.0) <= np.radians(0.05)
+    retained = find_needed(turning)
+    assert departures(turning, retained)[:, 1].max(initial=0.0) <= np.radians(0.05)
     far = poses(np.column_stack([np.arange(10.0), np.zeros((10, 2))]))
     assert find_needed(far).tolist() == list(range(10))  # nothing is left out of a path with wide points
 

@@ -103,8 +103,8 @@ class Station:
 def test_plan_is_imported_into_a_station() -> None:
     station, push = Station(), script("robodk_station").push
     push(station, np.array, GOLDEN / "json" / "golden.json")
-    told = json.loads((GOLDEN / "json" / "golden.json").read_text())
-    moves = [m for m in told["moves"] if m["item"] in ("ptp", "lin")]
+    message = json.loads((GOLDEN / "json" / "golden.json").read_text())
+    moves = [m for m in message["moves"] if m["item"] in ("ptp", "lin")]
     assert [t.asked[-1] for t in station.targets] == [("setJoints", m["q_deg"]) for m in moves]
     assert all(t.asked[0] == ("setAsJointTarget",) for t in station.targets)
     order = [call for call, *_ in station.program.asked if call in ("MoveJ", "MoveL")]
@@ -162,11 +162,11 @@ def test_bag_message_equals_the_json() -> None:
         def __missing__(self, name: str) -> Any:
             return lambda **given: SimpleNamespace(kind=name, **given)
 
-    told = script("ros_bag").message(document, Types(), np.array)
-    assert told.kind == "trajectory_msgs/msg/JointTrajectory"
-    assert told.joint_names == document["joint_names"]
-    np.testing.assert_array_equal([p.positions for p in told.points], [p["positions"] for p in document["points"]])
-    last = told.points[-1].time_from_start
+    message = script("ros_bag").message(document, Types(), np.array)
+    assert message.kind == "trajectory_msgs/msg/JointTrajectory"
+    assert message.joint_names == document["joint_names"]
+    np.testing.assert_array_equal([p.positions for p in message.points], [p["positions"] for p in document["points"]])
+    last = message.points[-1].time_from_start
     assert {"sec": last.sec, "nanosec": last.nanosec} == document["points"][-1]["time_from_start"]
 
 

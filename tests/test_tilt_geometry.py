@@ -177,10 +177,10 @@ def test_moves_outside_cuts_keep_the_adjacent_tilt(corner: tuple[Toolpath, Plann
     toolpath, path = corner
     limits = compute_tilt_limits(path, toolpath, FREE)
     w = limits.project(np.tile([0.05, 0.02, 0.0], (len(path.index), 1)))
-    held = hold_outside_cuts(path, limits, w)
+    fixed = hold_outside_cuts(path, limits, w)
     last = int(np.flatnonzero(limits.cuts.any(axis=0))[-1])
     assert path.index[last] == 3.0
-    assert np.allclose(held[last:], held[last], atol=1e-12)
+    assert np.allclose(fixed[last:], fixed[last], atol=1e-12)
 
 
 def test_axial_run_is_not_tilted(tmp_path: Path) -> None:

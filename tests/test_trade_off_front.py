@@ -107,16 +107,16 @@ def test_undrivable_plan_is_reported() -> None:
     every = [A, *(replace(A, plan=name) for name in names)]
     assert describe_missing_plans(every, PlanOptions()) == ()
     assert describe_missing_plans([], PlanOptions()) == ()  # no front was asked for
-    (told,) = describe_missing_plans(every[:-1], PlanOptions())
-    assert names[-1] in told
-    assert names[0] not in told
+    (message,) = describe_missing_plans(every[:-1], PlanOptions())
+    assert names[-1] in message
+    assert names[0] not in message
 
 
 def test_better_plan_of_other_weights_is_reported() -> None:
     """The objective of other weights' plans, found where the plan asked for is only the best near by."""
     own, better = replace(A, objective=1.41884), replace(A, plan="travel", changed="× 4", objective=1.41414)
-    (said,) = describe_better_plans([own, replace(A, plan="worse", objective=1.5), better])
-    assert all(word in said for word in ("'travel'", "× 4", "1.4141", "0.33 %"))
+    (output,) = describe_better_plans([own, replace(A, plan="worse", objective=1.5), better])
+    assert all(word in output for word in ("'travel'", "× 4", "1.4141", "0.33 %"))
     assert describe_better_plans([own, replace(better, objective=1.4184)]) == ()  # within what the choice claims
     assert describe_better_plans([]) == describe_better_plans([A, better]) == ()
 

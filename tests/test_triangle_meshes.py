@@ -53,8 +53,11 @@ def test_nonfinite_corners_are_left_out_with_their_triangles(tmp_path: Path) -> 
     vertices = np.vstack([raw.vertices, raw.vertices[:2], [[np.nan] * 3]])  # two corners twice, one that is none
     faces = np.vstack([raw.faces, [[8, 9, 10], [8, 9, 3]]])
     found = merge_equal_vertices(TriangleMesh(vertices, faces))
-    kept = [*raw.vertices[raw.faces].tolist(), raw.vertices[[0, 1, 3]].tolist()]  # trimesh's versions differ in this
-    assert sorted(found.vertices[found.faces].tolist()) == sorted(kept)
+    retained = [
+        *raw.vertices[raw.faces].tolist(),
+        raw.vertices[[0, 1, 3]].tolist(),
+    ]  # trimesh's versions differ in this
+    assert sorted(found.vertices[found.faces].tolist()) == sorted(retained)
     assert len(found.faces) == len(raw.faces) + 1
 
 

@@ -42,17 +42,17 @@ def every_price_with_turns(x: ValueGridSequences) -> dict[tuple[int, ...], float
 
     def step(s: int, u: tuple[int, np.ndarray], v: tuple[int, np.ndarray]) -> float:
         (g, r, b), (h, p, a) = (np.unravel_index(w[0], (x.node.shape[1] // (R * B), R, B)) for w in (v, u))
-        same, joined, kept = x.kind[s]
+        same, joined, retained = x.kind[s]
         if same and x.held[s, g] != x.held[s - 1, h]:
             return np.inf
-        if (joined and x.stable and a != b) or (kept and u[0] != v[0]):
+        if (joined and x.stable and a != b) or (retained and u[0] != v[0]):
             return np.inf
         way = np.r_[np.abs(v[1] - u[1]), np.abs(x.e[s, g] - x.e[s - 1, h])]
         turn = abs(np.angle(np.exp(1j * (x.phi[s, r] - x.phi[s - 1, p]))))
         seconds, travel, rotation, feed = x.priced[s]
         return float(travel * way.sum() + rotation * turn + feed * max(float((way * x.slowness).max()) - seconds, 0.0))
 
-    told: dict[tuple[int, ...], float] = {}
+    message: dict[tuple[int, ...], float] = {}
     all_ = [poses(s) for s in range(len(x.node))]
     first = np.array([[step(1, u, v) for v in all_[1]] for u in all_[0]]).reshape(len(all_[0]), len(all_[1]))
     second = np.array([[step(2, u, v) for v in all_[2]] for u in all_[1]]).reshape(len(all_[1]), len(all_[2]))
@@ -61,8 +61,8 @@ def every_price_with_turns(x: ValueGridSequences) -> dict[tuple[int, ...], float
             for k, (w, _) in enumerate(all_[2]):
                 cost = x.node[0, u] + x.node[1, v] + x.node[2, w] + first[i, j] + second[j, k]
                 cost += x.worst * max(x.raw[0, u], x.raw[1, v], x.raw[2, w])
-                told[u, v, w] = min(told.get((u, v, w), np.inf), float(cost))
-    return told
+                message[u, v, w] = min(message.get((u, v, w), np.inf), float(cost))
+    return message
 
 
 @given(st.integers(0, 10**6), prices, st.integers(0, 511), st.booleans())
@@ -71,8 +71,8 @@ def test_bound_and_best_equal_those_of_every_sequence_with_every_turn(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> None:
     problem = build_small_grid(seed, priced, flags, stable)
-    told = every_price_with_turns(problem)
-    ideal = min(told.values(), default=np.inf)
+    message = every_price_with_turns(problem)
+    ideal = min(message.values(), default=np.inf)
     apart = resolve_turns(problem, np.zeros_like(problem.node), MANY)
     assert apart is not None
     found = apart.lattice.best()
@@ -83,7 +83,7 @@ def test_bound_and_best_equal_those_of_every_sequence_with_every_turn(
     total, bound, vertex = found
     assert bound <= ideal * (1 + EXACT)
     assert bound >= ideal * (1 - 1.01 * GAP)
-    assert told[tuple(apart.vertex[vertex].tolist())] <= total * (1 + EXACT)
+    assert message[tuple(apart.vertex[vertex].tolist())] <= total * (1 + EXACT)
     assert ideal * (1 - EXACT) <= total <= ideal * (1 + 1.01 * GAP)
     at = np.arange(3)
     turns = (apart.lattice.q[at, vertex] - problem.q[at, apart.vertex[vertex]]) / TURN

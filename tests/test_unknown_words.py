@@ -407,9 +407,9 @@ def test_inspect_shows_the_file_and_optimize_refuses_it(tmp_path: Path, capsys: 
     assert [(w["word"], w["first_line"]) for w in shown["ignored"] if w["stops"]] == [("MCSYS", line)]
     cell = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
     assert main(["optimize", str(cell), str(path), "-o", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert f"line {line}" in said
-    assert "--accept-unknown MCSYS" in said
+    output = capsys.readouterr().err
+    assert f"line {line}" in output
+    assert "--accept-unknown MCSYS" in output
     assert not (tmp_path / "out").exists()
 
 

@@ -46,14 +46,14 @@ OPTIONS: dict[str, dict[str, object]] = {
 def test_option_has_an_effect_or_is_refused_or_reported(tmp_path: Path, sample: Sample, option: str) -> None:
     path = write(tmp_path, sample, sample.text)
     plain = read_toolpath(path, **sample.options)  # type: ignore[arg-type]
-    asked = {**sample.options, **OPTIONS[option]}
+    requested = {**sample.options, **OPTIONS[option]}
     if find_file_kind(plain) not in APPLIES[option]:
         with pytest.raises(InputError) as refused:
-            read_toolpath(path, **asked)  # type: ignore[arg-type]
+            read_toolpath(path, **requested)  # type: ignore[arg-type]
         assert option in str(refused.value)
         return
     try:
-        found = read_toolpath(path, **asked)  # type: ignore[arg-type]
+        found = read_toolpath(path, **requested)  # type: ignore[arg-type]
     except InputError:
         return
     if sample is HSM and option == "--cycle-order":

@@ -104,11 +104,11 @@ def test_unreachable_part_and_home_in_contact_are_errors(good: Path, changed: Ma
     x, y, z = (float(v) for v in 1e3 * load_robot(cell).compute_fk(cell.home)[:3, 3])
     post = f"obstacles: [{{name: post, sphere_mm: 100, xyz_mm: [{x:.0f}, {y:.0f}, {z:.0f}]}}]"
     folder = changed((pose, "  pose: {xyz_mm: [9000, 0, 500]}"), ("obstacles: []", post))
-    told = texts(folder)
-    assert "error workpiece.pose: none of the corners of 100 mm around the workpiece's frame can be reached" in told
-    assert "mm of reach" in told
-    assert "error robot.home_deg: " in told
-    assert "touch at home" in told
+    message = texts(folder)
+    assert "error workpiece.pose: none of the corners of 100 mm around the workpiece's frame can be reached" in message
+    assert "mm of reach" in message
+    assert "error robot.home_deg: " in message
+    assert "touch at home" in message
     assert run_validate(folder).exit_code == 2
 
 
@@ -123,10 +123,10 @@ def test_every_mistake_is_reported_at_once(changed: Make, capsys: pytest.Capture
     )
     changed(("joints_Nm_per_rad", "joint_Nm_per_rad"), file="stiffness.yaml")
     assert main(["validate", str(folder), "--json"]) == 2
-    told = json.loads(capsys.readouterr().out)
-    assert ValidateDocument.model_validate(told).to_json_types() == told
-    assert told["errors"] + told["warnings"] == len(told["findings"])
-    every = "\n".join(f["text"] for f in told["findings"] if f["level"] == "error")
+    message = json.loads(capsys.readouterr().out)
+    assert ValidateDocument.model_validate(message).to_json_types() == message
+    assert message["errors"] + message["warnings"] == len(message["findings"])
+    every = "\n".join(f["text"] for f in message["findings"] if f["level"] == "error")
     for part in (
         "unknown key 'foo'",
         "tool.mass_kg: found -4",
@@ -137,7 +137,7 @@ def test_every_mistake_is_reported_at_once(changed: Make, capsys: pytest.Capture
         "did you mean 'krl'",
     ):
         assert part in every, part
-    assert told["errors"] == 7
+    assert message["errors"] == 7
     assert main(["validate", str(folder)]) == 2
     assert capsys.readouterr().err.count("machopt: ") == 7
 
@@ -152,7 +152,7 @@ def test_mistakes_in_the_robot_are_reported_with_all_others(good: Path, changed:
         (jerk, "    jerk_deg_s3: [1, 2]"),
         ("obstacles: []", "obstacles: [{name: b, mesh: gone.stl}]"),
     )
-    said = [str(p) for p in read_all(folder).problems]
+    output = [str(p) for p in read_all(folder).problems]
     parts = (
         "did you mean 'base_link'",
         "'flansch' is not in",
@@ -160,8 +160,8 @@ def test_mistakes_in_the_robot_are_reported_with_all_others(good: Path, changed:
         "home_deg[2]",
         "no such file: gone.stl",
     )
-    assert all(sum(part in one for one in said) == 1 for part in parts), said
-    assert len(said) == len(parts)
+    assert all(sum(part in one for one in output) == 1 for part in parts), output
+    assert len(output) == len(parts)
     assert run_validate(folder).exit_code == 2
 
 
@@ -174,11 +174,11 @@ def test_files_beside_an_unreadable_robot_are_checked(good: Path, changed: Make)
     changed(("joints_Nm_per_rad", "joint_Nm_per_rad"), file="stiffness.yaml")
     read = read_all(folder)
     assert read.cell is None
-    said = "\n".join(map(str, read.problems))
-    assert "robot.urdf: line 3, column 3: is not XML: mismatched tag; expected </link>, which line 2 opens" in said
-    assert "robot.limits.jerk_deg_s3: found 7 values, expected 6" in said
-    assert "no such file: gone.stl" in said
-    assert "did you mean 'joints_Nm_per_rad'" in said
+    output = "\n".join(map(str, read.problems))
+    assert "robot.urdf: line 3, column 3: is not XML: mismatched tag; expected </link>, which line 2 opens" in output
+    assert "robot.limits.jerk_deg_s3: found 7 values, expected 6" in output
+    assert "no such file: gone.stl" in output
+    assert "did you mean 'joints_Nm_per_rad'" in output
 
 
 def test_options_refused_by_the_planner_are_errors_with_the_same_text(tmp_path: Path) -> None:
@@ -197,8 +197,8 @@ def test_options_refused_by_the_planner_are_errors_with_the_same_text(tmp_path: 
         with pytest.raises(InputError) as refused:
             refuse()
         wanted.append(f"error {refused.value!s}")
-    said = [f"{f.level} {f.text}" for f in list_remarks(cell)]
-    assert set(wanted) <= set(said)
+    output = [f"{f.level} {f.text}" for f in list_remarks(cell)]
+    assert set(wanted) <= set(output)
 
 
 def test_missing_cell_and_picture_are_refused(good: Path, tmp_path: Path) -> None:

@@ -78,10 +78,10 @@ def test_exclusions_of_a_cell_are_part_of_the_verdict(tmp_path: Path) -> None:
     half = replace(read_toolpath(PATHS / "plain.csv"), meta={"incomplete": "no FINI"})
     assert "after the end of the CAM file" in verification_scope.list_unchecked(cell, load_options(cell.plan), half)[0]
     lines = [line for line in text.splitlines() if not line.strip().startswith(("geometry:", "cutter:"))]
-    kept = "\n".join(lines)
-    start = kept.index("obstacles:")
-    end = kept.index("stiffness:")
-    (tmp_path / "cell" / "cell.yaml").write_text(kept[:start] + kept[end:])
+    retained = "\n".join(lines)
+    start = retained.index("obstacles:")
+    end = retained.index("stiffness:")
+    (tmp_path / "cell" / "cell.yaml").write_text(retained[:start] + retained[end:])
     cell = load_cell(tmp_path / "cell")
     assert verification_scope.list_unchecked(cell, load_options(cell.plan)) == (
         "collisions with workpiece, tool, cutter and obstacles NOT checked (not in the cell)",
@@ -101,20 +101,20 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move\n" + "".join(f"{x},{y},{z},0,0,1,{m}\n" for x, y, z, m, _ in PASS))
     wide = ("path_tolerance_mm=0.4", "rotation_step_deg=15")
-    asked = OptimizeRequest(
+    requested = OptimizeRequest(
         cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide, reading={"default_feed": 1100 / 60e3}
     )
-    assert run_optimize(asked).exit_code == 0
+    assert run_optimize(requested).exit_code == 0
     assert read_manifest(tmp_path / "out")[0].reading == {"feed_mm_min": 1100.0}
     job = Job(KR500, toolpath, tmp_path / "out")
     assert run_verify(job) == 0
-    told = capsys.readouterr().out
-    assert "note:" not in told
-    assert told.splitlines()[-1] == "verification passed, path tolerance 0.4 mm instead of 0.02 mm"
+    message = capsys.readouterr().out
+    assert "note:" not in message
+    assert message.splitlines()[-1] == "verification passed, path tolerance 0.4 mm instead of 0.02 mm"
     assert run_verify(job, "--set", "collision=false", "--feed", "500") == 4  # driven faster than that
-    told = capsys.readouterr().out
-    assert "note: collision = False here, but the folder was made with True" in told
-    assert "note: feed_mm_min = 500.0 here, but the folder was made with 1100.0" in told
+    message = capsys.readouterr().out
+    assert "note: collision = False here, but the folder was made with True" in message
+    assert "note: feed_mm_min = 500.0 here, but the folder was made with 1100.0" in message
 
 
 def test_verify_names_the_inputs_of_the_folder(plain: Job, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,9 +123,9 @@ def test_verify_names_the_inputs_of_the_folder(plain: Job, tmp_path: Path, capsy
     recorded = next(f for f in read_manifest(job.out)[0].inputs if f.role == "stiffness")
     file.write_text(file.read_text() + "# measured again\n")
     assert run_verify(job) == 4
-    told = capsys.readouterr()
-    assert "another stiffness: stiffness.yaml" in told.err
-    assert recorded.sha256[:12] in told.err
+    message = capsys.readouterr()
+    assert "another stiffness: stiffness.yaml" in message.err
+    assert recorded.sha256[:12] in message.err
 
 
 def test_same_files_elsewhere_are_the_same_inputs(plain: Job, tmp_path: Path) -> None:
@@ -141,9 +141,9 @@ def test_folder_without_manifest_is_checked_and_fails_by_name(
     job = copy_job(plain, tmp_path)
     (job.out / "manifest.json").unlink()
     assert run_verify(job, "--set", "rotation_step_deg=15") == 4
-    told = capsys.readouterr()
-    assert "was written by a version before manifests, or the file was removed" in told.err
-    assert "ok   path" in told.out  # what the tables say is checked all the same
+    message = capsys.readouterr()
+    assert "was written by a version before manifests, or the file was removed" in message.err
+    assert "ok   path" in message.out  # what the tables say is checked all the same
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def test_folders_of_other_commands_are_refused_by_name(
 
 def test_every_part_of_a_result_is_checked(plain: Job, tmp_path: Path) -> None:
     """Every key of result.json that is taken away fails a check."""
-    told: Callable[[Path], list[str]] = lambda out: [  # noqa: E731
+    message: Callable[[Path], list[str]] = lambda out: [  # noqa: E731
         c.name
         for c in check_result_document(out, cell, toolpath, options, manifest.inputs, manifest, contents)
         if not c.passed
@@ -264,14 +264,14 @@ def test_every_part_of_a_result_is_checked(plain: Job, tmp_path: Path) -> None:
     from machopt.verification.folder.folder_checks import check_contents
 
     contents = check_contents(cell, toolpath, plain.out, options=options, manifest=manifest)
-    assert told(plain.out) == []
+    assert message(plain.out) == []
     job = copy_job(plain, tmp_path)
     whole = json.loads((job.out / "result.json").read_text())
     for key in whole:
         if key in {"tilt", "joint", "reentry"} and whole[key] is None:
             continue  # older results lack it, and an absent one says the same
         (job.out / "result.json").write_text(json.dumps({k: v for k, v in whole.items() if k != key}))
-        assert told(job.out), key
+        assert message(job.out), key
 
 
 def test_verdict_does_not_depend_on_cores_or_length(plain: Job, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,11 +308,11 @@ def test_impossible_worst_index_is_detected(tmp_path: Path) -> None:
     manifest, _ = read_manifest(job.out)
     assert manifest is not None
     options = load_options(dict(manifest.options))
-    told = json.loads((job.out / "result.json").read_text())
+    message = json.loads((job.out / "result.json").read_text())
     motion = read_motion(job.out / "trajectory.csv", cell)
     along = find_worst_index(cell, toolpath, motion, "deflection", options)
-    own = told["objective"]["chosen"]
-    assert along == pytest.approx(own["worst"] * told["index_scale"], rel=0.01)  # an end is the softest place here
+    own = message["objective"]["chosen"]
+    assert along == pytest.approx(own["worst"] * message["index_scale"], rel=0.01)  # an end is the softest place here
     middle = np.abs(motion.point - 2.5) < 0.1
     rows = {f.name: getattr(motion, f.name)[middle] for f in fields(motion) if f.name in SAMPLED}
     assert find_worst_index(cell, toolpath, replace(motion, **rows), "deflection", options) < along
@@ -320,7 +320,9 @@ def test_impossible_worst_index_is_detected(tmp_path: Path) -> None:
     def failing(factor: float) -> list[str]:
         more = (factor - 1.0) * own["worst"]
         chosen = {**own, "worst": own["worst"] + more, "total": own["total"] + options.weights.worst * more}
-        (job.out / "result.json").write_text(json.dumps({**told, "objective": {**told["objective"], "chosen": chosen}}))
+        (job.out / "result.json").write_text(
+            json.dumps({**message, "objective": {**message["objective"], "chosen": chosen}})
+        )
         found = check_result_document(
             job.out, cell, toolpath, options, manifest.inputs, manifest, Verification((), 0, 0.0)
         )

@@ -138,8 +138,8 @@ def test_closed_convex_shells_are_one_part() -> None:
         8
     ]  # corners told face by face
     assert split_convex_shells(corners, faces[1:])[1] == [3] * 11  # open
-    beside = np.concatenate([corners, corners + 2.0, bowl()[0] - 3.0])
-    assert split_convex_shells(beside, np.concatenate([faces, faces + 8, bowl()[1] + 16]))[1] == [8, 8, *[3] * 128]
+    additional = np.concatenate([corners, corners + 2.0, bowl()[0] - 3.0])
+    assert split_convex_shells(additional, np.concatenate([faces, faces + 8, bowl()[1] + 16]))[1] == [8, 8, *[3] * 128]
     dent = corners.copy()
     dent[0] += 0.3 * np.array(SIZE)
     assert split_convex_shells(dent, faces)[1] == [3] * 12
@@ -157,18 +157,18 @@ def test_exact_distance_is_computed_only_for_unproven_claims(tmp_path: Any, monk
     claim, nearest = every.min(axis=0), every.argmin(axis=0)
     assert claim.min() > 0.0
     named = tuple(f"{wanted[p][0].name} ~ {wanted[p][1].name}" for p in nearest)
-    asked: list[float] = []
+    requested: list[float] = []
 
     def counted(*of: Any) -> float:
-        asked.append(compute_distance(*of))
-        return asked[-1]
+        requested.append(compute_distance(*of))
+        return requested[-1]
 
     monkeypatch.setattr(clearance_column, "compute_distance", counted)
     free = np.ones(30, bool)
     sound = clearance_column.check_clearances(scene, wanted, claim, named, free)
     assert not sound.too_small.any()
     assert not sound.too_large.any()
-    assert len(asked) == 0
+    assert len(requested) == 0
     wrong = claim.copy()
     wrong[11], wrong[17] = wrong[11] + 3e-6, wrong[17] - 2e-3
     found = clearance_column.check_clearances(scene, wanted, wrong, named, free)
@@ -176,7 +176,7 @@ def test_exact_distance_is_computed_only_for_unproven_claims(tmp_path: Any, monk
     assert found.too_large[17] == pytest.approx(2e-3, abs=1e-9)
     assert found.pair[11] == named[11]
     assert np.count_nonzero(found.too_small) == np.count_nonzero(found.too_large) == 1
-    assert len(asked) <= 3
+    assert len(requested) <= 3
 
 
 def test_no_row_is_assumed_free_without_motion() -> None:

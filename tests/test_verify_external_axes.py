@@ -54,7 +54,7 @@ def build_correct_columns(cell: Cell) -> tuple[Columns, np.ndarray]:
     m = load_machine(cell, load_robot(cell))
     home = np.append(cell.home, cell.external_home)
     way = np.array([WAY[name] for name in cell.external_joints])
-    index, moves, tips, stood = [np.zeros(1)], [MoveKind.RAPID], [POINTS[:1]], [np.zeros((1, len(way)))]
+    index, moves, tips, rested = [np.zeros(1)], [MoveKind.RAPID], [POINTS[:1]], [np.zeros((1, len(way)))]
     for a, b, move in ((0, 1, MoveKind.APPROACH), (1, 3, MoveKind.CUT), (3, 4, MoveKind.RETRACT)):
         count = int(np.ceil(1.875 * np.linalg.norm(POINTS[b] - POINTS[a]) / (0.9 * FEED) / CYCLE))
         u = np.arange(1, count + 1)[:, None] / count
@@ -62,12 +62,12 @@ def build_correct_columns(cell: Cell) -> tuple[Columns, np.ndarray]:
         index.append(a + share[:, 0] * (b - a))
         moves += [move] * count
         tips.append(POINTS[a] + share * (POINTS[b] - POINTS[a]))
-        stood.append(
+        rested.append(
             0.5 * (1.0 - np.cos(np.pi * share)) * way
             if move == MoveKind.CUT
             else np.full((count, 1), float(a >= 3)) * way
         )
-    e = np.vstack([*stood, np.array([[0.0], [0.0], [0.5], [1.0], [1.0]]) * way])
+    e = np.vstack([*rested, np.array([[0.0], [0.0], [0.5], [1.0], [1.0]]) * way])
     start = np.tile(np.deg2rad([0, -60, 100, 0, 50, 0]), (len(e), 1))
     x = solve(m, cell, np.vstack([*tips, POINTS]), np.hstack([start, e]))
     led, at = x[: -len(POINTS)], x[-len(POINTS) :]
@@ -107,7 +107,7 @@ def points_table(cell: Cell, X: np.ndarray) -> Columns:
     near = model.find_nearest_pair(X, np.ones(len(X), bool))
     found = build_solver(robot).solve(robot.compute_fk(X[:, :6]))
     off = np.abs(np.angle(np.exp(1j * (found.q - X[:, None, :6])))).max(axis=2)
-    stands = compute_posture(UrdfKinematics(cell).compute_configuration(X[:, :6], X[:, 6:]))
+    placed = compute_posture(UrdfKinematics(cell).compute_configuration(X[:, :6], X[:, 6:]))
     lower, upper = cell.limits.lower[:6], cell.limits.upper[:6]
     margin = np.minimum(X[:, :6] - lower, upper - X[:, :6]).min(axis=1)
     n = len(X)
@@ -126,7 +126,7 @@ def points_table(cell: Cell, X: np.ndarray) -> Columns:
         "deflection_mm": list(blank),
         "clearance_mm": (1e3 * near.distance).tolist(),
         "limit_margin_deg": np.degrees(margin).tolist(),
-        "singularity": np.degrees(stands.singularity).tolist(),
+        "singularity": np.degrees(placed.singularity).tolist(),
         "status": ["ok"] * n,
         "reason": [""] * n,
         "nearest_pair": [model.pairs[p].name if p >= 0 else "" for p in near.pair],
@@ -146,12 +146,12 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def verify_damaged(
     made: Made, out: Path, damage: Damage | None = None, points: Damage | None = None, cell: Cell | None = None
 ) -> Verification:
-    motion, told = ({name: list(column) for name, column in of.items()} for of in made[1:])
-    for change, of in ((damage, motion), (points, told)):
+    motion, message = ({name: list(column) for name, column in of.items()} for of in made[1:])
+    for change, of in ((damage, motion), (points, message)):
         if change is not None:
             change(of)
     write(out / "trajectory.csv", motion)
-    write(out / "points.csv", told)
+    write(out / "points.csv", message)
     return verify_motion(cell or made[0], toolpath(), out)
 
 

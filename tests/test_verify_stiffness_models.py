@@ -217,12 +217,12 @@ def test_configuration_class_equals_that_of_the_solver(name: str) -> None:
     branch = np.where(np.isfinite(off), off, np.inf).argmin(axis=1)
     rows = np.flatnonzero(off[np.arange(200), branch] < 1e-6)  # near a singularity some are found less exactly
     assert len(rows) > 190
-    stands = posture.compute_posture(arm.compute_configuration(q[rows]))
-    assert stands.branch is not None
-    np.testing.assert_array_equal(stands.branch, branch[rows])
+    placed = posture.compute_posture(arm.compute_configuration(q[rows]))
+    assert placed.branch is not None
+    np.testing.assert_array_equal(placed.branch, branch[rows])
     at = rows, branch[rows]
     least = np.minimum(np.minimum(found.wrist[at], found.elbow[at]), np.arctan(found.shoulder[at]))
-    np.testing.assert_allclose(stands.singularity, least, atol=1e-7)
+    np.testing.assert_allclose(placed.singularity, least, atol=1e-7)
 
 
 def some_path(kind: str) -> Toolpath:

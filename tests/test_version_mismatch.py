@@ -10,14 +10,14 @@ from machopt.version import __version__
 
 
 def test_other_version_is_named(tmp_path: Path) -> None:
-    (said,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": "0.0.9"}))
-    assert said.startswith(f"the folder was written by machopt 0.0.9, this is {__version__}: ")
+    (output,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": "0.0.9"}))
+    assert output.startswith(f"the folder was written by machopt 0.0.9, this is {__version__}: ")
 
 
 def test_newer_keys_are_named(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text("{}")
-    (said,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": __version__}))
-    assert "before result.json had machopt_result" in said
+    (output,) = describe_version_mismatch(tmp_path, SimpleNamespace(versions={"machopt": __version__}))
+    assert "before result.json had machopt_result" in output
 
 
 def test_damaged_file_has_no_other_version(tmp_path: Path) -> None:

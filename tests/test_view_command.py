@@ -97,10 +97,10 @@ def test_verified_state_remains_until_another_plan_is_shown(tmp_path: Path) -> N
     session = begun(tmp_path, "rotation_step_deg=10")
     nothing = session.list_wishes()
     assert session.verify(ignore_progress).good
-    kept = session.current
+    retained = session.current
     assert '"verified":{' in session.build_html()
     assert session.replan(nothing, ignore_progress)[1]
-    assert session.current is kept  # nothing was planned again
+    assert session.current is retained  # nothing was planned again
     assert session.previous is None
     pin = {**nothing, "fixed": [{"point": 6, "gamma_deg": round(gammas(session)[6] + 15, 1)}]}
     assert session.replan(pin, ignore_progress)[1]
@@ -123,21 +123,21 @@ def test_dragging_a_handle_shows_angle_deflection_and_state(tmp_path: Path) -> N
         points = browser.script("DATA.map.point.filter(p => Math.abs(p - Math.round(p)) < 1e-6).length")
         assert len(dots) == points  # a handle each
         x, y, point = dots[len(dots) // 2]
-        mouse, seen = browser.page.mouse, []
+        mouse, observed = browser.page.mouse, []
         mouse.move(x, y)
         mouse.down()
         for step in (6, 14, 22):
             mouse.move(x, y + step)
             rows = browser.script("[...document.querySelectorAll('.tip div')].map(r => r.innerText.split('\\n'))")
-            seen.append(browser.script("document.querySelector('.tip').innerText"))
+            observed.append(browser.script("document.querySelector('.tip').innerText"))
             assert rows
         message = browser.script(f"document.querySelector('.pin[data-point=\"{point}\"]').title")
         gamma = message.split("γ ")[1].split("°")[0]
-        assert f"point\n{point}" in seen[-1] or f"point{point}" in seen[-1].replace("\n", "")
-        assert gamma in seen[-1]
-        assert "deflection" in seen[-1]
-        assert "state" in seen[-1]
-        assert len(set(seen)) == 3
+        assert f"point\n{point}" in observed[-1] or f"point{point}" in observed[-1].replace("\n", "")
+        assert gamma in observed[-1]
+        assert "deflection" in observed[-1]
+        assert "state" in observed[-1]
+        assert len(set(observed)) == 3
         mouse.up()
         assert browser.script("document.getElementById('save').disabled")
         browser.page.click(".wish + button")  # taken away again: the plan shown is the one wished for

@@ -96,11 +96,11 @@ def test_requests_are_executed_one_at_a_time() -> None:
     def act(what: str, body: dict[str, Any], progress: Callable[[str], None]) -> ViewAnswerDocument:
         doers.append(threading.get_ident())
         progress("smooth")
-        seen.append(server.progress.stage)
+        observed.append(server.progress.stage)
         busy.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
         return ViewAnswerDocument(message=f"{what} {body['x']}", good=True, shown=True)
 
-    seen: list[str] = []
+    observed: list[str] = []
     busy: list[int] = []
     with serve_page(act, lambda: next(pages)) as server:
         found: list[tuple[int, str]] = []
@@ -112,7 +112,7 @@ def test_requests_are_executed_one_at_a_time() -> None:
         page.join()
         assert found[0][0] == 200
         assert json.loads(found[0][1]) == {"message": "plan 3", "good": True, "shown": True}
-        assert (doers, seen, busy) == ([threading.get_ident()], ["smooth"], [409])
+        assert (doers, observed, busy) == ([threading.get_ident()], ["smooth"], [409])
         assert ask(server, "GET", "")[1] == "second"
         assert server.progress.stage == ""
 

@@ -27,8 +27,8 @@ def random_grid(rng: np.random.Generator) -> SequenceGrid:
     drift = np.cumsum(rng.normal(0, 0.7, (S, 1, 1, 6)), axis=0)
     q = np.array(wrap_angle(drift + rng.uniform(-3, 3, (1, 1, B, 6)) + rng.normal(0, 0.3, (S, R, B, 6))))
     shift_angles(origin, q)
-    told = q[..., None, :] + turns
-    feasible = ((told >= -half) & (told <= half)).all(axis=-1) & (rng.random((S, R, B, len(turns))) < 0.9)
+    message = q[..., None, :] + turns
+    feasible = ((message >= -half) & (message <= half)).all(axis=-1) & (rng.random((S, R, B, len(turns))) < 0.9)
     window = rng.choice([0, 1, 2, FREE], S, p=[0.2, 0.4, 0.2, 0.2]).astype(np.int32)
     window[0] = FREE
     window[1:][~feasible.any(axis=(1, 2, 3))[:-1] & (window[1:] >= 0)] = LIFT
@@ -76,9 +76,9 @@ def forbid_motion(edges: ForbiddenTransitions, s: int, u: int, v: int, T: int) -
 
 @pytest.mark.parametrize("seed", range(6))
 def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
-    rng, asked, found = np.random.default_rng(seed), 0, 0
+    rng, requested, found = np.random.default_rng(seed), 0, 0
     unbroken = 0
-    while asked < 60:
+    while requested < 60:
         grid = random_grid(rng)
         c = grid.candidates
         S, R, B, T = c.feasible.shape
@@ -99,7 +99,7 @@ def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
         allowed = grid.raw < rng.choice([1.3, 1.7, 9.0])
         if not (some & allowed).any(axis=(1, 2))[c.feasible.any(axis=(1, 2, 3))].all():
             continue
-        asked += 1
+        requested += 1
         whole = mask & allowed[..., None]
         told_apart, (free, broken, reached) = part.solve(whole), part.free(whole)
         assert (broken == told_apart[3]).all()
@@ -113,8 +113,8 @@ def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
         if got is not None:
             found += 1
             assert got[1] == pytest.approx(value, abs=1e-9)
-            kept = np.flatnonzero(got[0][:, 0] >= 0)
-            assert mask[(kept, *got[0][kept].T)].all()
+            retained = np.flatnonzero(got[0][:, 0] >= 0)
+            assert mask[(retained, *got[0][retained].T)].all()
             assert ((got[0][:, 0] >= 0) == (vertex[:, 0] >= 0)).all()
     assert min(found, unbroken) > 8
 
@@ -158,8 +158,8 @@ def test_equal_sequences_use_no_unnecessary_turns() -> None:
     q = np.zeros((4, 1, 1, 6))
     q[:, 0, 0, 3] = np.radians([5.0, 5.0, 15.0, 15.0])
     shift_angles(origin, q)
-    told = q[..., None, :] + turns
-    feasible = ((told >= -half) & (told <= half)).all(axis=-1)
+    message = q[..., None, :] + turns
+    feasible = ((message >= -half) & (message <= half)).all(axis=-1)
     window = np.array([FREE, 0, FREE, 0], np.int32)
     grid = grid_of(q, turns, feasible, window, np.random.default_rng(0), True)
     grid.price_q[:] = 0.0

@@ -44,10 +44,10 @@ def test_column_of_offsets_is_modal_and_rotates_axes(tmp_path: Path, cell: Cell)
     assert path.offsets == ()
     assert path.meta["work_offsets"] == "G54, G55"
     assert place_toolpath(path, cell) is path
-    told = "no work offset: they count in workpiece, not in one of the cell's (G54, G55)"
-    assert path.warnings[-1] == f"points 0 to 0 name {told}"
+    message = "no work offset: they count in workpiece, not in one of the cell's (G54, G55)"
+    assert path.warnings[-1] == f"points 0 to 0 name {message}"
     bare = read(tmp_path, HEAD.replace(",offset", "") + "0,0,0,0,0,1,1,0,0,cut,600\n5,0,0,0,0,1,1,0,0,cut,600\n", cell)
-    assert bare.warnings[-1] == f"all points name {told}"
+    assert bare.warnings[-1] == f"all points name {message}"
     assert place_toolpath(bare, cell) is bare
 
 

@@ -490,15 +490,15 @@ def test_measured_table_is_shown_beside_the_model(tmp_path: Path, arm: ReachingA
         fixed_rotation=True,
         collision="none",
     )
-    told = json.loads((tmp_path / "m" / "map.json").read_text(encoding="utf-8"))["measured"]
-    assert told["readings"] == 12
-    assert told["relative_error"]["kx"]["model_rms"] < 1e-6  # the readings are the model's own, to printed digits
-    assert told["relative_error"]["kx"]["left_out_rms"] > 0.01  # postures differ: places alone cannot tell
+    message = json.loads((tmp_path / "m" / "map.json").read_text(encoding="utf-8"))["measured"]
+    assert message["readings"] == 12
+    assert message["relative_error"]["kx"]["model_rms"] < 1e-6  # the readings are the model's own, to printed digits
+    assert message["relative_error"]["kx"]["left_out_rms"] > 0.01  # postures differ: places alone cannot tell
     found = rows(tmp_path / "m" / "map.csv")
     assert {r["measured_hull"] for r in found} == {"inside", "outside"}
     least, most = v["k_x"].min() * 1e-3, v["k_x"].max() * 1e-3
     assert all(least * 0.999999 <= float(r["measured_kx_N_mm"]) <= most * 1.000001 for r in found)
-    assert told["samples_inside_hull"] == sum(r["measured_hull"] == "inside" for r in found)
+    assert message["samples_inside_hull"] == sum(r["measured_hull"] == "inside" for r in found)
     assert not outcome.result.to_json_types()["warnings"]
     table.write_text("\n".join([lines[0], lines[1].replace("p0,", "p0,9"), *lines[2:]]) + "\n", encoding="utf-8")
     shifted = make_map(tmp_path / "s", measured=table, fixed_rotation=True, **SMALL)
@@ -542,15 +542,15 @@ def test_default_range_contains_everything_reachable(tmp_path: Path) -> None:
 
 
 def test_same_input_same_bytes(tmp_path: Path) -> None:
-    asked = {
+    requested = {
         "ranges": ("x=700:1900", "z=100:1700"),
         "steps": ("200",),
         "force": "0,0,-500",
         "rotation_step": 60.0,
         "length": 600.0,
     }
-    make_map(tmp_path / "a", **asked)
-    make_map(tmp_path / "b", **asked)
+    make_map(tmp_path / "a", **requested)
+    make_map(tmp_path / "b", **requested)
     names = {"map.csv", "map_free.csv", "map.json", "map.svg", "report.html", "manifest.json"}
     assert {p.name for p in (tmp_path / "a").iterdir()} == names
     for name in names:
@@ -559,13 +559,13 @@ def test_same_input_same_bytes(tmp_path: Path) -> None:
 
 def test_json_states_the_extremes_of_the_table(tmp_path: Path) -> None:
     make_map(tmp_path / "m", fixed_rotation=True, **SMALL)
-    told = json.loads((tmp_path / "m" / "map.json").read_text(encoding="utf-8"))
-    assert told["machopt_map"] == 1
-    assert [a["name"] for a in told["axes"]] == ["x", "z"]
-    assert told["samples"] == 25
+    message = json.loads((tmp_path / "m" / "map.json").read_text(encoding="utf-8"))
+    assert message["machopt_map"] == 1
+    assert [a["name"] for a in message["axes"]] == ["x", "z"]
+    assert message["samples"] == 25
     table = rows(tmp_path / "m" / "map.csv")
     assert len(table) == 25
-    layer = told["layers"]["given"]
+    layer = message["layers"]["given"]
     assert layer["reached"] == sum(r["reason"] == "ok" for r in table)
     assert sum(layer["reasons"].values()) == 25
     for name, field in layer["fields"].items():
@@ -612,8 +612,8 @@ def test_stiffness_grid_is_used_and_its_boundary_reported(tmp_path: Path) -> Non
     text = (gridded / "cell.yaml").read_text(encoding="utf-8")
     text = text.replace("stiffness: stiffness.yaml", "stiffness: stiffness_two_grid.yaml")
     (gridded / "cell.yaml").write_text(text, encoding="utf-8")
-    asked = {"ranges": ("x=1000:3000", "z=0:2000"), "steps": ("250",), "length": 600.0, "collision": "none"}
-    outcome = make_map(tmp_path / "m", gridded, fixed_rotation=True, **asked)
+    requested = {"ranges": ("x=1000:3000", "z=0:2000"), "steps": ("250",), "length": 600.0, "collision": "none"}
+    outcome = make_map(tmp_path / "m", gridded, fixed_rotation=True, **requested)
     cell = load_cell(gridded)
     elasticity = ArmElasticity(load_robot(cell), cell.tool.T_flange_tcp, cell.stiffness)
     table = rows(tmp_path / "m" / "map.csv")
@@ -706,9 +706,9 @@ def test_power_and_neighbours_are_validated(tmp_path: Path) -> None:
 
 
 def test_too_many_samples_are_refused_with_a_valid_step(tmp_path: Path) -> None:
-    asked = {"ranges": ("x=500:2500", "z=0:2000"), "length": 600.0, "collision": "none"}
+    requested = {"ranges": ("x=500:2500", "z=0:2000"), "length": 600.0, "collision": "none"}
     with pytest.raises(InputError, match=r"\d+ samples × 19 rotations are too many; --step ") as caught:
-        make_map(tmp_path / "m", steps=("0.5",), **asked)
+        make_map(tmp_path / "m", steps=("0.5",), **requested)
     step = re.search(r"--step ([\d.]+) would work \(([\d,]+) samples\)", str(caught.value))
     assert step is not None
     count = int(step[2].replace(",", ""))
@@ -747,12 +747,12 @@ def test_discrepancies_of_the_stiffness_file_are_reported(tmp_path: Path) -> Non
         "parts: [base ry], shift: [2.0e-8], modes: [[5.0e-9]]}\n"
     )
     out = tmp_path / "out"
-    asked = {"ranges": ("x=900:1200", "z=500:900"), "steps": ("300",), "collision": "none"}
-    done = run_map(MapRequest(cell=folder, out=out, **asked))
-    said = " ".join(done.result.warnings)
-    assert "leaves 0.3 mm of the readings it comes from, 10.0 times their noise" in said
-    assert "Stiffness and deflection count in, in the mean, what the readings show" in said
-    assert "what rail give there counts in" in said
+    requested = {"ranges": ("x=900:1200", "z=500:900"), "steps": ("300",), "collision": "none"}
+    done = run_map(MapRequest(cell=folder, out=out, **requested))
+    output = " ".join(done.result.warnings)
+    assert "leaves 0.3 mm of the readings it comes from, 10.0 times their noise" in output
+    assert "Stiffness and deflection count in, in the mean, what the readings show" in output
+    assert "what rail give there counts in" in output
     assert "leaves 0.3 mm of the readings" in (out / "report.html").read_text()
     asked_for = SimpleNamespace(length=0.5, T_base_frame=np.eye(4), load=None)
     setting = build_map_settings(load_cell(folder), load_robot(load_cell(folder)), asked_for)

@@ -81,10 +81,10 @@ def test_common_bound_is_that_of_the_best_limit(alone: list[Plan]) -> None:
     assert bound >= min(every) * (1 - 0.01)  # every seventh cap
     one_by_one = float(share @ [p.choice.bound for p in alone])
     assert bound > one_by_one
-    told = compute_certificate(join_plans([ToolSegmentPlan(p, 0, "") for p in plans], bound))
-    assert told is not None
-    assert told.bound == pytest.approx(bound)
-    assert 0 <= told.gap < 5e-3
+    message = compute_certificate(join_plans([ToolSegmentPlan(p, 0, "") for p in plans], bound))
+    assert message is not None
+    assert message.bound == pytest.approx(bound)
+    assert 0 <= message.gap < 5e-3
 
 
 def test_combined_choice_is_never_worse_than_separate_ones(alone: list[Plan]) -> None:
@@ -120,12 +120,12 @@ def test_job_with_gaps_is_unchanged(alone: list[Plan]) -> None:
 
 def test_break_of_a_segment_names_its_ends(alone: list[Plan]) -> None:
     change = np.zeros(6)
-    told = SequenceBreak(before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose")
-    assert told.where == "from home to point 3"
-    assert shift_break_indices(told, ToolSegmentPlan(alone[0], 10, "b")).where == "from home to point 13"
+    message = SequenceBreak(before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose")
+    assert message.where == "from home to point 3"
+    assert shift_break_indices(message, ToolSegmentPlan(alone[0], 10, "b")).where == "from home to point 13"
     after = ToolSegmentPlan(replace(alone[0], begin=change), 10, "b")
-    assert shift_break_indices(told, after).where == "from the tool change to point 13"
-    back = replace(told, before=5.0, after=np.nan)
+    assert shift_break_indices(message, after).where == "from the tool change to point 13"
+    back = replace(message, before=5.0, after=np.nan)
     assert (
         shift_break_indices(back, ToolSegmentPlan(replace(alone[0], end=change), 10, "b")).where
         == "from point 15 to the tool change"
@@ -153,10 +153,10 @@ def test_improvements_are_accepted_together_or_one_by_one() -> None:
 
 
 def test_segment_under_a_limit_is_solved_once() -> None:
-    asked: list[float] = []
+    requested: list[float] = []
 
     def solve(cap: float, limit: float) -> WorstLimitedSequence | None:
-        asked.append(cap)
+        requested.append(cap)
         return WorstLimitedSequence(np.empty((0, 3), np.int32), 7.0, 0.8 * cap) if limit > 7.0 else None
 
     one = module._Stretch(WorstLimitedSequence(np.empty((0, 3), np.int32), 5.0, 2.0), 0.5, solve)
@@ -169,4 +169,4 @@ def test_segment_under_a_limit_is_solved_once() -> None:
     assert found.value == 7.0
     assert one.under(0.9, 8.0) is found  # 0.8 ≤ 0.9 ≤ 1
     assert one.under(0.9, 7.0) is None
-    assert asked == [1.0, 1.0]
+    assert requested == [1.0, 1.0]

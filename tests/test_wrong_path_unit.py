@@ -33,9 +33,9 @@ def test_other_unit_is_suggested(
 ) -> None:
     options = ("--unit", unit, "--feed", "1000", "--max-extent", "1e6")
     assert optimize(KR500, table(tmp_path, per_metre), tmp_path / "out", *options) == 2
-    told = capsys.readouterr().err
-    assert "--unit" in told
-    assert says in told
+    message = capsys.readouterr().err
+    assert "--unit" in message
+    assert says in message
     assert not (tmp_path / "out").exists()
 
 
@@ -55,9 +55,9 @@ def test_path_of_a_fifth_of_a_millimetre_is_questioned(tmp_path: Path, capsys: p
     file = table(tmp_path, 1.0)
     file.write_text(file.read_text().replace("x,y,z", "x_mm,y_mm,z_mm"))
     assert optimize(KR500, file, tmp_path / "out", "--feed", "1000") == 2
-    told = capsys.readouterr().err
-    assert "--unit mm" in told
-    assert "metres" in told
+    message = capsys.readouterr().err
+    assert "--unit mm" in message
+    assert "metres" in message
 
 
 def test_far_part_in_a_stated_unit_is_out_of_reach_with_its_distance(
@@ -69,9 +69,9 @@ def test_far_part_in_a_stated_unit_is_out_of_reach_with_its_distance(
     file.write_text(rows)
     options = ("--feed", "1000", "--set", "rotation_step_deg=45", "--set", "collision=false")
     assert optimize(KR500, file, tmp_path / "out", "--unit", "mm", *options) == 3
-    told = capsys.readouterr().err
-    assert "out of reach" in told
-    assert "mm outside the workspace" in told
+    message = capsys.readouterr().err
+    assert "out of reach" in message
+    assert "mm outside the workspace" in message
     file.write_text(rows.replace("x,y,z", "x_mm,y_mm,z_mm"))  # the file itself says mm, which may be wrong
     assert optimize(KR500, file, tmp_path / "again", *options) == 2
     assert "--unit" in capsys.readouterr().err

@@ -38,10 +38,10 @@ def test_points_given_more_than_once_are_planned_and_verified(tmp_path: Path, ro
 def test_a_feed_of_micrometres_is_refused_by_its_duration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = table(tmp_path, (0, 0), (10, 0), (50, 0), feed=0.001)
     assert optimize(KR500, file, tmp_path / "out", *QUICK) == 2
-    told = capsys.readouterr().err
-    assert "cuts.csv" in told
-    assert "line 4" in told
-    assert "0.001 mm/min" in told
+    message = capsys.readouterr().err
+    assert "cuts.csv" in message
+    assert "line 4" in message
+    assert "0.001 mm/min" in message
     assert not (tmp_path / "out").exists()
 
 

@@ -97,7 +97,7 @@ class ChebyshevMap:
         contacts = sum(cuts for *_, cuts in self.parts)
         size = 2 * n + 2 * m * contacts
         state = np.eye(2 * n, size)
-        history, seen = [], 0
+        history, observed = [], 0
         read = np.hstack([s.shape[:, :2].T, np.zeros((2, n))])  # r = read x
         for k, (a, b, cuts) in enumerate(self.parts):
             if not cuts:
@@ -110,11 +110,11 @@ class ChebyshevMap:
                 rows = slice(2 * n * j, 2 * n * (j + 1))
                 system[rows, rows] -= self.free + push[j] @ read
                 right[rows] = -self.D[1 + j, 0] * (2 / (b - a)) * state
-                first = 2 * n + 2 * (seen + j)
+                first = 2 * n + 2 * (observed + j)
                 right[rows, first : first + 2] -= push[j]
             found = np.linalg.solve(system, right)
             history += [read @ found[2 * n * j : 2 * n * (j + 1)] for j in range(m)]
-            seen += m
+            observed += m
             state = found[-2 * n :]
         return float(np.abs(np.linalg.eigvals(np.vstack([state, *history]))).max())
 

@@ -226,9 +226,9 @@ def test_negative_coefficient_from_noise_becomes_zero(tmp_path: Path) -> None:
 def test_command_writes_a_file_that_optimize_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, out = record(tmp_path / "slots"), tmp_path / "out"
     assert main(["process", str(CELL), str(folder), "-o", str(out), "--material", "al_measured"]) == 0
-    said = capsys.readouterr().out
-    assert "al_measured: 5 of 5 cuts used" in said
-    assert "Krc" in said
+    output = capsys.readouterr().out
+    assert "al_measured: 5 of 5 cuts used" in output
+    assert "Krc" in output
     process = load_process(out / "process.yaml")
     material = process.materials["al_measured"].milling
     assert material is not None

@@ -28,8 +28,8 @@ def read_toy(source: SourceFile, arc_tolerance: float, strict: bool = False) -> 
                 [float(a) for a in axes], line, MoveAttributes(configuration={"wrist": wrist.removeprefix("WRIST=")})
             )
         elif word == "LINE":
-            values, _, said = rest.partition(" FEED=")
-            feed, blend, move, operation = said.split(" ", 3)
+            values, _, output = rest.partition(" FEED=")
+            feed, blend, move, operation = output.split(" ", 3)
             out.begin_or_none(operation.strip('"'))
             out.word(move)
             rows, place = _read_pose(values.split())
