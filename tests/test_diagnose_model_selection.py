@@ -413,6 +413,17 @@ def test_detection_limit_is_where_effects_begin_to_be_named() -> None:
     assert named[1.3] >= 4  # nine of ten at the limit itself, nearly all beyond it
 
 
+def test_the_detection_limit_is_not_below_the_least_size_with_a_name() -> None:
+    for extra, is_named in ((0.0, False), (36e-6, False), (50e-6, True)):
+        rng = np.random.default_rng(8)
+        problem, column = build_synthetic_problem(501, extra=extra)
+        laws = HypothesisCatalogue((replace(law(column), least_size=40.0),))
+        d = selection_pipeline.diagnose_problem(problem, laws, selection_pipeline.DiagnosisOptions(), rng)
+        assert bool(d.findings) == is_named
+        limit = next(x.value for x in d.limits if x.effect == "wind")
+        assert 40.0 < limit < 45.0  # 90 % power: 1.28 standard errors above the least size
+
+
 def test_same_seed_gives_the_same_diagnosis() -> None:
     results = []
     for _ in range(2):

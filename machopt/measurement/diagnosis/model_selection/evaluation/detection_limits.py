@@ -1,8 +1,9 @@
 """Detection limits: the smallest size of each effect that this recording would have shown, and its confounded
 effects.
 
-An effect is reported from a gain of ``least_gain`` on. A noncentrality of √gain + 1.28 reaches that with 90 %
-probability. The required size follows from the design: the effect's columns after projection by the base.
+An effect is reported from a gain of ``compute_least_gain`` and a size of ``least_size`` on. A noncentrality that is
+larger by 1.28 reaches both with 90 % probability. The required size follows from the design: the effect's columns
+after projection by the base.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from machopt.measurement import thresholds
+from machopt.measurement.diagnosis.data_types.diagnosis_problem import Quantity
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DetectionLimit, EffectLocation, Testability
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import minimise_bounded_quadratics
+from machopt.measurement.diagnosis.model_selection.search.candidate_checks import compute_least_gain
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import (
     MIN_COLUMN_SQUARE,
     WhitenedModel,
@@ -51,15 +54,8 @@ def compute_detection_limits(
         if name in first or name not in of:
             continue
         first[name] = (t, 0)
-        p = t.X.shape[2]
-        need = np.sqrt(
-            max(
-                thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (p - 1) + t.hypothesis.penalty,
-                thresholds.SHARES.min_gain_per_row * len(model.y),
-            )
-            * model.residual_variance
-        )
-        need += thresholds.LEVELS.power_quantile * np.sqrt(model.residual_variance)
+        needed = np.sqrt(compute_least_gain(model, t) * model.residual_variance)
+        power = thresholds.LEVELS.power_quantile * np.sqrt(model.residual_variance)
         sizes: list[float] = []
         for s in _select_spread_indices(len(t.shapes)):
             C = t.products_with(model)[s]
@@ -72,8 +68,11 @@ def compute_detection_limits(
                 n = float(np.sqrt(max(x @ S @ x, 0.0)))
                 if n <= 1e-9 * float(np.sqrt(whole.max())):
                     continue
-                least = x * need / n
-                quantity = next(iter(t.hypothesis.quantities(least * t.unit[s], t.shapes[s]).values()))
+                least = x * (needed + power) / n
+                if t.hypothesis.least_size:  # a size that is linear in the coefficients
+                    named = t.hypothesis.least_size * n / abs(_compute_size(t, s, x).value)
+                    least = x * (max(needed, named) + power) / n
+                quantity = _compute_size(t, s, least)
                 sizes.append(abs(quantity.value))
                 units[name] = quantity.unit
                 if name not in signals or len(sizes) == 1:
@@ -82,7 +81,7 @@ def compute_detection_limits(
         if sizes and np.isfinite(np.median(sizes)):
             values[name] = float(np.median(sizes))
         else:
-            unit = next(iter(t.hypothesis.quantities(np.ones(p), t.shapes[0]).values())).unit
+            unit = _compute_size(t, 0, np.ones(t.X.shape[2])).unit
             effect, location = name
             out.append(
                 DetectionLimit(effect=effect, location=location, value=float("nan"), unit=unit, standing="not testable")
@@ -131,6 +130,11 @@ def _find_confounded_effects(
         ]
         for k, n in enumerate(names)
     }
+
+
+def _compute_size(t: WhitenedHypothesis, shape: int, x: Array) -> Quantity:
+    """Return the size of an effect with the scaled coefficients (p,) at a shape."""
+    return next(iter(t.hypothesis.quantities(x * t.unit[shape], t.shapes[shape]).values()))
 
 
 def _select_spread_indices(count: int) -> list[int]:

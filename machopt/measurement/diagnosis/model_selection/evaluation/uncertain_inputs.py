@@ -57,7 +57,7 @@ def _drop_explained(base: WhitenedModel, chosen: tuple[SelectedEffect, ...]) -> 
         weak = []
         for c in out:
             beside = add_selected_effects(base, [o for o in out if o is not c])
-            least = compute_least_gain(beside, c.scored) * beside.residual_variance
+            least = compute_least_gain(beside, c.whitened) * beside.residual_variance
             half = thresholds.SHARES.min_transfer * before[c.whitened.hypothesis.name]
             if c.scored.gain < min(least, half):
                 weak.append(c)

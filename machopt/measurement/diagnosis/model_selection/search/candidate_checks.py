@@ -23,6 +23,7 @@ from machopt.measurement.diagnosis.model_selection.screening.significance_check 
 )
 from machopt.measurement.diagnosis.model_selection.selection_stage import SelectionStage
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import WhitenedModel
+from machopt.measurement.diagnosis.statistics.whitened_hypothesis import WhitenedHypothesis
 
 BETWEEN_SESSIONS = "sessions"  # name of the check that compares sessions
 
@@ -60,19 +61,18 @@ def is_supported_without_session_check(model: WhitenedModel, s: ScoredHypothesis
     return all(check.is_passed(model, s) for check in CANDIDATE_CHECKS if check.name != BETWEEN_SESSIONS)
 
 
-def compute_least_gain(model: WhitenedModel, s: FittedHypothesis) -> float:
+def compute_least_gain(model: WhitenedModel, t: WhitenedHypothesis) -> float:
     """Compute the gain that a hypothesis must reach, relative to the residual variance.
 
     Args:
         model: Whitened base model.
-        s: Hypothesis fitted to all readings.
+        t: Whitened hypothesis.
 
     Returns:
         Required gain.
     """
-    h = s.whitened.hypothesis
-    p = s.whitened.X.shape[2]
-    least: float = thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (p - 1) + h.penalty
+    p = t.X.shape[2]
+    least: float = thresholds.LEVELS.min_gain + thresholds.LEVELS.gain_two_sigma * (p - 1) + t.hypothesis.penalty
     return max(least, thresholds.SHARES.min_gain_per_row * len(model.y))
 
 
@@ -107,7 +107,7 @@ def is_large_enough(model: WhitenedModel, s: FittedHypothesis) -> bool:
 
 
 def _gains_enough(model: WhitenedModel, s: FittedHypothesis) -> bool:
-    return s.gain / model.residual_variance >= compute_least_gain(model, s)
+    return s.gain / model.residual_variance >= compute_least_gain(model, s.whitened)
 
 
 def _predicts_unseen_groups(model: WhitenedModel, s: ScoredHypothesis) -> bool:
@@ -123,7 +123,7 @@ def _is_supported_by_several_groups(model: WhitenedModel, s: ScoredHypothesis) -
     """Return whether a law does not depend on a single group: the others contribute their share or suffice alone."""
     others = s.total - float(s.heldout.max())
     return others > thresholds.SHARES.minority * s.total or others / model.residual_variance >= compute_least_gain(
-        model, s
+        model, s.whitened
     )
 
 

@@ -137,7 +137,7 @@ def prune_joint_effects(
             replace(c, scored=score_hypotheses(m, [c.whitened])[0]) for m, c in zip(model_without, chosen, strict=True)
         ]
         needed = [
-            s.gain / m.residual_variance - compute_least_gain(m, s)
+            s.gain / m.residual_variance - compute_least_gain(m, s.whitened)
             for m, s in zip(model_without, [c.scored for c in chosen], strict=True)
         ]
         if known and chosen and min(needed) < 0.0:

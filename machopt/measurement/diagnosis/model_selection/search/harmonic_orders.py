@@ -182,7 +182,7 @@ def _drop_unneeded_orders(
                 _build_order_columns(model, law, orders[:n] + orders[n + 1 :]).columns_at(0)
             )
             s = score_hypotheses(rest, [_build_order_columns(model, law, (orders[n],))])[0]
-            need.append(s.gain / rest.residual_variance - compute_least_gain(rest, s))
+            need.append(s.gain / rest.residual_variance - compute_least_gain(rest, s.whitened))
         worst = int(np.argmin(need))
         if need[worst] >= 0.0:
             break
