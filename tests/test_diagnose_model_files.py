@@ -13,16 +13,29 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from simulated_hidden_effects import CELLS, HiddenEffects, arm, load_tests, plan_load_tests, solve_equilibrium
+from simulated_hidden_effects import (
+    CELLS,
+    HiddenEffects,
+    NoiseLevels,
+    arm,
+    load_tests,
+    plan_load_tests,
+    solve_equilibrium,
+)
 
 from machopt.cell.cell_reader import load_cell
 from machopt.cli import main
 from machopt.commands.diagnose.model_files import check_written_errors, read_assessment
 from machopt.data_types.measurements.recording import Recording
+from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness
 from machopt.errors import MachoptError
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult
 from machopt.measurement.diagnosis.outputs import model_assessment
-from machopt.measurement.diagnosis.outputs.written_model_error import WrittenResidual
+from machopt.measurement.diagnosis.outputs.written_model_error import (
+    WrittenModel,
+    WrittenResidual,
+    compute_written_residual,
+)
 from machopt.measurement.recording import load_recording, write_recording
 from machopt.numerics.array_types import Array
 
@@ -151,6 +164,19 @@ def test_changed_number_in_any_file_is_detected(case: Path, tmp_path: Path, monk
         with pytest.raises(MachoptError, match="internal error: final"):
             check_written_errors(tmp_path / "out", cell, d, known)
         shutil.rmtree(tmp_path / "out")
+
+
+def test_a_written_spring_softer_than_the_range_of_fits_counts_as_written() -> None:
+    rng = np.random.default_rng(9)
+    a, cell = arm(CELL.name), load_cell(CELL)
+    stiffness = np.where(np.arange(6) < 4, a.nominal, LEAST_STIFFNESS / 2)
+    plan = plan_load_tests(a, rng, poses=8, sessions=1, loads=2, force=150.0)
+    recording = load_tests(a, HiddenEffects(stiffness), plan, rng, NoiseLevels(0, 0, 0, 0, 0, 0))
+    every = np.ones(len(recording), bool)
+    model = WrittenModel(ArmStiffness(joints=stiffness), None)
+    residual = compute_written_residual(cell, model, recording, every, every).values
+    assert recording.displacement is not None
+    assert np.linalg.norm(residual) < 0.002 * np.linalg.norm(recording.displacement)  # large motions, to second order
 
 
 @pytest.mark.proof

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from machopt.data_types.cell import Cell
 from machopt.data_types.kinematic_corrections import KinematicCorrections
 from machopt.data_types.measurements.recording import Recording
-from machopt.data_types.stiffness import LEAST_STIFFNESS, ArmStiffness
+from machopt.data_types.stiffness import ArmStiffness
 from machopt.kinematics.urdf_loading import load_robot
 from machopt.measurement.diagnosis.diagnosis_pipeline import read_load_test_masses, read_stated_masses
 from machopt.measurement.diagnosis.effect_columns import existing_terms, joint_torque
@@ -102,7 +102,7 @@ def _compute_load_test_residual(cell: Cell, recording: Recording, flags: Flags) 
     stiffness = replace(cell.stiffness, terms=existing_terms.select_known_terms(cell.stiffness.terms))
     every = build_load_test_experiment(recording, robot, T)
     tests = every.select_readings(flags)
-    compliance = np.clip(1.0 / stiffness.joints, 0.0, 1.0 / LEAST_STIFFNESS)
+    compliance = 1.0 / stiffness.joints
     out = tests.measured - tests.response() @ compliance
     curved = loaded_equilibrium_terms.compute_nonlinear_displacement(tests, robot, T, masses, compliance)
     if curved is not None:
