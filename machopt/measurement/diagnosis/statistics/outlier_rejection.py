@@ -16,12 +16,16 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-def find_inlier_readings(problem: DiagnosisProblem, residual: Array) -> Flags:
+def find_inlier_readings(problem: DiagnosisProblem, residual: Array, modelled: Array | None = None) -> Flags:
     """Find the readings without a gross error, judged by robust standard deviations.
+
+    Laws of large effects are not exact. A reading that an effect moves by 100 standard deviations may deviate by more
+    than noise does, and is no outlier. The robust standard deviation contains the law error of a typical reading.
 
     Args:
         problem: Problem with session, pose and replicate labels.
         residual: (N, D) residuals of a robust fit, SI.
+        modelled: (N, D) displacement by fitted effects whose laws are not exact, SI; None without effects.
 
     Returns:
         (N,) True for readings that are used.
@@ -34,7 +38,11 @@ def find_inlier_readings(problem: DiagnosisProblem, residual: Array) -> Flags:
             family.stated_uncertainty or 0.0,
             float(np.finfo(float).tiny),
         )
-        off |= (np.abs(e) > thresholds.LEVELS.outlier_sigma * typical).any(axis=1)
+        limit = np.full(len(e), thresholds.LEVELS.outlier_sigma * typical)
+        if modelled is not None:
+            moved = np.linalg.norm(modelled[:, list(family.columns)], axis=1)
+            limit += np.sqrt(thresholds.SHARES.law_error) * np.maximum(moved - np.median(moved), 0.0)
+        off |= (np.abs(e) > limit[:, None]).any(axis=1)
     if not off.any():
         return np.asarray(~off)
     if problem.channel == "torque":

@@ -20,6 +20,7 @@ from machopt.measurement.diagnosis.model_selection.search.search_state import Se
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import BODY, SelectedEffect
 from machopt.measurement.diagnosis.model_selection.search.shape_refinement import refine_chosen_shapes
 from machopt.measurement.diagnosis.statistics import outlier_rejection, replicate_noise
+from machopt.measurement.diagnosis.statistics.holdout_residuals import FittedModel
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
@@ -76,7 +77,8 @@ def search_iteratively(
         state = _run_search_iteration(problem, catalogue, most, seed, residual, used, rate)
         fitted = state.fit_effects(state.chosen)
         residual = fitted.residual
-        inliers = outlier_rejection.find_inlier_readings(problem, residual) & _find_allowed_rows(problem)
+        modelled = _compute_inexact_displacement(fitted, state)
+        inliers = outlier_rejection.find_inlier_readings(problem, residual, modelled) & _find_allowed_rows(problem)
         is_unchanged = previous_names == _list_effect_names(state.chosen) and np.array_equal(inliers, used)
         x = fitted.x[: problem.base.shape[2]]
         implausible_unknowns = _find_implausible_unknowns(problem, x, state.chosen)
@@ -145,6 +147,13 @@ def _build_linearisation_point(chosen: Sequence[SelectedEffect]) -> Linearisatio
 def _build_correction(c: SelectedEffect) -> Correction | None:
     at = c.scored.shape
     return c.whitened.hypothesis.correction(c.scored.x * c.whitened.unit[at], c.whitened.hypothesis.shapes[at])
+
+
+def _compute_inexact_displacement(fitted: FittedModel, state: SearchState) -> Array:
+    """Return the displacement (N, D) by the selected effects whose laws are not exact, SI."""
+    is_inexact = [np.zeros(state.problem.base.shape[2])]
+    is_inexact += [np.full(len(c.scored.x), float(not c.whitened.hypothesis.is_exact)) for c in state.chosen]
+    return np.asarray(fitted.columns @ (np.concatenate(is_inexact) * fitted.x))
 
 
 def _find_implausible_unknowns(problem: DiagnosisProblem, x: Array, chosen: Sequence[SelectedEffect]) -> frozenset[int]:
