@@ -12,7 +12,11 @@ from machopt.cell.kinematics_file import load_kinematics, write_kinematics
 from machopt.data_types.kinematic_corrections import KinematicCorrection, KinematicCorrections
 from machopt.kinematics.encoder_corrections import build_encoder_correction
 from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedValue, Finding
-from machopt.measurement.diagnosis.verdict.transmission_error_naming import convert_to_unnamed, split_waves
+from machopt.measurement.diagnosis.verdict.transmission_error_naming import (
+    convert_to_unnamed,
+    is_constant_of_unnamed_waves,
+    split_waves,
+)
 from machopt.numerics.array_types import Array
 from machopt.verification.motion.kinematics.encoder_correction import compute_true_angles
 
@@ -91,6 +95,20 @@ def test_slow_waves_are_not_named() -> None:
     parts = split_waves(finding([1.0, 2.0], [30.0, 10.0], [0.0, 5.0]))
     assert parts.named is None
     assert parts.unnamed is not None
+
+
+def test_a_zero_offset_smaller_than_unnamed_waves_of_its_joint_has_no_name() -> None:
+    waves = convert_to_unnamed(finding([3.0], [34.0], [-20.0]))  # 39 arcsec
+
+    def zero(arcsec: float, joint: str = "joint:3") -> Finding:
+        correction = KinematicCorrection("joint_zero_offset", joint, {"offset_deg": arcsec / 3600.0})
+        return replace(finding([3.0], [1.0], [1.0]), effect="joint_zero_offset", correction=correction)
+
+    assert is_constant_of_unnamed_waves(zero(-30.0), [waves])
+    assert not is_constant_of_unnamed_waves(zero(-50.0), [waves])
+    assert not is_constant_of_unnamed_waves(zero(-30.0, "joint:2"), [waves])
+    assert not is_constant_of_unnamed_waves(zero(-30.0), [])
+    assert not is_constant_of_unnamed_waves(waves, [waves])
 
 
 def test_file_planner_and_verification_apply_the_same_angles(tmp_path: Path) -> None:

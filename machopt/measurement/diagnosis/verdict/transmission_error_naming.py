@@ -19,8 +19,10 @@ from machopt.effects.joint.joint_angle_errors import (
     CORRECTION,
     ORDINAL_WORDS,
     WAVES,
+    ZERO,
     TransmissionError,
     UnnamedAngleError,
+    ZeroOffset,
 )
 from machopt.effects.measured_angle_range import RANGE_KEY
 from machopt.measurement import thresholds
@@ -28,6 +30,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_result import EstimatedV
 
 ORDERS, UNNAMED_ORDERS = TransmissionError.shape[0].key, UnnamedAngleError.shape[0].key
 COS, SIN = (p.key for p in TransmissionError.coefficients)
+OFFSET = ZeroOffset.coefficients[0].key
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,32 @@ def convert_to_unnamed(finding: Finding, which: Sequence[bool] | NDArray[np.bool
         CORRECTION.file_word, c.location, _select_waves(c.parameters, chosen, UNNAMED_ORDERS)
     )
     return replace(finding, effect=CORRECTION.file_word, correction=correction, curve=None)
+
+
+def is_constant_of_unnamed_waves(finding: Finding, unnamed: Sequence[Finding]) -> bool:
+    """Return whether a zero offset is the constant part of waves of its joint that have no name.
+
+    Waves of few periods and a constant are one smooth function of the angle. If its cause is not known, the cause of
+    its constant part is not known either, unless that part is the largest.
+
+    Args:
+        finding: Any finding.
+        unnamed: Corrections without a name.
+
+    Returns:
+        True if so.
+    """
+    c = finding.correction
+    if finding.effect != ZERO.file_word or not isinstance(c, KinematicCorrection):
+        return False
+    offset = abs(np.radians(float(c.parameters[OFFSET]))) / ARCSEC
+    waves = [
+        u.correction.parameters
+        for u in unnamed
+        if isinstance(u.correction, KinematicCorrection)
+        and (u.effect, u.location) == (CORRECTION.file_word, c.location)
+    ]
+    return any(float(np.hypot(w[COS], w[SIN]).max()) > offset for w in waves)
 
 
 def _select_waves(parameters: Mapping[str, object], chosen: Sequence[bool], order_key: str) -> dict[str, object]:

@@ -14,7 +14,12 @@ from machopt.data_types.kinematic_corrections import KinematicCorrection
 from machopt.effects.effect_wording import format_effect_in_sentence
 from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.data_types.diagnosis_result import DiagnosisResult, EstimatedValue, Finding
-from machopt.measurement.diagnosis.verdict.transmission_error_naming import SplitWaves, convert_to_unnamed, split_waves
+from machopt.measurement.diagnosis.verdict.transmission_error_naming import (
+    SplitWaves,
+    convert_to_unnamed,
+    is_constant_of_unnamed_waves,
+    split_waves,
+)
 from machopt.measurement.diagnosis.verdict.verdict_text import (
     describe_withdrawn_findings,
     format_error_size,
@@ -93,7 +98,9 @@ def _explain_missing_proof(d: DiagnosisResult) -> str | None:
     """Return why a mismatch does not count as explained; None if it does."""
     noise, after = d.measured_noise, d.heldout_after
     if not [f for f in d.findings if f.effect not in RECORD_EFFECTS]:
-        return "only faults of the record were found, which explain nothing of the arm"
+        if d.findings:
+            return "only faults of the record were found, which explain nothing of the arm"
+        return "the corrections that lower the error cannot be named"
     if d.unwritten:
         names = ", ".join(format_effect_in_sentence(*name) for name in d.unwritten)
         return f"no model file can state {names}: the files hold the model that fits best without it"
@@ -135,8 +142,9 @@ def _withdraw_named_findings(d: DiagnosisResult) -> DiagnosisResult:
 def _separate_unnamed_corrections(d: DiagnosisResult) -> DiagnosisResult:
     """Move kinematic corrections that cannot be named out of the findings.
 
-    These have no certain size or hardly any gain, or they are waves of few periods or of implausible size. They stay in
-    kinematics.yaml, because they were fitted together with the others and lower the error.
+    These have no certain size or hardly any gain, or they are waves of few periods or of implausible size, with the
+    constant part of such waves. They stay in kinematics.yaml, because they were fitted together with the others and
+    lower the error.
     """
     named, unnamed = list[Finding](), list[Finding]()
     for f in d.findings:
@@ -145,6 +153,9 @@ def _separate_unnamed_corrections(d: DiagnosisResult) -> DiagnosisResult:
             parts = SplitWaves(None, convert_to_unnamed(f))
         named += [] if parts.named is None else [parts.named]
         unnamed += [] if parts.unnamed is None else [parts.unnamed]
+    constant = [is_constant_of_unnamed_waves(f, unnamed) for f in named]
+    unnamed += [f for f, is_part in zip(named, constant, strict=True) if is_part]
+    named = [f for f, is_part in zip(named, constant, strict=True) if not is_part]
     if not unnamed:
         return d
     names = ", ".join(format_effect_in_sentence(f.effect, f.location) for f in unnamed)
