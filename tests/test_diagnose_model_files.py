@@ -166,7 +166,7 @@ def test_changed_number_in_any_file_is_detected(case: Path, tmp_path: Path, monk
         shutil.rmtree(tmp_path / "out")
 
 
-def test_a_written_spring_softer_than_the_range_of_fits_counts_as_written() -> None:
+def test_written_spring_softer_than_the_range_of_fits_counts_as_written() -> None:
     rng = np.random.default_rng(9)
     a, cell = arm(CELL.name), load_cell(CELL)
     stiffness = np.where(np.arange(6) < 4, a.nominal, LEAST_STIFFNESS / 2)

@@ -413,7 +413,7 @@ def test_detection_limit_is_where_effects_begin_to_be_named() -> None:
     assert named[1.3] >= 4  # nine of ten at the limit itself, nearly all beyond it
 
 
-def test_the_detection_limit_is_not_below_the_least_size_with_a_name() -> None:
+def test_detection_limit_is_not_below_the_least_size_with_a_name() -> None:
     for extra, is_named in ((0.0, False), (36e-6, False), (50e-6, True)):
         rng = np.random.default_rng(8)
         problem, column = build_synthetic_problem(501, extra=extra)

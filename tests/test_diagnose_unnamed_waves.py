@@ -97,7 +97,7 @@ def test_slow_waves_are_not_named() -> None:
     assert parts.unnamed is not None
 
 
-def test_a_zero_offset_smaller_than_unnamed_waves_of_its_joint_has_no_name() -> None:
+def test_zero_offset_smaller_than_unnamed_waves_of_its_joint_has_no_name() -> None:
     waves = convert_to_unnamed(finding([3.0], [34.0], [-20.0]))  # 39 arcsec
 
     def zero(arcsec: float, joint: str = "joint:3") -> Finding:
