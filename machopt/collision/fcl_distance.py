@@ -8,6 +8,9 @@ import numpy as np
 
 from machopt.collision.bodies import CollisionBody, find_points_inside
 from machopt.numerics.array_types import Array, Bools
+from machopt.numerics.compiled_functions import jit_compile
+
+ROUNDING_M = 1e-9  # m, rounding error of a placed vertex; the exact test follows
 
 
 class FclSurfaces:
@@ -19,6 +22,7 @@ class FclSurfaces:
 
     def __init__(self, bodies: list[CollisionBody]) -> None:
         self._bodies = bodies
+        self._boxes: dict[int, tuple[Array, Array, Array]] = {}
         self._objects: dict[int, tuple[Any, Any]] = {}
 
     def compute_distance(self, pair: tuple[int, int], T: Array) -> float:
@@ -49,10 +53,18 @@ class FclSurfaces:
             T: (S, 4, 4) motions of the second body relative to the first.
         """
         a, b = (self._bodies[k] for k in pair)
-        R, t = T[:, :3, :3], T[:, :3, 3]
-        inside = find_points_inside(a, R @ b.vertices[0] + t)
-        rest = np.flatnonzero(~inside)
-        inside[rest] = find_points_inside(b, np.einsum("sji,sj->si", R[rest], a.vertices[0] - t[rest]))
+        for k in pair:
+            if k not in self._boxes:
+                self._boxes[k] = _list_box_arrays(self._bodies[k])
+        boxes = self._boxes[pair[0]], self._boxes[pair[1]]
+        inside: Bools = _find_boxed_vertices(np.ascontiguousarray(T), a.vertices[0], b.vertices[0], *boxes)
+        near = np.flatnonzero(inside)  # few: a vertex outside of the other body's box is not inside that body
+        if len(near):
+            R, t = T[near, :3, :3], T[near, :3, 3]
+            inside[near] = find_points_inside(a, R @ b.vertices[0] + t)
+            rest = np.flatnonzero(~inside[near])
+            back = np.einsum("sji,sj->si", R[rest], a.vertices[0] - t[rest])
+            inside[near[rest]] = find_points_inside(b, back)
         return inside
 
     def _place_body(self, pair: tuple[int, int], T: Array) -> tuple[Any, Any]:
@@ -80,3 +92,49 @@ def _build_fcl_mesh(body: CollisionBody) -> Any:
     model.addSubModel(np.ascontiguousarray(body.vertices), np.ascontiguousarray(body.faces))
     model.endModel()
     return model
+
+
+def _list_box_arrays(body: CollisionBody) -> tuple[Array, Array, Array]:
+    """Return centre (3,), axes as columns (3, 3) and half edges (3,) of a body's box, as the kernel takes them."""
+    centre, axes, half = (np.array(v, float) for v in (body.box_centre, body.box_rotation, body.box_half))
+    return centre, np.ascontiguousarray(axes), half
+
+
+@jit_compile
+def _find_boxed_vertices(
+    T: Array, va: Array, vb: Array, box_a: tuple[Array, Array, Array], box_b: tuple[Array, Array, Array]
+) -> Bools:
+    """Return (S,) whether a vertex (3,) of either body lies in the box of the other one.
+
+    Args:
+        T: (S, 4, 4) motions of the second body relative to the first.
+        va: vertex of the first body.
+        vb: vertex of the second body.
+        box_a: centre (3,), axes as columns (3, 3) and half edges (3,) of the first body's box, in m.
+        box_b: the same of the second body.
+    """
+    out = np.zeros(len(T), np.bool_)
+    point = np.empty(3)
+    for s in range(len(T)):
+        for c in range(3):
+            point[c] = T[s, c, 0] * vb[0] + T[s, c, 1] * vb[1] + T[s, c, 2] * vb[2] + T[s, c, 3]
+        out[s] = _is_in_box(point, box_a)
+        if not out[s]:
+            x, y, z = va[0] - T[s, 0, 3], va[1] - T[s, 1, 3], va[2] - T[s, 2, 3]
+            for c in range(3):
+                point[c] = T[s, 0, c] * x + T[s, 1, c] * y + T[s, 2, c] * z
+            out[s] = _is_in_box(point, box_b)
+    return out
+
+
+@jit_compile
+def _is_in_box(point: Array, box: tuple[Array, Array, Array]) -> bool:
+    """Return whether a point (3,) m lies in a box, with a reserve for rounding."""
+    centre, axes, half = box
+    for c in range(3):
+        along = 0.0
+        for k in range(3):
+            along += (point[k] - centre[k]) * axes[k, c]
+        if abs(along) > half[c] + ROUNDING_M:
+            return False
+    return True

@@ -15,7 +15,6 @@ from machopt.collision.bounding_box_tree import BoxTreeMesh
 from machopt.collision.triangle_distance import TIE_TOLERANCE, compute_separation_along, compute_triangle_distance
 from machopt.numerics.array_types import Array, Ints
 from machopt.numerics.compiled_functions import jit_compile
-from machopt.numerics.rigid_transforms import invert_transform
 
 MAX_STACK_SIZE = 512  # stack size of the tree traversal
 ROUNDING_M = 1e-9  # m, rounding error of sums of motions
@@ -250,11 +249,24 @@ def compute_distance(a: BoxTreeMesh, b: BoxTreeMesh, T: Array, guess: tuple[int,
         y.first,
         y.count,
         y.order,
-        np.ascontiguousarray(invert_transform(T) if turn else T),
+        np.ascontiguousarray(T),
+        turn,
         k,
         m,
     )
     return d, (m, k) if turn else (k, m)
+
+
+@jit_compile
+def _invert_motion(T: Array) -> Array:
+    """Return the inverse of a rigid motion (4, 4)."""
+    out = np.zeros((4, 4))
+    out[3, 3] = 1.0
+    for c in range(3):
+        for k in range(3):
+            out[c, k] = T[k, c]
+            out[c, 3] -= T[k, c] * T[k, 3]
+    return out
 
 
 @jit_compile
@@ -274,10 +286,13 @@ def _compute_placed_distance(
     number: Ints,
     sequence: Ints,
     T: Array,
+    is_inverse: bool,
     i: int,
     j: int,
 ) -> tuple[float, int, int]:
     """Return the result of :func:`compute_distance`; a … sequence as for :func:`compute_distances_along_rows`."""
+    if is_inverse:
+        T = _invert_motion(T)
     moved, turned = np.empty_like(b), np.empty_like(nb)
     lo, hi = np.empty((len(inner), 3)), np.empty((len(inner), 3))
     _move_triangles(T, b, nb, moved, turned)

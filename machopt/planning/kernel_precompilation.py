@@ -24,6 +24,7 @@ _P = f"{_F2},{_I1},{_F1},{_F1},{_F2},{_F2}"  # convex parts of a body
 _C = f"{_F3},{_F1},f8,{_I1},{_I1},{_I1}"  # triangles by the cells of a grid
 # triangles of bodies, and of the bodies they are compared with
 _MESHES = f"{_F3},{_F2},{_F2},{_F2},{_I1},{_I1},{_I1},{_I1},{_F3},{_F2},{_I1},{_I1},{_I1},{_I1}"
+_BOX = f"Tuple(({_F1},{_F2},{_F1}))"  # centre, axes and half edges
 # stations × values × rotations × branches
 _LATTICE = f"{_F2},{_F3},i1[:,:,::1],{_F3},{_F2},i8[:,::1],i8,b1,b1[:,::1],{_F2},{_F1}"
 _FIELD = "Tuple((i4[:,:,::1],i2[:,::1],i4[::1],i8[::1]))"  # stock as signed distances
@@ -64,8 +65,9 @@ KERNELS = (  # in the order in which a plan needs them: module, function, types 
     (
         "collision.mesh_distance",
         "_compute_placed_distance",
-        f"{_MESHES},{_F2},i8,i8",
+        f"{_MESHES},{_F2},b1,i8,i8",
     ),
+    ("collision.fcl_distance", "_find_boxed_vertices", f"{_F3},{_F1},{_F1},{_BOX},{_BOX}"),
     ("collision.bodies", "_sum_solid_angles", f"{_F2},i8[:,::1],{_F2}"),
     (
         "collision.distance_bounds",

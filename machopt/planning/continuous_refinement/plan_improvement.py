@@ -17,7 +17,7 @@ import numpy as np
 from machopt.data_types.infeasibility_reasons import InfeasibilityReason
 from machopt.data_types.toolpath import Toolpath
 from machopt.numerics.array_types import Array
-from machopt.planning.collision_handling.path_check import PathCollisionChecker
+from machopt.planning.collision_handling.path_check import PathCollisionChecker, PathCollisions
 from machopt.planning.compensation.shifted_path import rescore_plan
 from machopt.planning.continuous_refinement.refinement import TRUST, PlanRefinement, RefinementResult
 from machopt.planning.continuous_refinement.starting_point import RefinementStart
@@ -177,14 +177,16 @@ class _Passes:
             seed = proposed.seed if share == 1.0 else a.q + share * (proposed.seed - a.q)
             path = fix_external_axes(plan.path, external)
             there = replace(plan, path=path, directions=_compute_directions(plan, path))
-            found = self._plan_with_rotation(there, phi, seed)
-            if found is not None and self._is_better(found, plan):
-                return found
+            found = self._rate_rotation(there, phi, seed)
+            if found is not None and self._is_better(found, plan):  # before contacts, which cost far more than J
+                check = self._find_contacts(found)
+                if check.free:
+                    return replace(found, check=check)
         return None
 
-    def _plan_with_rotation(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
-        """Return the plan with another rotation (P,) rad, its poses next to some (P, 6) rad; None where it is
-        infeasible.
+    def _rate_rotation(self, plan: Plan, phi: Array, seed: Array) -> Plan | None:
+        """Return the plan with another rotation (P,) rad, its poses next to some (P, 6) rad, contacts not yet checked;
+        None where it is infeasible.
         """
         path, setup = plan.path, plan.setup
         if plan.found is None:
@@ -192,10 +194,12 @@ class _Passes:
         a = solve_joint_path(path, setup.arm, setup.robot, phi, seed)
         if (a.reason != InfeasibilityReason.OK).any() or not is_assignment_allowed(a, path, plan.options):
             return None
-        check = PathCollisionChecker.build(path, setup.arm, setup.robot, setup.collision, plan.options).whole(
-            a.phi, a.q
-        )
-        return replace(rescore_plan(plan, a), chosen_from="smooth", check=check, breaks=()) if check.free else None
+        return replace(rescore_plan(plan, a), chosen_from="smooth", breaks=())
+
+    def _find_contacts(self, plan: Plan) -> PathCollisions:
+        setup, a = plan.setup, plan.chosen.assignment
+        checker = PathCollisionChecker.build(plan.path, setup.arm, setup.robot, setup.collision, plan.options)
+        return checker.whole(a.phi, a.q)
 
 
 def _compute_searched_objective(plan: Plan) -> float:
