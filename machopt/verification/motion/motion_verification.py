@@ -37,7 +37,7 @@ from machopt.verification.motion.checks.feed_rate import check_feed
 from machopt.verification.motion.checks.force_and_error_columns import check_process_columns
 from machopt.verification.motion.checks.move_labels import check_move_labels
 from machopt.verification.motion.checks.path_following import check_path
-from machopt.verification.motion.checks.points_columns import BLOCK_ROWS, PointsTableCheck
+from machopt.verification.motion.checks.points_columns import PointsTableCheck
 from machopt.verification.motion.checks.rapid_corners import (
     CORNER_CHECKS,
     CORNERS_CLEAR,
@@ -57,7 +57,7 @@ from machopt.verification.motion.collision.clearance_column import (
     check_clearances,
     find_cutting_points,
 )
-from machopt.verification.motion.collision.contact_search import PlacedBodies, find_contacts, find_leap
+from machopt.verification.motion.collision.contact_search import BLOCK_ROWS, PlacedBodies, find_contacts, find_leap
 from machopt.verification.motion.collision.cutter_contact_depth import (
     check_contacts,
     check_cut_level,

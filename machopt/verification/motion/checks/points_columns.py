@@ -53,7 +53,7 @@ from machopt.verification.tables.advised_feeds import ADVISED, apply_exported_fe
 from machopt.verification.tables.exported_tables import MOVE_WORDS, ExportedMotion, ExportedPoints
 
 PLACE_MM, AXIS, FEED_MM_MIN = 1e-6, 1e-9, 1e-3  # six, nine and three decimals, without the joints
-BLOCK_ROWS = 20_000  # of the table, recomputed at once
+BLOCK_ROWS = 5_000  # of the table, recomputed at once
 PLACE_TOLERANCE_MM, AXIS_TOLERANCE_DEG = 1e-3, 1e-5  # FK: 6 × 5e-7 deg over a reach of metres is 2e-4 mm
 ROTATION_TOLERANCE_DEG = 1e-5
 ANGLE_TOLERANCE_DEG = 2e-5  # five decimals
