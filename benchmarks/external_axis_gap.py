@@ -1,7 +1,7 @@
 """How near the default choice of external axes is to the best of several runs with other options.
 
     python benchmarks/external_axis_gap.py [--job CELL TOOLPATH] … [--shipped] [--made-up] [--random N] [--seed S]
-                                           [--save FILE] [--keep FOLDER]
+                                           [--save FILE] [--keep FOLDER] [--estimates]
 
 ``--made-up`` adds six made-up cells (rail, turntable, tilting turntable, rail with either, tilt alone), ``--random`` N
 random ones: joints, part, path (weaving passes, closed contours with the tool leaning outwards, holes) and force are
@@ -15,6 +15,11 @@ best variant is below the default, in percent of its J; the goal is 1 %, and neg
 
 The default is planned by ``machopt optimize`` as a process, whose processor time is stated, and checked by ``machopt
 verify``. The variants are planned in this process. ``--keep`` keeps the folders of the default.
+
+``--estimates`` measures ``UNSURE`` of :mod:`machopt.planning.external_axis_optimization.refinement_starts` instead.
+All candidates of each job are planned in full. The excess of a plan is its value divided by its estimate. The table
+states by how much the excess of a candidate falls below the least one of all candidates before it, which is what the
+search expects of it.
 """
 
 from __future__ import annotations
@@ -25,6 +30,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +41,12 @@ from external_axis_cells import external_folder
 from machopt.cell.cell_reader import load_cell
 from machopt.options.plan_option_reader import load_options
 from machopt.planning.cache import use_temporary_cache
+from machopt.planning.external_axes.axis_modes import resolve_axis_options
+from machopt.planning.external_axis_optimization import refinement_starts
 from machopt.planning.external_axis_optimization.single_toolpath_planning import find_best_plan
 from machopt.planning.motion.trajectory_builder import has_motion
+from machopt.planning.pipeline.plan_data_types import Plan
+from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.toolpath.toolpath_reader import read_toolpath
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -197,6 +207,50 @@ def compute_variant_value(cell: Path, toolpath: Path, words: list[str], unit: fl
     return float(own.total + (found.scores.scale / unit - 1.0) * (w.mean * own.mean + w.worst * own.worst))
 
 
+def measure_estimates(jobs: list[tuple[Path, Path]]) -> None:
+    """Print by how much a candidate's excess falls below the least one before it: per job, and quantiles over all."""
+    tries: list[tuple[Sequence[tuple[refinement_starts.Key, Plan]], int, float]] = []
+
+    def record_try(
+        estimate: float, estimates: Sequence[float], planned: Sequence[tuple[refinement_starts.Key, Plan]], count: int
+    ) -> bool:
+        tries.append((planned, len(planned), estimate))
+        return True
+
+    refinement_starts._may_win = record_try
+    below: list[float] = []
+    print("| job | candidates | excess below the least one before, percent |\n|---|---|---|")
+    for folder, toolpath in jobs:
+        cell = load_cell(folder)
+        options = load_options(cell.plan, None, [])
+        tries.clear()
+        with use_temporary_cache():
+            refinement_starts.find_refinement_starts(
+                refinement_starts.SearchRequest(
+                    cell=cell,
+                    toolpath=read_toolpath(toolpath),
+                    options=options,
+                    clock=StageTimings(),
+                    before=None,
+                    axes=resolve_axis_options(cell, options),
+                    scale=None,
+                )
+            )
+        least: dict[int, float] = {}
+        own: list[float] = []
+        for planned, n, estimate in tries:
+            lost, value = planned[n][0]
+            if lost:
+                continue
+            if id(planned) in least:
+                own.append(100.0 * max(1.0 - value / estimate / least[id(planned)], 0.0))
+            least[id(planned)] = min(value / estimate, least.get(id(planned), np.inf))
+        below += own
+        print(f"| {folder.name} | {len(tries)} | {', '.join(f'{v:.2f}' for v in own)} |", flush=True)
+    levels = ", ".join(f"{100 * q:g} %: {np.quantile(below, q):.2f} %" for q in (0.5, 0.75, 0.9, 0.95, 1.0))
+    print(f"{len(below)} candidates after the first; quantiles {levels}")
+
+
 def main() -> None:
     """Read the arguments and run the jobs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -208,13 +262,18 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=80, help="of each cut of these cells")
     parser.add_argument("--save", type=Path)
     parser.add_argument("--keep", type=Path, help="folder for the plans of the default")
+    parser.add_argument("--estimates", action="store_true", help="measure the scatter of the estimates instead")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         keep = Path(name) / "kept" if args.keep is None else args.keep
         keep.mkdir(parents=True, exist_ok=True)
         made = list_made_up(keep, args.random, args.seed, args.made_up, args.points)
         given = [(a, b) for a, b in args.job]
-        compare([*given, *(JOBS if args.shipped or not (given or made) else ()), *made], keep, args.save)
+        jobs = [*given, *(JOBS if args.shipped or not (given or made) else ()), *made]
+        if args.estimates:
+            measure_estimates(jobs)
+        else:
+            compare(jobs, keep, args.save)
 
 
 def compare(jobs: list[tuple[Path, Path]], keep: Path, save: Path | None) -> None:
