@@ -15,14 +15,13 @@ import pytest
 from sample_report_data import full_result, infeasible_result
 
 from machopt.data_types.toolpath import IgnoredWord
-from machopt.report import write_report
 from machopt.report.charts.optimize_charts import build_figure_specs, format_reason_with_distance
 from machopt.report.charts.point_reduction import pack_levels, select_plot_points
 from machopt.report.page_data.optimize import format_measured_value
 from machopt.report.page_data.optimize_series import compute_cut_length, interpolate_path_length
 from machopt.report.page_types.display_units import ANGLE, FEED, FINE_LENGTH, STIFFNESS, format_fixed
 from machopt.report.page_types.optimize_page_data import STATUS_NAMES, GainOverBaseline, ReportData, ShiftSummary
-from machopt.report.pages.optimize.optimize_page import build_report_html
+from machopt.report.pages.optimize.optimize_page import build_report_html, write_report
 from machopt.report.wording.result_verdict import build_key_figures, build_verdict
 from machopt.verification.check_results import VerificationCheck
 

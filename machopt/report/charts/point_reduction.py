@@ -5,12 +5,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from math import isfinite
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machopt.numerics.array_types import Array
-from machopt.report.page_types.optimize_page_data import FeedDipRow
+
+if TYPE_CHECKING:
+    from machopt.report.page_types.optimize_page_data import FeedDipRow
 
 IndexArray = NDArray[np.intp]
 

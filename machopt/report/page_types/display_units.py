@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from machopt.report.page_types.optimize_page_data import Quantity
+if TYPE_CHECKING:
+    from machopt.report.page_types.optimize_page_data import Quantity
 
 
 def format_fixed(value: float, decimals: int, *, signed: bool = False) -> str:

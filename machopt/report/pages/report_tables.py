@@ -18,13 +18,14 @@ from machopt.report.page_types.display_units import (
     STIFFNESS,
     TIME,
 )
-from machopt.report.page_types.optimize_page_data import ReportData
 from machopt.report.template_rendering import render_macro
 from machopt.report.template_rendering import render_part as piece
 from machopt.report.wording.result_verdict import format_change
 
 if TYPE_CHECKING:
     from markupsafe import Markup
+
+    from machopt.report.page_types.optimize_page_data import ReportData
 
 MAX_ROWS = 300
 """A longer list says how much more points.csv and result.json hold."""

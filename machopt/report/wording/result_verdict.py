@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from machopt.cell import absolute_accuracy
 from machopt.data_types.manifest import add_scope_to_verdict
 from machopt.report.page_types.display_units import FINE_LENGTH, LENGTH, QUANTITY_LABELS, QUANTITY_UNITS, SHARE, TIME
-from machopt.report.page_types.optimize_page_data import GainOverBaseline, ReportData, ResultSummary, ShiftSummary
+
+if TYPE_CHECKING:
+    from machopt.report.page_types.optimize_page_data import GainOverBaseline, ReportData, ResultSummary, ShiftSummary
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from machopt.measurement import thresholds
 from machopt.measurement.diagnosis.dynamic.friction import (
@@ -113,6 +112,7 @@ def _select_moving_readings(scene: MotionModel, joint: int) -> NDArray[np.bool_]
     v = m.average_blocks(m.v[:, joint])
     fast = float(np.quantile(np.abs(v), 0.9)) * thresholds.SHARES.relevant
     window = 2 * int(np.ceil(LONGEST / max(float(np.median(np.diff(m.average_blocks(m.time)))), 1e-6))) + 1
-    low, high = minimum_filter1d(v, window), maximum_filter1d(v, window)
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(v, window // 2, mode="symmetric"), window)
+    low, high = near.min(axis=1), near.max(axis=1)
     out = (low > fast) | (high < -fast)
     return out if out.mean() > thresholds.SHARES.minority else np.ones(len(v), bool)
