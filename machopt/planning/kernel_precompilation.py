@@ -197,6 +197,9 @@ MORE = (  # needed by some plans only: other arms, as-built geometry, external j
     ("effects.joint.creep", "_filter_first_order", f"{_F1},{_F1},{_I1},f8"),
     ("effects.joint.presliding_direction", "_integrate_presliding", f"{_F1},f8,{_I1},f8,i8"),
     ("effects.joint.joint_vibration", "_integrate_mass_on_spring", f"{_F1},{_F1},{_F1},{_I1},f8,f8"),
+    # robust fits of identify and diagnose
+    ("measurement.estimation.robust_weights", "_minimise_absolute_deviations", f"{_F2},{_F1}"),
+    ("measurement.estimation.robust_weights", "sum_absolute_deviations", f"{_F2},{_F1},{_F1},f8"),
 )
 
 

@@ -38,12 +38,11 @@ def _minimise_bounded_part(H: Array, h: Array, lower: Array) -> Array:
     x = np.zeros(len(h))
     if not bounded.any():
         return _solve_least_norm(H, h)
-    low = lower[bounded]
-    Hff, Hfb = H[np.ix_(free, free)], H[np.ix_(free, bounded)]
-    Hbb, hb = H[np.ix_(bounded, bounded)], h[bounded]
+    low, Hbb, hb = lower, H, h
     if free.any():
+        low, Hff, Hfb = lower[bounded], H[np.ix_(free, free)], H[np.ix_(free, bounded)]
         gain = _solve_least_norm(Hff, np.column_stack([Hfb, h[free]]))
-        Hbb, hb = Hbb - Hfb.T @ gain[:, :-1], hb - Hfb.T @ gain[:, -1]
+        Hbb, hb = H[np.ix_(bounded, bounded)] - Hfb.T @ gain[:, :-1], h[bounded] - Hfb.T @ gain[:, -1]
     values, vectors = np.linalg.eigh((Hbb + Hbb.T) / 2)
     seen = values > RANK * max(values[-1], 0.0)
     if seen.any():

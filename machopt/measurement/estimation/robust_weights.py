@@ -6,6 +6,7 @@ import numpy as np
 
 from machopt.measurement import thresholds
 from machopt.numerics.array_types import Array
+from machopt.numerics.compiled_functions import jit_compile
 
 START_STEPS = 25
 NORMAL = 0.6745  # median of |x| for a standard normal x
@@ -49,6 +50,69 @@ def estimate_robust_scale(residual: Array, fitted: int = 0) -> float:
     return float((size[low] + size[high]) / 2.0 / NORMAL) if not np.isnan(size[-1]) else float("nan")
 
 
+@jit_compile
+def sum_absolute_deviations(X: Array, z: Array, x: Array, least: float) -> tuple[Array, Array]:
+    """Return the normal equations of the next least squares that approach least absolute deviations.
+
+    Args:
+        X: (M, P) columns.
+        z: (M,) right-hand side.
+        x: (P,) present coefficients.
+        least: Smallest robust scale of the residuals, in the unit of z.
+
+    Returns:
+        XᵀWX (P, P) and XᵀWz (P,), W inverse to the absolute residuals, but limited near zero.
+    """
+    P = X.shape[1]
+    r = np.abs(z - X @ x)
+    floor = 1e-3 * max(np.median(r) / NORMAL, least)
+    H, h = np.zeros((P, P)), np.zeros(P)
+    for n in range(len(z)):
+        w = 1.0 / max(r[n], floor)
+        for i in range(P):
+            along = w * X[n, i]
+            h[i] += along * z[n]
+            for j in range(i + 1):
+                H[i, j] += along * X[n, j]
+    for i in range(P):
+        for j in range(i):
+            H[j, i] = H[i, j]
+    return H, h
+
+
+@jit_compile
+def _solve_definite(H: Array, h: Array) -> Array:
+    """Return H⁻¹ h for a positive definite H (P, P), by elimination in place."""
+    for k in range(len(h)):
+        for i in range(k + 1, len(h)):
+            share = H[i, k] / H[k, k]
+            h[i] -= share * h[k]
+            for j in range(k + 1, len(h)):
+                H[i, j] -= share * H[k, j]
+    for k in range(len(h) - 1, -1, -1):
+        for j in range(k + 1, len(h)):
+            h[k] -= H[k, j] * h[j]
+        h[k] /= H[k, k]
+    return h
+
+
+@jit_compile
+def _minimise_absolute_deviations(X: Array, z: Array) -> Array:
+    """Return coefficients (P,) of columns (M, P) of size one, by repeated weighted least squares."""
+    x, H, h = np.zeros(X.shape[1]), X.T @ X, X.T @ z
+    for _ in range(START_STEPS):
+        ridge = 1e-9 * np.trace(H) / len(x)
+        for k in range(len(x)):
+            H[k, k] += ridge
+        new = _solve_definite(H, h)
+        moved = np.abs(new - x).max()
+        x = new
+        if moved <= 1e-4 * np.abs(x).max():
+            break
+        H, h = sum_absolute_deviations(X, z, x, 1e-9)
+    return x
+
+
 def fit_least_absolute_deviations(A: Array, y: Array, load: Array) -> Array:
     """Fit coefficients by least absolute deviations, each reading divided by its load.
 
@@ -75,16 +139,4 @@ def fit_least_absolute_deviations(A: Array, y: Array, load: Array) -> Array:
     X, z = (A * row[:, :, None]).reshape(-1, P), (y * row).reshape(-1)
     column = np.sqrt(np.mean(X**2, axis=0))
     column = np.where(column > 0, column, 1.0)
-    X = X / column
-    w = np.ones(len(z))
-    x = np.zeros(P)
-    for _ in range(START_STEPS):
-        H = (X * w[:, None]).T @ X
-        new = np.linalg.solve(H + 1e-9 * np.trace(H) / P * np.eye(P), X.T @ (w * z))
-        moved = np.abs(new - x).max()
-        x = new
-        r = np.abs(z - X @ x)
-        w = 1.0 / np.maximum(r, 1e-3 * max(estimate_robust_scale(r), 1e-9))
-        if moved <= 1e-4 * np.abs(x).max():
-            break
-    return np.asarray(x / column)
+    return np.asarray(_minimise_absolute_deviations(np.ascontiguousarray(X / column), np.ascontiguousarray(z)) / column)

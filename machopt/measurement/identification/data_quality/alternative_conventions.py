@@ -5,6 +5,7 @@ displacement.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,10 +15,15 @@ from machopt.effects.recording.record_faults import FORCES
 from machopt.kinematics.robot import Robot
 from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
-from machopt.measurement.estimation.robust_weights import estimate_robust_scale, fit_least_absolute_deviations
+from machopt.measurement.estimation.robust_weights import (
+    estimate_robust_scale,
+    fit_least_absolute_deviations,
+    sum_absolute_deviations,
+)
 from machopt.numerics.array_types import Array
 
 STEPS = 12
+ZERO_GRADIENT = 1e-12  # relative
 MOST_RADIANS = 6.3  # one turn; angles in degrees below it would mean an arm that hardly moved
 MOST_READINGS = 600  # sufficient to distinguish frames
 
@@ -193,14 +199,25 @@ def fit_bounded_absolute_deviations(A: Array, y: Array, load: Array) -> Array:
     X, z = (A * row[:, None, None]).reshape(-1, A.shape[2]), (y * row[:, None]).reshape(-1)
     column = np.sqrt(np.mean(X**2, axis=0))
     column = np.where(column > 0, column, 1.0)
-    X = X / column
-    w = np.ones(len(z))
-    x = np.zeros(A.shape[2])
-    for _ in range(STEPS):
-        x = minimise_bounded_quadratic((X * w[:, None]).T @ X, X.T @ (w * z), np.zeros(len(x)))
-        r = np.abs(z - X @ x)
-        w = 1.0 / np.maximum(r, 1e-3 * max(estimate_robust_scale(r), 1e-12))
+    X, z = np.ascontiguousarray(X / column), np.ascontiguousarray(z)
+    H, h = X.T @ X, X.T @ z
+    x = minimise_bounded_quadratic(H, h, np.zeros(len(h)))
+    for _ in range(1, STEPS):
+        H, h = sum_absolute_deviations(X, z, x, 1e-12)
+        x = _minimise_from(H, h, x > 0)
     return np.asarray(x / column)
+
+
+def _minimise_from(H: Array, h: Array, positive: NDArray[np.bool_]) -> Array:
+    """Minimise ½ xᵀ H x − hᵀ x, x ≥ 0, with the positive coefficients of a similar problem where these are the right
+    ones (Karush–Kuhn–Tucker conditions).
+    """
+    x = np.zeros(len(h))
+    with suppress(np.linalg.LinAlgError):  # two equal columns
+        x[positive] = np.linalg.solve(H[positive][:, positive], h[positive])
+    if (x >= 0).all() and (h <= H @ x + ZERO_GRADIENT * np.abs(h).max()).all():
+        return x
+    return minimise_bounded_quadratic(H, h, np.zeros(len(h)))
 
 
 def _select_spread_readings(count: int) -> NDArray[np.int64]:
