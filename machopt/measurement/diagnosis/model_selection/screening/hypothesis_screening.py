@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from machopt.numerics.array_types import Array
 
 Ints = NDArray[np.int64]
 SCREENING_FLIPS = 499
+BATCH_NUMBERS = 2**22  # that one batch of hypotheses may need at once
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,15 @@ class ScoredHypothesis(FittedHypothesis):
         return float(self.heldout.sum())
 
 
+@dataclass(frozen=True)
+class _ModelFit:
+    """Fit of one hypothesis together with one model, kept with the hypothesis."""
+
+    fitted: FittedHypothesis
+    projection: Array  # (S, p, P) the columns as the model's columns explain them
+    information: Array  # (S, p, p) normal matrices of what the model does not explain
+
+
 def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) -> list[ScoredHypothesis]:
     """Score hypotheses together with a model, with cross-validation; each is scored once with each model.
 
@@ -65,8 +76,12 @@ def score_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) 
         M_fold = invert_with_ridge(H - XX)
         x_fold = np.einsum("fij,fj->fi", M_fold, h - Xy)
         loss = yy - 2 * np.einsum("fi,fi->f", x_fold, Xy) + np.einsum("fi,fij,fj->f", x_fold, XX, x_fold)
-        for t in missing:
-            t.scores[model] = _score_hypothesis(model, t, h, (XX, Xy, yy, M_fold, x_fold, loss))
+        fit_hypotheses(model, missing)
+        for some in _list_batches(missing, model.folds * model.count):
+            heldout = loss[:, None] - _compute_unseen_errors(model, some, M_fold, x_fold)
+            for t, gain in zip(some, heldout.T, strict=True):
+                one = _fit_once(model, t).fitted
+                t.scores[model] = ScoredHypothesis(t, one.shape, one.x, one.gain, one.visible, gain)
     return [score for t in tried if isinstance(score := t.scores[model], ScoredHypothesis)]
 
 
@@ -80,16 +95,37 @@ def fit_hypotheses(model: WhitenedModel, tried: Sequence[WhitenedHypothesis]) ->
     Returns:
         Fitted hypotheses.
     """
-    h = model.Xy.sum(axis=0)
-    return [_fit_once(model, t, h) for t in tried]
+    h, M = model.Xy.sum(axis=0), model.inverse
+    for some in _list_batches([t for t in tried if model not in t.fits], model.count):
+        C = np.concatenate([t.products_with(model) for t in some])
+        last = np.cumsum([len(t.shapes) for t in some])[:-1]
+        each = zip(*(np.split(values, last) for values in _fit_every_shape(some, C, h, M)), strict=True)
+        for t, (x, gain, visible, projection, S) in zip(some, each, strict=True):
+            best = int(np.argmax(gain))
+            fitted = FittedHypothesis(t, best, x[best], float(gain[best]), float(visible[best]))
+            t.fits[model] = _ModelFit(fitted, projection, S)
+    return [_fit_once(model, t).fitted for t in tried]
 
 
-def _fit_once(model: WhitenedModel, t: WhitenedHypothesis, h: Array) -> FittedHypothesis:
-    """Return the fit on all readings, which is kept with the model."""
+def _fit_once(model: WhitenedModel, t: WhitenedHypothesis) -> _ModelFit:
+    """Return the fit on all readings, which is kept with the hypothesis."""
     found = t.fits.get(model)
-    if not isinstance(found, FittedHypothesis):
-        found = t.fits[model] = _fit_on_all_readings(t, t.products_with(model), h, model.inverse)
-    return found
+    if isinstance(found, _ModelFit):
+        return found
+    fit_hypotheses(model, [t])
+    return _fit_once(model, t)
+
+
+def _list_batches(tried: Sequence[WhitenedHypothesis], numbers: int) -> list[list[WhitenedHypothesis]]:
+    """Return batches of hypotheses of equal width and bounds, of limited memory: ``numbers`` for each column."""
+    alike: dict[tuple[int, tuple[float, ...]], list[WhitenedHypothesis]] = {}
+    for t in tried:
+        alike.setdefault((t.X.shape[2], t.hypothesis.lower), []).append(t)
+    out = []
+    for some in alike.values():
+        batch = np.cumsum([numbers * t.X.shape[1] * t.X.shape[2] for t in some]) // BATCH_NUMBERS
+        out += [[some[k] for k in np.flatnonzero(batch == n)] for n in np.unique(batch)]
+    return out
 
 
 def compute_gain_by_shape(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
@@ -102,56 +138,55 @@ def compute_gain_by_shape(model: WhitenedModel, t: WhitenedHypothesis) -> Array:
     Returns:
         (S,) gains.
     """
-    return _fit_every_shape(t, t.products_with(model), model.Xy.sum(axis=0), model.inverse)[1]
+    return _fit_every_shape([t], t.products_with(model), model.Xy.sum(axis=0), model.inverse)[1]
 
 
-def _fit_on_all_readings(t: WhitenedHypothesis, mixed: Array, h: Array, M: Array) -> FittedHypothesis:
-    x, gain, visible = _fit_every_shape(t, mixed, h, M)
-    best = int(np.argmax(gain))
-    return FittedHypothesis(t, best, x[best], float(gain[best]), float(visible[best]))
-
-
-def _fit_every_shape(t: WhitenedHypothesis, C: Array, h: Array, M: Array) -> tuple[Array, Array, Array]:
-    """Return for every shape its coefficients (S, p), gain (S,) and visible share (S,)."""
-    XX, Xy = t.sums
-    rows = C.reshape(C.shape[0] * C.shape[1], C.shape[2])
-    S, u = XX - _multiply_transposed((rows @ M).reshape(C.shape), C), Xy - C @ (M @ h)
+def _fit_every_shape(
+    some: Sequence[WhitenedHypothesis], C: Array, h: Array, M: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return for every shape its coefficients (S, p), gain (S,), visible share (S,), projection and information."""
+    XX, Xy = (np.concatenate([t.sums[k] for t in some]) for k in (0, 1))
+    projection = (C.reshape(C.shape[0] * C.shape[1], C.shape[2]) @ M).reshape(C.shape)
+    S, u = XX - _multiply_transposed(projection, C), Xy - C @ (M @ h)
     S, visible = _regularise_absorbed_directions(S, XX)
-    x, gain = minimise_bounded_quadratics(S + t.precision_matrices, u, t.hypothesis.lower)
-    return x, gain, visible
+    known = np.concatenate([t.precision_matrices for t in some])
+    x, gain = minimise_bounded_quadratics(S + known, u, some[0].hypothesis.lower)
+    return x, gain, visible, projection, S
 
 
-def _score_hypothesis(
-    model: WhitenedModel, t: WhitenedHypothesis, h: Array, folds: tuple[Array, ...]
-) -> ScoredHypothesis:
-    whole = _fit_once(model, t, h)
-    mixed, known = t.products_by_fold(model), t.precision_matrices
-    C, (XXc, Xyc) = mixed.sum(axis=0), t.sums
-    # the same, fitted without each fold
-    XX, Xy, yy, M_fold, x_fold, loss = folds
-    C_f, XX_f, Xy_f = mixed, t.XX, t.Xy
-    C_r, XX_r, Xy_r = C - C_f, XXc - XX_f, Xyc - Xy_f
+def _compute_unseen_errors(
+    model: WhitenedModel, some: Sequence[WhitenedHypothesis], M_fold: Array, x_fold: Array
+) -> Array:
+    """Return the error (F, K) of each fold by the model with each hypothesis, fitted without the fold."""
+    XX, Xy, yy = model.XX, model.Xy, model.yy
+    C_f, XX_f, Xy_f = (
+        np.concatenate(each, axis=1)
+        for each in zip(*((t.products_by_fold(model), t.XX, t.Xy) for t in some), strict=True)
+    )
+    C_r, XX_r, Xy_r = (each.sum(axis=0) - each for each in (C_f, XX_f, Xy_f))
     F, count, p, P = C_r.shape
     rows = C_r.reshape(F, count * p, P)  # one product a fold instead of one a shape
     S_r = XX_r - _multiply_transposed((rows @ M_fold).reshape(C_r.shape), C_r)
     u_r = Xy_r - (rows @ x_fold[:, :, None]).reshape(F, count, p)
     flat, _ = _regularise_absorbed_directions(S_r.reshape(-1, p, p), XX_r.reshape(-1, p, p))
+    known = np.concatenate([t.precision_matrices for t in some])
     flat = flat + np.broadcast_to(known, (F, *known.shape)).reshape(flat.shape)
-    xc, gain_r = minimise_bounded_quadratics(flat, u_r.reshape(-1, p), t.hypothesis.lower)
-    pick = np.argmax(gain_r.reshape(F, count), axis=1)
-    at = np.arange(F)
+    xc, gain_r = minimise_bounded_quadratics(flat, u_r.reshape(-1, p), some[0].hypothesis.lower)
+    first = np.cumsum([0, *(len(t.shapes) for t in some)])
+    gain_r = gain_r.reshape(F, count)
+    pick = np.stack([a + np.argmax(gain_r[:, a:b], axis=1) for a, b in pairwise(first)], axis=1)  # (F, K)
+    at = np.arange(F)[:, None]
     xc = xc.reshape(F, count, p)[at, pick]
     C_r, C_p, XX_p, Xy_p = C_r[at, pick], C_f[at, pick], XX_f[at, pick], Xy_f[at, pick]
-    xb = x_fold - _multiply(M_fold, (C_r * xc[:, :, None]).sum(axis=1))
-    new = (
-        yy
-        - 2 * (xb * Xy).sum(axis=1)
-        - 2 * (xc * Xy_p).sum(axis=1)
-        + (xb * _multiply(XX, xb)).sum(axis=1)
-        + (xc * _multiply(XX_p, xc)).sum(axis=1)
-        + 2 * (xc * _multiply(C_p, xb)).sum(axis=1)
+    xb = x_fold[:, None] - (C_r * xc[..., None]).sum(axis=2) @ M_fold
+    return np.asarray(
+        yy[:, None]
+        - 2 * (xb * Xy[:, None]).sum(axis=2)
+        - 2 * (xc * Xy_p).sum(axis=2)
+        + (xb * (xb @ XX)).sum(axis=2)
+        + (xc * _multiply(XX_p, xc)).sum(axis=2)
+        + 2 * (xc * _multiply(C_p, xb)).sum(axis=2)
     )
-    return ScoredHypothesis(t, whole.shape, whole.x, whole.gain, whole.visible, loss - new)
 
 
 def _multiply(A: Array, x: Array) -> Array:
@@ -218,31 +253,25 @@ def compute_chance_probability(
     """
     if not scored:
         return np.zeros(0)
-    M, r = model.inverse, residual
-    Xr = model.w.sum_by_cluster(model.X * r[:, None])  # (G, P)
+    fit_hypotheses(model, [s.whitened for s in scored])
+    Xr = model.w.sum_by_cluster(model.X * residual[:, None])  # (G, P)
     signs = rng.choice([-1.0, 1.0], (flips, len(Xr)))
-    largest: dict[int, Array] = {}  # by number of coefficients: largest gain (flips,) of any law and shape
-    own = np.empty(len(scored))
-    for k, s in enumerate(scored):
-        t = s.whitened
-        C = t.products_with(model)
-        XX = t.sums[0]
-        CM = C.reshape(C.shape[0] * C.shape[1], len(M)) @ M
-        S, _ = _regularise_absorbed_directions(XX - _multiply_transposed(CM.reshape(C.shape), C), XX)
-        taken = Xr @ CM.T
-        scores = t.products_by_cluster(model.w, r) - taken.reshape(len(Xr), *C.shape[:2])
+    largest: list[Array] = []  # normal deviates (flips,) of the largest gain of any law and shape of a width
+    for some in _list_batches([s.whitened for s in scored], flips + len(Xr)):
+        each = [_fit_once(model, t) for t in some]
+        scores = np.concatenate([t.products_by_cluster(model.w, residual) for t in some], axis=1)
+        projection = np.concatenate([one.projection for one in each])
         p = scores.shape[2]
-        along = _whiten_scores(S, scores)
+        scores = scores - (Xr @ projection.reshape(-1, len(Xr.T)).T).reshape(scores.shape)
+        along = _whiten_scores(np.concatenate([one.information for one in each]), scores)
         drawn = (signs @ along.reshape(len(along), -1)).reshape(flips, *along.shape[1:])
-        if p == 1 and t.hypothesis.lower and np.isfinite(t.hypothesis.lower[0]):
+        lower = some[0].hypothesis.lower
+        if p == 1 and lower and np.isfinite(lower[0]):
             drawn = np.maximum(drawn, 0.0)
-        gain = (drawn**2).sum(axis=2).max(axis=1)
-        largest[p] = np.maximum(largest[p], gain) if p in largest else gain
-        own[k] = _convert_to_normal_deviate(
-            np.array(s.gain), p
-        )  # unscaled: gains and flips contain the same excess variance
-    chance = np.max([_convert_to_normal_deviate(gain, p) for p, gain in largest.items()], axis=0)
-    return np.asarray((1.0 + (chance[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
+        largest.append(_convert_to_normal_deviate((drawn**2).sum(axis=2).max(axis=1), p))
+    # unscaled: gains and flips contain the same excess variance
+    own = np.array([_convert_to_normal_deviate(np.array(s.gain), s.whitened.X.shape[2]) for s in scored])
+    return np.asarray((1.0 + (np.max(largest, axis=0)[None, :] >= own[:, None]).sum(axis=1)) / (flips + 1.0))
 
 
 def _whiten_scores(S: Array, scores: Array) -> Array:
