@@ -11,6 +11,7 @@ from machopt.measurement.diagnosis.model_selection.search.search_state import Se
 from machopt.measurement.diagnosis.model_selection.search.selected_effect import add_selected_effects
 from machopt.measurement.diagnosis.statistics import holdout_residuals
 from machopt.measurement.diagnosis.statistics.normal_equations_by_fold import build_base_model
+from machopt.measurement.diagnosis.statistics.permutation_probability import compute_permutation_probability
 from machopt.measurement.diagnosis.statistics.whitened_hypothesis import whiten_hypotheses
 from machopt.measurement.diagnosis.statistics.whitening import build_whitening
 
@@ -51,11 +52,10 @@ def validate_on_holdout(state: SearchState, most: int, rng: np.random.Generator)
     improvement = group_errors[:, 0] ** 2 - group_errors[:, 1] ** 2
     improvement = improvement[np.isfinite(improvement)]
     signs = rng.choice([-1.0, 1.0], (HOLDOUT_FLIPS, len(improvement)))
-    p = (
-        float((1 + np.sum(signs @ improvement >= improvement.sum())) / (HOLDOUT_FLIPS + 1))
-        if len(improvement)
-        else float("nan")
-    )
+    p = float("nan")
+    if len(improvement):
+        size = float(np.abs(improvement).sum())
+        p = compute_permutation_probability(signs @ improvement, float(improvement.sum()), size)
     return HoldoutProof(
         groups=locked,
         before=holdout_residuals.compute_rmse(problem, before, holdout_rows),

@@ -21,6 +21,7 @@ from machopt.measurement.diagnosis.data_types.diagnosis_problem import Diagnosis
 from machopt.measurement.diagnosis.data_types.diagnosis_result import AxisInterval, MismatchShare
 from machopt.measurement.diagnosis.model_selection.screening.hypothesis_screening import ScoredHypothesis
 from machopt.measurement.diagnosis.statistics.holdout_residuals import PredictionNoise
+from machopt.measurement.diagnosis.statistics.permutation_probability import compute_permutation_probability
 from machopt.measurement.diagnosis.statistics.replicate_noise import ReplicateNoise
 from machopt.numerics.array_types import Array
 
@@ -172,7 +173,8 @@ def _compute_sign_flip_chance(
     # limits memory: a long motion has many pairs
     of_pairs = coo_array((products, (label[0], label[1])), shape=(len(visits), len(visits))).tocsr()
     drawn = np.sum(signs * (of_pairs @ signs.T).T, axis=1) / weight
-    return RepeatableMismatch(power, float((1 + np.sum(drawn >= power)) / (MISMATCH_FLIPS + 1)))
+    size = float(np.abs(products).sum() / weight)
+    return RepeatableMismatch(power, compute_permutation_probability(drawn, power, size))
 
 
 def _compute_allowed_power(problem: DiagnosisProblem, used: Flags, noise: ReplicateNoise) -> float:
