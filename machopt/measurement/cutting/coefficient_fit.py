@@ -235,8 +235,8 @@ def _compute_intervals(solution: _Solution, design: Array, level: float) -> tupl
     from scipy.special import stdtrit
 
     information = np.einsum("nck,nck->ck", design, design) / solution.variance[:, None]
-    tells = information > 0.05 * information.sum(axis=0)  # components with a share in a coefficient
-    freedom = np.where(tells, np.maximum(solution.freedom, 1e-3)[:, None], np.inf).min(axis=0)
+    is_observed = information > 0.05 * information.sum(axis=0)  # components with a share in a coefficient
+    freedom = np.where(is_observed, np.maximum(solution.freedom, 1e-3)[:, None], np.inf).min(axis=0)
     half = stdtrit(freedom, 0.5 + 0.5 * level) * np.sqrt(np.diag(solution.covariance))
     return solution.values - half, solution.values + half
 

@@ -41,7 +41,7 @@ def build_plan_warnings(
     if len(pool) < request.candidates:
         out.append(f"only {len(pool)} candidate poses of {request.candidates} were found in {pool.drawn_count} tried")
     if len(plan.design.blocks) < request.poses:
-        out.append(f"only {len(plan.design.blocks)} poses can be loaded; {request.poses} were asked for")
+        out.append(f"only {len(plan.design.blocks)} poses can be loaded; {request.poses} were requested")
     names = plan.unknowns.names
     for group in plan.accuracy.unidentified_groups:
         words = ", ".join(names[p] for p in group)

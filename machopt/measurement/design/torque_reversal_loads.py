@@ -182,7 +182,7 @@ def exchange_loads_for_reversal(
     at_pose = {int(p): np.flatnonzero(cases.pose == p).tolist() for p in np.unique(cases.pose[design.readings])}
     known: dict[tuple[int, ...], Array] = {}
 
-    def told(chosen: Sequence[tuple[int, ...]]) -> float:
+    def compute_information(chosen: Sequence[tuple[int, ...]]) -> float:
         """log det of what the plan is made for."""
         for b in chosen:
             if b not in known:
@@ -191,7 +191,7 @@ def exchange_loads_for_reversal(
         return float(np.linalg.slogdet(M + RIDGE * np.eye(len(M)))[1])
 
     unknowns = problem.models[0].response.shape[2]
-    least = told(blocks) + unknowns * float(np.log1p(-MAX_EFFICIENCY_LOSS))
+    least = compute_information(blocks) + unknowns * float(np.log1p(-MAX_EFFICIENCY_LOSS))
     value = t.value(design.readings.tolist())
     for _ in range(ROUNDS):
         before = value
@@ -202,7 +202,7 @@ def exchange_loads_for_reversal(
                 other = (*blocks[row][:k], n, *blocks[row][k + 1 :])
                 changed = [*blocks[:row], other, *blocks[row + 1 :]]
                 now = t.value([m for block in changed for m in block])
-                if now > value and told(changed) >= least:
+                if now > value and compute_information(changed) >= least:
                     blocks, value = changed, now
         if value <= before:
             break
@@ -251,8 +251,8 @@ def describe_joint_loads(job: ProcessLoads, joints: Sequence[JointLoadComparison
     out = []
     if job.force[1] > largest * (1.0 + 1e-9):
         out.append(
-            f"the job's force of {job.force[1]:.4g} N is more than any load planned ({largest:.4g} N): what is said of "
-            f"it goes beyond what is measured; --pull-N {job.force[1]:.0f} would measure it"
+            f"the job's force of {job.force[1]:.4g} N is more than any load planned ({largest:.4g} N): the "
+            f"statement about it exceeds the measurement; --pull-N {job.force[1]:.0f} would measure it"
         )
     hidden = [j for j in joints if not j.detects_backlash and j.is_reversed_in_job is not False]
     if hidden:

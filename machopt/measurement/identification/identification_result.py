@@ -74,7 +74,7 @@ class IdentificationResult:
     """Result of :func:`machopt.measurement.identification.identification_pipeline.identify_stiffness`."""
 
     model: Literal["constant", "grid"]
-    why_model: str  # how the model was chosen; empty where it was asked for
+    why_model: str  # how the model was chosen; empty where it was requested
     readings: int
     poses: int
     stiffness: ArmStiffness  # to be written as stiffness.yaml

@@ -142,7 +142,7 @@ def renumber_session_poses(recording: Recording) -> Recording:
         cycle = separate_cycles(pose, cycle, recording.session)
     warning = (
         f"{recording.source}: session {other} counts its poses anew (a label is another robot pose there than in "
-        f"session {first}), so all poses are told by joint position"
+        f"session {first}), so all poses are identified by joint position"
     )
     return replace(
         recording, pose=_freeze_value(pose), cycle=_freeze_value(cycle), warnings=(*recording.warnings, warning)

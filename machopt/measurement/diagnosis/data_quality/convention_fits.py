@@ -1,4 +1,4 @@
-"""Fits that judge a convention of joint angles: measured poses by rigid frames, load tests by joint springs."""
+"""Fits that assess a convention of joint angles: measured poses by rigid frames, load tests by joint springs."""
 
 from __future__ import annotations
 

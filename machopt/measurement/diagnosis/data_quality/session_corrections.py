@@ -207,7 +207,7 @@ def _generate_session_corrections(
                     build_record_equations(whole_again, robot, T), rows
                 )  # including frames and reflectors of the other parts
             )
-            e, twins = _compute_part_misfit(now, x, *known)
+            e, replicates = _compute_part_misfit(now, x, *known)
             after = compute_typical_error(e) * way.scale
             if after > falls * before or compute_typical_error(e) > thresholds.RATIOS.double * level_of_others:
                 continue
@@ -223,7 +223,7 @@ def _generate_session_corrections(
                 misfit_before=before,
                 misfit_after=after,
                 unexplained_share=left,
-                replicate_share=twins,
+                replicate_share=replicates,
                 distance_from_prior=_compute_prior_distance(every, prior),
                 p_value=by_chance,
             )
@@ -246,7 +246,7 @@ def _compute_part_misfit(
     """Return the deviation (n, 3) m of a part from the prediction by the others, and the share of its replicated
     readings.
     """
-    e, twins = part.error(x), 0
+    e, replicates = part.error(x), 0
     if not replicates:
         return e, 0.0
     for pose in np.unique(part.pose):
@@ -260,8 +260,8 @@ def _compute_part_misfit(
         has = count > 0
         mean = (near[has].astype(float) @ rest[there]) / count[has, None]
         e[here[has]] -= mean
-        twins += int(has.sum())
-    return e, twins / max(len(e), 1)
+        replicates += int(has.sum())
+    return e, replicates / max(len(e), 1)
 
 
 def _compute_unexplained_share(equations: RecordEquations, label: Ints) -> float:

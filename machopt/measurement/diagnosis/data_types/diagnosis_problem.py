@@ -40,7 +40,7 @@ class BaseUnknown:
     key: ParameterKey | None = None  # its key in an arm model; None: not part of a model
     plausible_range: tuple[float, float] | None = None  # plausible minimum and maximum, SI; None: unlimited
     description_if_unstated: str = (
-        ""  # what it is of the robot, where neither URDF nor cell has a word for it: told where it is there
+        ""  # what it is of the robot, where neither URDF nor cell has a word for it: reported where it is present
     )
 
     @property
@@ -70,7 +70,7 @@ class CoordinateFamily:
     factor: float  # report unit per SI unit, e.g. 1e3
     stated_uncertainty: float | None = None  # 1 sigma of a reading as the recording states it, SI
     is_separate_instrument: bool = (
-        False  # of an instrument of its own: told beside, and good for no more than is stated
+        False  # of an instrument of its own: reported beside, and used only for what is stated
     )
 
 

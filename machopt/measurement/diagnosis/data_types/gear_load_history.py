@@ -66,13 +66,13 @@ def _build_load_history(r: StaticReadings, memory: int) -> GearLoadHistory:
     )
 
 
-def _compute_time_gaps(time: Array, last: float, stood: bool = False) -> Array:
+def _compute_time_gaps(time: Array, last: float, rested: bool = False) -> Array:
     """Return the time before the unloaded state of a cycle and before each of its readings, s.
 
     Args:
         time: Time of the readings, s.
         last: Time of the last reading that still matters; NaN if there is none.
-        stood: Whether the arm has rested under its weight longer than any memory lasts.
+        rested: Whether the arm has rested under its weight longer than any memory lasts.
     """
     gaps = np.maximum(np.diff(time), 0.0)
     wait = float(np.median(gaps)) if len(gaps) else np.nan
@@ -81,6 +81,6 @@ def _compute_time_gaps(time: Array, last: float, stood: bool = False) -> Array:
         away = max(float(time[0]) - wait - last, 0.0)
     elif np.isfinite(last):  # a single reading: the time without load is unknown
         away = -max(float(time[0]) - last, 0.0)
-    elif stood:
+    elif rested:
         away = np.inf
     return np.concatenate([[away, wait], gaps])

@@ -245,7 +245,7 @@ def _check_frame_is_determined(recording: Recording, x: Array, name: str) -> Non
     if extent[1] <= thresholds.SHARES.negligible * extent[0]:
         raise RecordingError(
             f"frame {name} has {len(x)} reading{'' if len(x) == 1 else 's'}"
-            f"{', all on one line' if len(x) >= FEWEST else ''}, which do not fix where the tracker stood; expected "
+            f"{', all on one line' if len(x) >= FEWEST else ''}, which do not fix the place of the tracker; expected "
             f"{FEWEST} points or more that are not on one line, or leave these rows out",
             file=recording.source,
         )

@@ -68,7 +68,7 @@ def build_order_refinement(scene: MotionModel, joint: int) -> ShapeRefinement:
         whole = np.arange(np.ceil(fine[0]), np.floor(fine[-1]) + 1.0)
         return tuple(tuple(float(v * k / n) for k in shape) for v in sorted({n, *fine, *whole}))
 
-    def said(shapes: Sequence[Shape]) -> str:
+    def describe_shapes(shapes: Sequence[Shape]) -> str:
         low, high = min(s[0] for s in shapes), max(s[0] for s in shapes)
         if high - low < 1.0:
             return ""
@@ -80,7 +80,7 @@ def build_order_refinement(scene: MotionModel, joint: int) -> ShapeRefinement:
     return ShapeRefinement(
         shapes_around=about,
         is_preferred=lambda s: float(s[0]).is_integer(),
-        describe_ambiguity=said,
+        describe_ambiguity=describe_shapes,
         minimum_separation=thresholds.LIMITS.partial_periods * resolution,
     )
 

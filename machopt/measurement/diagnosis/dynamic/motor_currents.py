@@ -65,7 +65,7 @@ def convert_currents_to_torques(recording: Recording, motion: MotionSignals, pre
         columns = ", ".join(f"current{j + 1}_A" for j in dead)
         raise RecordingError(
             f"{recording.source}: {columns} never change{'s'[: len(dead) == 1]}: not read, or of a braked joint, and "
-            "nothing is said of torque there; a recording with the currents of all joints would work"
+            "no torque is evaluated there; a recording with the currents of all joints would work"
         )
     each = [_fit_current_per_torque(motion, current[:, j], predicted[:, j], j) for j in range(n)]
     sure = thresholds.SHARES.minority

@@ -132,7 +132,7 @@ def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
     # Jacobian of the link end: TCP motion minus rotation about the end
     end = r.state.J[:, :3, :link] - np.cross(z, (r.state.T_base_tool[:, :3, 3] - at)[:, :, None], axis=1)
     soft = r.compliance[:link]
-    stands = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions, :link]
+    sensitivity = compute_joint_sensitivity(r.state.J, r.wrench, r.compliance)[:, : r.dimensions, :link]
     turned = soft * r.load_torque[:, :link]  # (N, link) by the load
     swept = np.empty((len(r), 3, link))  # Σ_b ∂E_a/∂q_b θ_b
     for a in range(link):
@@ -142,7 +142,7 @@ def _build_pull_force(r: StaticReadings, link: int) -> EffectHypothesis:
 
     def column(force: Array, borne: Array) -> Array:
         """(N, D, 1) of a force (N, 3) that is there and one (N, 3) that comes with the load."""
-        there: Array = np.einsum("nda,a,nca,nc->nd", stands, soft, end, force)
+        there: Array = np.einsum("nda,a,nca,nc->nd", sensitivity, soft, end, force)
         twist = soft * (np.einsum("nca,nc->na", swept, force) + np.einsum("nca,nc->na", end, borne))
         moved: Array = sum(r.lift_joint_twist(a, twist[:, a]) for a in range(link))  # type: ignore[assignment]
         return there[:, :, None] + moved

@@ -274,7 +274,7 @@ def _format_effect_sentence(
 
 
 def _build_empty_effect(name: str, reason: str) -> JobEffectSection:
-    message = f"What this changes for the toolpath cannot be said: {reason}"
+    message = f"The effect on the toolpath cannot be computed: {reason}"
     return JobEffectSection(toolpath=name, sentence=message, reason=reason, changes=())
 
 

@@ -117,7 +117,7 @@ def find_inclinometer_link(name: str, cell: Cell, source: str = "") -> int:
         return arm.index(joint) + 1
     if joint != fixed:
         raise RecordingError(
-            f"tilt_link {name!r} neither stands with {cell.base_link} nor is moved by the arm; expected a link that is",
+            f"tilt_link {name!r} is neither fixed to {cell.base_link} nor moved by the arm; expected a link that is",
             file=source or None,
         )
     return 0

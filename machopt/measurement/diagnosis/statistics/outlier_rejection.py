@@ -117,12 +117,12 @@ def find_repeated_deviations(problem: DiagnosisProblem, residual: Array, off: Fl
     kind = np.unique(problem.replicate[rows], return_inverse=True)[1].reshape(-1)
     visits, visit = np.unique(problem.replicate_visit[rows], return_inverse=True)
     own = np.unique(kind * len(visits) + visit.reshape(-1), return_inverse=True)[1].reshape(-1)
-    twins = np.bincount(kind)[kind] - np.bincount(own)[own]
-    at = np.flatnonzero(off[rows] & (twins > 0))
+    replicates = np.bincount(kind)[kind] - np.bincount(own)[own]
+    at = np.flatnonzero(off[rows] & (replicates > 0))
     one = e[rows[at]]
     other = np.empty_like(one)
     for c, column in enumerate(e[rows].T):
-        other[:, c] = (np.bincount(kind, column)[kind[at]] - np.bincount(own, column)[own[at]]) / twins[at]
+        other[:, c] = (np.bincount(kind, column)[kind[at]] - np.bincount(own, column)[own[at]]) / replicates[at]
     size, like = np.linalg.norm(one, axis=1), np.linalg.norm(other, axis=1)
     alike = np.einsum("nd,nd->n", one, other) > thresholds.SHARES.agreement * size * like
     out[rows[at]] = alike & (thresholds.RATIOS.stiffness_error * like > size)

@@ -54,14 +54,14 @@ def estimate_replicate_noise(problem: DiagnosisProblem, residual: Array, used: F
     Returns:
         The noise.
     """
-    contrast, twins = compute_replicate_contrast(problem, residual, used)
-    replicated = int(twins.sum()) >= thresholds.COUNTS.min_degrees_of_freedom
+    contrast, is_replicate = compute_replicate_contrast(problem, residual, used)
+    replicated = int(is_replicate.sum()) >= thresholds.COUNTS.min_degrees_of_freedom
     own, cycle, visit = (np.zeros(len(problem.families)) for _ in range(3))
     gain = 0.0
     for f, family in enumerate(problem.families):
         there = problem.has_family(family)
-        repeated = replicated and int((twins & there).sum()) >= thresholds.COUNTS.min_degrees_of_freedom
-        e, rows = (contrast, twins & there) if repeated else (residual, used & there)
+        repeated = replicated and int((is_replicate & there).sum()) >= thresholds.COUNTS.min_degrees_of_freedom
+        e, rows = (contrast, is_replicate & there) if repeated else (residual, used & there)
         own[f], cycle[f], visit[f], found = _split_variance(problem, family, e, rows)
         if family.is_separate_instrument and family.stated_uncertainty:  # replicates do not show systematic errors
             own[f] = max(own[f], family.stated_uncertainty) if repeated else family.stated_uncertainty

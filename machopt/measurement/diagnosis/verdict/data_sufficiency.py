@@ -23,7 +23,7 @@ def downgrade_if_insufficient(d: DiagnosisResult, problem: DiagnosisProblem) -> 
     """Change the verdict to "insufficient" if nothing was found and the data are too few to exclude a mismatch.
 
     Without replicates and without a stated uncertainty, noise and mismatch cannot be separated. Then findings cannot
-    be said to explain everything either.
+    explain everything either.
 
     Args:
         d: Complete result of a static recording.

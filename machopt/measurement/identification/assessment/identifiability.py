@@ -111,7 +111,7 @@ class SettledCoefficients:
 def settle_coefficients(
     fit: StiffnessFit, uncertainty: CoefficientUncertainty, prior: Array | None = None
 ) -> SettledCoefficients:
-    """Judge the identifiability of every unknown and set the values of unidentified ones.
+    """Assess the identifiability of every unknown and set the values of unidentified ones.
 
     Args:
         fit: Fit with all unknowns free.
@@ -221,7 +221,7 @@ def _assess_coefficient(
                     f"{format_joint_stiffness(1 / scale)}; a load with a longer lever arm about its axis would show it"
                 )
     elif not np.isfinite(uncertainty.sigma[j]) and not partner:
-        reason = "there are no more equations than unknowns: nothing is left over to judge its error by"
+        reason = "there are no more equations than unknowns: no redundancy is left to estimate its error"
     elif not np.isfinite(uncertainty.sigma[j]) or (scale > 0 and expected > thresholds.SHARES.max_relative_error):
         reason = partner or f"the readings promise no more than ± {100 * expected:.0f} % (1 sigma)"
     elif _has_interval_at_zero(unknown, uncertainty.interval[j]):

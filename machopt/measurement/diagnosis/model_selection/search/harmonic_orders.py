@@ -213,13 +213,13 @@ def _build_order_refinement(one: ShapeRefinement) -> ShapeRefinement:
             out += [(*shape[:n], *v, *shape[n + 1 :]) for v in one.shapes_around((order,), share)]
         return tuple(out)
 
-    def said(shapes: Sequence[Shape]) -> str:
+    def describe_shapes(shapes: Sequence[Shape]) -> str:
         best: Array = np.array(shapes)
         return "; ".join(filter(None, (one.describe_ambiguity([(float(v),) for v in own]) for own in best.T)))
 
     return ShapeRefinement(
         shapes_around=about,
         is_preferred=lambda s: all(one.is_preferred((v,)) for v in s),
-        describe_ambiguity=said,
+        describe_ambiguity=describe_shapes,
         minimum_separation=one.minimum_separation,
     )
