@@ -17,7 +17,7 @@ from machopt.measurement.diagnosis.effect_columns import joint_torque
     [(0.0, True), (0.3, True), (1.2, True), (6.0, False), (284.0, False), (-0.5, True), (-1.2, False), (-2.5, False)],
 )
 def test_angle_dependent_stiffness_needs_a_compliant_joint_and_a_moderate_variation(extra: float, built: bool) -> None:
-    """Where a joint showed nearly nothing a stiffness that varied by thousands of percent was ``explained``."""
+    """A nearly rigid joint was ``explained`` by an angle-dependent stiffness that varies by thousands of percent."""
     r, _, _ = build_timed_readings()
     laws = {h.law: h for h in joint_torque.build_joint_hypotheses(r, 1, angle_dependent_stiffness.EFFECT)[0]}
     q = np.quantile(r.state.q[:, 1], [0.02, 0.98])
@@ -30,7 +30,8 @@ def test_angle_dependent_stiffness_needs_a_compliant_joint_and_a_moderate_variat
 
 
 def test_variation_is_relative_to_the_mean_compliance() -> None:
-    """Beside a law of its angle a spring may come out as nothing; of that, a true one varied by 7,558 %."""
+    """The joint spring may be refitted to zero next to an angle-dependent law; relative to that value, a true
+    variation was reported as 7,558 %."""
     r, _, _ = build_timed_readings()
     rest = replace(r, compliance=np.where(np.arange(6) == 1, 0.0, r.compliance), springs_only_compliance=r.compliance)
     x = np.array([0.2 * r.compliance[1]])

@@ -22,7 +22,8 @@ from machopt.numerics.array_types import Array
 
 
 def form(r: StaticReadings, joint: int, law: str, which: int = 0) -> EffectHypothesis:
-    """One of a joint, from 1; first those whose ways stand in the body before it."""
+    """Return bearing hypothesis ``which`` of a joint (1-based) with this law; forms with axes fixed in the preceding
+    body come first."""
     return [h for h in bearing_tilt.build_bearing_hypotheses(r) if (h.location, h.law) == (f"joint:{joint}", law)][
         which
     ]
@@ -46,10 +47,12 @@ def diagnose_forms(
 
 
 def compute_tilt_displacement(r: StaticReadings, joint: int, about: Array, play: float = 0.0) -> Array:
-    """(N, 6) m, rad at the TCP of an arm that is turned bodily about an axis (N, 3) through a joint, from 0.
+    """Return the displacement (N, 6) m, rad of the TCP when the arm rotates rigidly about an axis (N, 3) through a
+    joint (0-based).
 
-    By the moment there, in proportion and 0.1 mrad at the largest; or ``play`` rad either way, used up by a twentieth
-    of the largest moment of the load, under the weight that the joint carries, too.
+    Without play the angle is proportional to the moment about the axis, at most 0.1 mrad. With ``play`` (rad, to either
+    side) the bearing reaches its end position at a twentieth of the largest moment of the load; the weight that the
+    joint carries acts, too.
     """
     state = r.state
     assert state.R_bodies is not None
@@ -72,7 +75,8 @@ def compute_tilt_displacement(r: StaticReadings, joint: int, about: Array, play:
 
 
 def compute_transverse_axis(r: StaticReadings, joint: int, way: float) -> Array:
-    """(N, 3) an axis across that of a joint, from 0, ``way`` rad from the first in the body before it."""
+    """Return the axis (N, 3) perpendicular to the axis of a joint (0-based), at angle ``way`` (rad) from the first
+    transverse axis in the preceding body."""
     b = bearing_tilt._build_bearing_load(r, joint, joint)
     assert np.abs(np.einsum("nwc,nc->nw", b.across, r.state.J[:, 3:, joint])).max() < 1e-9
     return np.asarray(np.cos(way) * b.across[:, 0] + np.sin(way) * b.across[:, 1])
@@ -111,10 +115,11 @@ def test_bearing_play_closes_under_small_moments_and_hides_under_weight() -> Non
 
 @pytest.mark.parametrize(("joint", "way"), [(0, 0.7), (1, 0.4)])
 def test_soft_bearing_is_located_at_its_joint_without_a_name(joint: int, way: float) -> None:
-    """Joint 2 tilts about an axis about which the link before it does not bend alike."""
+    """Joint 2 tilts about an axis about which the preceding link does not bend in the same way."""
     r, _, _ = build_timed_readings()
     moved = compute_tilt_displacement(r, joint, compute_transverse_axis(r, joint, way))
-    assert diagnose_forms(r, moved, forms=False).findings  # the catalogue's nearest
+    # without bearing forms, the nearest law of the catalogue is named
+    assert diagnose_forms(r, moved, forms=False).findings
     found = diagnose_forms(r, moved, forms=True)
     assert (found.findings, found.verdict) == ((), "unexplained")
     assert [n for n in found.notes if f"something at joint:{joint + 1} " in n and "across" in n]
@@ -135,12 +140,12 @@ def test_loose_bearing_is_found_where_loads_unseat_it() -> None:
 
 @pytest.mark.parametrize("height", [None, 0.0])
 def test_base_and_backlash_keep_their_names_beside_bearings(height: float | None) -> None:
-    """Where a file has joint 1 in base_link's origin, its bearing tilts as a base does."""
+    """With the origin of joint 1 at that of base_link (height 0), its bearing tilts exactly as a base does."""
     r, _, _ = build_timed_readings()
     point = r.robot.point.copy()
     point[0] = point[0] if height is None else height
     low = replace(r, robot=replace(r.robot, point=point))
-    plate = np.zeros((6, 6))  # four bolts at the corners of a square, one of them at 70 %
+    plate = np.zeros((6, 6))  # four bolts at the corners of a square, one of them with 70 % stiffness
     for x, y, soft in ((1, 1, 1 / 0.7), (1, -1, 1), (-1, 1, 1), (-1, -1, 1)):
         give = np.array([0, 0, 1, y * 0.2, -x * 0.2, 0])
         plate += np.outer(give, give) / soft
@@ -165,7 +170,8 @@ def test_base_and_backlash_keep_their_names_beside_bearings(height: float | None
 
 
 def definite(law: str, numbers: int) -> Array:
-    """Entries of a base's matrix that is positive definite, coupled where the law has it; SI."""
+    """Return the entries of a positive definite base compliance matrix, with coupling terms if the law has them (SI
+    units)."""
     tilt = [1.0, 0.6, 0.9]
     coupled = [0.1, 0.02, -0.02, *tilt] if law == "tilts and sinks" else [0.1, 0.1, 0.1, *tilt]
     return np.array({2: [1.0, 0.6], 3: tilt, 6: coupled}[numbers])

@@ -60,7 +60,7 @@ def hypotheses(readings):
 def write_simulated_recording(
     folder: Path, truth=None, *, cell: Path = CELL, force: float = 1500.0, **design
 ) -> Recording:
-    """Write a recording of a made-up arm."""
+    """Write a recording of a simulated arm."""
     rng = np.random.default_rng(8)
     a = arm(cell.name)
     k = a.nominal * rng.uniform(0.8, 1.25, 6)
@@ -85,7 +85,7 @@ def _refuse_constant(word: str) -> None:
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A recording of an arm with a soft link, and what `diagnose --json --seed 3` made of it."""
+    """A recording of an arm with a compliant link, and the output of `diagnose --json --seed 3` for it."""
 
     recording: Recording
     folder: Path  # of the recording
@@ -95,7 +95,7 @@ class Diagnosed:
 
 @pytest.fixture(scope="module")
 def link(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
-    """Diagnosed once for all that look at it; who changes a file copies it."""
+    """Run the diagnosis once for all tests that read it; a test that changes a file works on a copy."""
     folder, message = tmp_path_factory.mktemp("link"), io.StringIO()
     recording = write_simulated_recording(folder / "rec", soft_link, poses=16)
     with contextlib.redirect_stdout(message):
@@ -142,7 +142,7 @@ def test_same_seed_gives_the_same_bytes(link: Diagnosed, tmp_path: Path) -> None
 
 
 def test_extended_stiffness_is_a_valid_cell_and_explains_the_recording(link: Diagnosed, tmp_path: Path) -> None:
-    """A cell with what was found, diagnosed with the same recording, has nothing left to name."""
+    """The recording, diagnosed again with the written stiffness.yaml in the cell, has no finding except K_C."""
     found = load_stiffness(link.out / "stiffness.yaml")
     assert ("link_compliance", "link:3") in {(t.effect, t.location) for t in found.terms}
     shutil.copytree(CELL, tmp_path / "cell")
@@ -181,7 +181,7 @@ def test_zero_offset_is_written_to_kinematics_yaml(tmp_path: Path, capsys: pytes
     result = run(tmp_path / "out", tmp_path / "rec")
     assert [(f["effect"], f["location"]) for f in result["findings"]] == [("joint_zero_offset", "joint:3")]
     same = [u["location"] for u in result["not_testable"] if u["reason"].endswith("it is a zero offset")]
-    assert "joint:3" in same  # weight pulls it to one side in all these poses, and play is then an offset
+    assert "joint:3" in same  # weight loads the joint to one side in all these poses, so backlash equals an offset
     assert ["joint_backlash", "joint:3"] in result["findings"][0]["one_of"]
     size = next(iter(result["findings"][0]["parameters"].values()))
     assert size["value"] == pytest.approx(np.degrees(3e-4), rel=0.15)
@@ -207,7 +207,8 @@ def test_user_defined_effect_is_named_where_true_and_nowhere_else(tmp_path: Path
     write_simulated_recording(tmp_path / "rec", pulled, poses=16)
     result = run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
     assert (result["findings"][0]["effect"], result["findings"][0]["location"]) == ("cable_bundle", "joint:3")
-    assert result["verdict"] == "partly_explained"  # no model file can state it, and the error is that of the files
+    # no model file can hold this effect, and the error is computed from the model files
+    assert result["verdict"] == "partly_explained"
     assert result["final"]["heldout_rmse"] == pytest.approx(result["baseline"]["heldout_rmse"], rel=0.05)
     write_simulated_recording(tmp_path / "null")
     result = run(tmp_path / "none", tmp_path / "null", "--effects", str(law))
@@ -263,7 +264,7 @@ def test_broken_recording_is_one_message(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [tmp_path / "rec"]  # no output, no half of one
+    assert list(tmp_path.iterdir()) == [tmp_path / "rec"]  # no output and no incomplete output
 
 
 def _write_recording_folder(tmp_path: Path, recording: Recording, **changes) -> Path:
@@ -296,7 +297,7 @@ def test_few_poses_give_an_answer_without_a_name(tmp_path: Path, poses: int) -> 
     write_simulated_recording(tmp_path / "rec", poses=poses)
     result = run(tmp_path / "out", tmp_path / "rec")
     assert {f["effect"] for f in result["findings"]} <= {"geometric_stiffness"}
-    assert result["verdict"] in ("insufficient", "explained")  # explained by K_C, which is always there
+    assert result["verdict"] in ("insufficient", "explained")  # explained by K_C, which exists in every arm
     if poses < 4:
         assert any("pose" in w for w in result["warnings"])
 
@@ -327,7 +328,7 @@ def test_gross_errors_and_duplicates_are_listed_by_row(tmp_path: Path) -> None:
     found = next(f for f in result["findings"] if f["effect"] == "outliers")
     rows = {int(n) for n in found["location"].removeprefix("rows:").split(",")}
     assert {n + 1 for n in (*big, copy)} <= rows
-    assert len(rows) <= len(big) + 1 + 0.03 * len(r)  # a hundredth are a tracker's own
+    assert len(rows) <= len(big) + 1 + 0.03 * len(r)  # one reading in a hundred is a simulated tracker outlier
     assert not {f["effect"] for f in result["findings"]} & {"joint_hysteresis", "link_compliance", "joint_backlash"}
 
 
@@ -363,7 +364,7 @@ def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> No
     output = diagnose_in_memory(CELL, r, tmp_path / "again").result.to_json_types()
     named = {f["effect"]: f["location"] for f in output["findings"]}
     share = next(f["parameters"]["share"] for f in output["findings"] if f["effect"] == "geometric_stiffness")
-    assert share["ci95"][0] > 0.0  # K_C is in every arm, and shows beside the two
+    assert share["ci95"][0] > 0.0  # K_C exists in every arm and is detectable in addition to the other two effects
     assert {place for effect, place in named.items() if effect != "geometric_stiffness"} == {"joint:1", "link:2"}
 
 

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "diagnosis_cha
 import generate_cases
 
 LENGTH = EffectHypothesis(
-    effect="geometry",  # whose form adds nothing
+    effect="geometry",  # an effect whose law adds no model uncertainty
     location="sensor:force",
     law="a vector",
     equation="",
@@ -36,7 +36,8 @@ LENGTH = EffectHypothesis(
 
 
 def test_unobservable_law_does_not_widen_the_interval_of_a_certain_one(tmp_path: Path) -> None:
-    """A full matrix at the tool fits as well as a body of revolution; it said 0.04 µm/N with −131 … 131."""
+    """A full matrix at the tool fits as well as an axially symmetric body; its interval was −131 … 131 µm/N at 0.04
+    µm/N."""
     ((name, case, seed),) = generate_cases.chosen("dev", ["deflection/tool_compliance.9/medium"], False, 1)
     generate_cases.generate((name, case, seed, "dev", tmp_path, True))
     found = machopt.diagnose(tmp_path / name / "cell", tmp_path / name / "recording")
@@ -48,7 +49,8 @@ def test_unobservable_law_does_not_widen_the_interval_of_a_certain_one(tmp_path:
 
 @pytest.mark.parametrize("across", [0.1, 0.2])
 def test_interval_of_a_vector_length_accounts_for_noise_bias(across: float) -> None:
-    """Of a vector of length 1, 300 times: ends that are too high are as rare as ends that are too low."""
+    """For a vector of length 1 and 300 noise draws, intervals above the true length are as rare as intervals below
+    it."""
     rng, sigma = np.random.default_rng(1), np.array([0.05, across, across])
     law = replace(LENGTH, quantities=lambda x, _: {"length": Quantity(float(np.linalg.norm(x)), "N")})
     high = low = 0
@@ -56,13 +58,14 @@ def test_interval_of_a_vector_length_accounts_for_noise_bias(across: float) -> N
         fitted = cast("WhitenedHypothesis", SimpleNamespace(hypothesis=law, shapes=((),), unit=np.ones((1, 3))))
         ends = finding_estimates._compute_quantity_intervals(fitted, 0, x, np.diag(sigma**2), 1e6)["length"][1]
         high, low = high + (ends[0] > 1.0), low + (ends[1] < 1.0)
-    assert high <= 8  # 12 and 9 by the slope alone
+    assert high <= 8  # 12 and 9 with the linearized interval
     assert low <= 8
-    assert high + low >= 2  # an interval that is never wrong says nothing
+    assert high + low >= 2  # an interval that always contains the true value is too wide
 
 
 def test_sensor_error_interval_accounts_for_body_compliances(tmp_path: Path) -> None:
-    """A zero of the force beside a soft link: through the springs alone it came out 16 % too large."""
+    """Offset of the force sensor in an arm with a compliant link: with joint springs alone the estimate was 16 % too
+    large."""
     ((name, case, seed),) = generate_cases.chosen("dev", ["pair/force_sensor_offset+link_compliance.6"], False, 1, 441)
     generate_cases.generate((name, case, seed, "dev", tmp_path, False))
     found = machopt.diagnose(tmp_path / name / "cell", tmp_path / name / "recording")
@@ -81,7 +84,8 @@ def _build_selected_effects(*effects: str) -> list[SelectedEffect]:
 
 
 def test_exact_law_has_the_certainty_of_the_laws_beside_it() -> None:
-    """What the form of a gear or a body leaves goes into a zero or a frame beside it; exact ones leave nothing."""
+    """The residual of an approximate gear or body law biases an offset or frame that is fitted together with it;
+    exact laws leave no residual."""
     assert (
         finding_estimates._compute_model_uncertainty(
             _build_selected_effects("force_sensor_offset", "displacement_frame"), 0

@@ -47,7 +47,8 @@ def test_effect_present_in_every_session_is_named(days: tuple[int, ...]) -> None
 
 
 def share(*, days_with_it: int, moved: bool) -> float:
-    """Of a law beside a frame (a shift and a slope), which is one for all days or another each day."""
+    """Return the session transfer of a law fitted with a frame (a shift and a slope) that is the same on all days or
+    differs from day to day (``moved``)."""
     rng = np.random.default_rng(3)
     rows = DAYS * VISITS * READINGS
     day = np.repeat(np.arange(DAYS), VISITS * READINGS)
@@ -56,7 +57,7 @@ def share(*, days_with_it: int, moved: bool) -> float:
     frame = np.column_stack([np.ones(rows), u])
     X = np.hstack([frame * (day == d)[:, None] for d in range(DAYS)]) if moved else frame
     y = 3.0 * law[:, 0] * (day < days_with_it) + 0.01 * rng.normal(size=rows)
-    y -= X @ np.linalg.lstsq(X, y, rcond=None)[0]  # as a first fit of the frames leaves it
+    y -= X @ np.linalg.lstsq(X, y, rcond=None)[0]  # residual after a first fit of the frames
     whitening: Any = SimpleNamespace(
         session=np.repeat(np.arange(DAYS), VISITS),
         group_of_visit=np.tile(np.arange(VISITS), DAYS),
@@ -74,7 +75,8 @@ def share(*, days_with_it: int, moved: bool) -> float:
 
 @pytest.mark.parametrize("moved", [False, True])
 def test_effect_in_both_sessions_is_repeatable_after_a_tracker_move(moved: bool) -> None:
-    """A day's own stand is fitted to that day, with and without the law: the other day cannot tell it."""
+    """The tracker frame of each day is fitted to that day, with and without the law, because the other day has no
+    information about it."""
     assert share(days_with_it=2, moved=moved) == pytest.approx(1.0, abs=0.1)
 
 

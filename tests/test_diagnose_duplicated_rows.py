@@ -16,7 +16,7 @@ from machopt.measurement.diagnosis.data_quality.duplicated_rows import find_dupl
 
 @pytest.mark.parametrize("turned", [0.0, 2.0])
 def test_farther_of_two_equal_rows_is_the_duplicate(turned: float) -> None:
-    """Wherever the tracker stands; poses that are visited again may read alike."""
+    """For any tracker station; repeated measurements of the same pose may be equal."""
     cell, robot, _ = arm()
     T = cell.tool.T_flange_tcp
     frame = np.array([0.3, -1.0, 0.2]), np.array([0.0, 0.0, turned]), np.zeros(3)
@@ -30,7 +30,7 @@ def test_farther_of_two_equal_rows_is_the_duplicate(turned: float) -> None:
     x[[4, 21]] = x[[17, 3]]
     spoilt = replace(r, position=x)
     assert np.flatnonzero(find_duplicated_rows(spoilt, robot, T)).tolist() == [4, 21]
-    coarse = replace(spoilt, position=np.round(x, 5))  # read to 0.01 mm: alike by chance
+    coarse = replace(spoilt, position=np.round(x, 5))  # resolution 0.01 mm: equal by chance
     assert not find_duplicated_rows(coarse, robot, T).any()
 
 
@@ -46,5 +46,5 @@ def test_duplicated_reading_of_a_load_test_is_found_in_coarse_readings(digits: i
     d = d.copy()
     d[goal] = d[source]
     assert np.flatnonzero(find_duplicated_rows(replace(r, displacement=d), robot, T)).tolist() == goal.tolist()
-    twice = np.where(r.pose == np.unique(r.pose)[7], np.unique(r.pose)[2], r.pose)  # another number of the same pose
+    twice = np.where(r.pose == np.unique(r.pose)[7], np.unique(r.pose)[2], r.pose)  # the same pose with another number
     assert not find_duplicated_rows(replace(r, displacement=d, pose=twice), robot, T).any()

@@ -40,14 +40,14 @@ FOUND = StiffnessTerm(
 )
 NEW = replace(OLD, terms=(*OLD.terms, FOUND))
 PATH = ROOT / "toolpaths" / "plain.csv"
-# the mean alone counts, so that the planner cannot but lower it
+# weight the mean deflection only, so that replanning always reduces it
 ONLY_MEAN = ["rotation_step_deg=20", "collision=false", "weights={mean: 1, worst: 0, travel: 0, rotation: 0, feed: 0}"]
 OPTIONS = load_options(CELL.plan, None, ONLY_MEAN)
 
 
 @pytest.fixture(scope="module")
 def effect() -> dict[str, Any]:
-    """As ``diagnose --toolpath`` with these words behind ``--set`` makes it; ``plans`` are of the same options."""
+    """Return the result of ``diagnose --toolpath`` with these ``--set`` options; ``plans`` uses the same options."""
     found = compute_effect_on_job(CELL, PATH, OLD, NEW, tuple(ONLY_MEAN))
     assert found is not None
     return found.to_json_types()
@@ -61,7 +61,8 @@ def plans() -> tuple[Plan, Plan]:
 
 
 def compute_deflections(choice: Plan, stiffness: ArmStiffness) -> np.ndarray:
-    """(P,) mm of the choice's configurations, from joint springs and the play's dead zone alone."""
+    """Return the deflections (P,) in mm of the planned configurations, from joint springs and the backlash dead zone
+    only."""
     d, q = choice.directions, choice.chosen.assignment.q
     J = ArmElasticity(choice.setup.robot, CELL.tool.T_flange_tcp, OLD).compute_jacobian(q)[0]
     tau = np.einsum("mci,mc->mi", J[:, :3], d.force)
@@ -73,7 +74,7 @@ def compute_deflections(choice: Plan, stiffness: ArmStiffness) -> np.ndarray:
 
 
 def test_values_equal_those_of_two_plans(effect: dict[str, Any], plans: tuple[Plan, Plan]) -> None:
-    """1e-9: the same arithmetic in another order."""
+    """The tolerance 1e-9 covers a different order of the same arithmetic."""
     old, new = plans
     path = old.path
     cases = {
@@ -100,7 +101,7 @@ def test_values_equal_those_of_two_plans(effect: dict[str, Any], plans: tuple[Pl
 
 def test_finding_costs_and_replanning_recovers_a_part(effect: dict[str, Any]) -> None:
     d = effect["deflection_mm"]
-    assert d["unchanged"]["mean"] > 1.1 * d["before"]["mean"]  # the gear gives up to three times as much
+    assert d["unchanged"]["mean"] > 1.1 * d["before"]["mean"]  # the gear deflects up to three times as much
     assert d["after"]["mean"] < 0.97 * d["unchanged"]["mean"]
     assert effect["rotation"]["changed_share"] > 0.2
     assert f"{d['unchanged']['mean']:.3f} mm in the mean (believed: {d['before']['mean']:.3f})" in effect["sentence"]
@@ -108,7 +109,7 @@ def test_finding_costs_and_replanning_recovers_a_part(effect: dict[str, Any]) ->
 
 
 def test_page_and_file_contain_the_effect_on_the_job(effect: dict[str, Any]) -> None:
-    json.dumps(effect, allow_nan=False)  # every point of this path is reached, so no NaN
+    json.dumps(effect, allow_nan=False)  # every point of this path is reachable, so the data contain no NaN
     page = build_job_effect(JobEffectSection.model_validate(effect))
     assert page.toolpath == "plain.csv"
     assert (

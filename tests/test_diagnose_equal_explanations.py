@@ -1,7 +1,7 @@
 """Alternative explanations with the same compliance matrix over the recorded poses are both stated.
 
-A link that twists about its own axis moves the arm behind it as the bearing at its end does that tilts about this
-axis. An elastic coupling of joints 2 and 3 moves the arm as link 2 does that bends in the plane of both.
+Torsion of a link about its own axis moves the following arm like a tilt of the bearing at its end about that axis. An
+elastic coupling of joints 2 and 3 moves the arm like bending of link 2 in the plane of both joints.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from machopt.measurement.diagnosis.static import bearing_tilt
 from machopt.numerics.array_types import Array
 
 ROOT = Path(__file__).resolve().parents[1]
-LARGEST = 1e-4  # m, largest displacement that the joint springs leave of what is concealed
+LARGEST = 1e-4  # m, largest simulated displacement that the joint springs cannot explain
 CELLS = ("kr500_milling", "irb6700_drilling", "s420f_handling", "cutting_cobot")
 
 
 def build_readings(cell_name: str, seed: int = 0) -> StaticReadings:
-    """Twelve poses, four loads of forces and moments at each, two sessions."""
+    """Simulate twelve poses with four loads (forces and moments) at each, in two sessions."""
     cell = load_cell(ROOT / "cells" / cell_name)
     robot, tool = load_robot(cell), cell.tool.T_flange_tcp
     assert cell.stiffness is not None
@@ -78,21 +78,23 @@ def diagnose(r: StaticReadings, moved: Array) -> DiagnosisResult:
 
 
 def move_by(r: StaticReadings, effect: str, location: str, law: str) -> Array:
-    """Displacement (N, 6) of a law at its middle shape, each coefficient with the same share."""
+    """Return the displacement (N, 6) of a law at the middle of its shape grid, with equal largest displacement for
+    each coefficient."""
     h = next(h for h in list_laws(r) if (*h.name, h.law) == (effect, location, law))
     columns = h.columns(h.shapes[len(h.shapes) // 2])
     return np.asarray(columns @ (1.0 / np.abs(columns).max(axis=(0, 1))))
 
 
 def is_never_one_name(found: DiagnosisResult, joint: int) -> bool:
-    """Return whether nothing is named, or the bearing of a joint (1-based) is among what could not be told apart."""
+    """Return whether nothing is named, or the bearing of the joint (1-based) is among the alternatives of each
+    finding."""
     assert found.findings or found.verdict == "unexplained"
     return all((UNCATALOGUED, f"joint:{joint}") in f.one_of for f in found.findings)
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize(
-    ("cell_name", "joint", "way"),  # each cell twice, each bearing on two of them
+    ("cell_name", "joint", "way"),  # each cell occurs twice, and each bearing is tested on two cells
     [
         (cell_name, *bearing)
         for n, bearing in enumerate([(2, 0.7), (2, 2.0), (3, 1.2), (1, 1.5)])
@@ -141,7 +143,7 @@ def test_link_without_an_equal_explanation_keeps_its_single_name(cell_name: str)
 
 
 def build_finding(effect: str, location: str, *rivals: tuple[str, str]) -> SimpleNamespace:
-    """Return what the design of further measurements reads of a finding; a form without a name has no fit."""
+    """Return a stub finding with the fields that the experiment design reads; an unnamed form has no fit."""
     fit = SimpleNamespace(coefficients=[1e-7], shape=[], correction=None)
     fitted = [(effect, location), *(name for name in rivals if name[0] != UNCATALOGUED)]
     every = [

@@ -17,7 +17,7 @@ from machopt.numerics.array_types import Array
 
 
 def simulate_motion(folder: Path, seed: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Time, q, q̇, what the arm needs and what three joints give, with friction and noise."""
+    """Return time, q, q̇, the ideal torque, and the torque of three joints with friction and noise."""
     rng = np.random.default_rng(seed)
     cell = arm(folder, 3, tool=8.0)
     t, q, v, a = build_fourier_motion(3, rng)
@@ -48,7 +48,8 @@ def test_exchanged_torque_columns_are_corrected_and_reported(tmp_path: Path, pai
 
 
 def test_correct_torque_columns_remain(tmp_path: Path) -> None:
-    """So they do where a balancer takes most of a joint's torque, or one joint's masses are a third off."""
+    """The columns also remain where a balancer supplies most of a joint's torque, or where the torques of two joints
+    are 30 % off."""
     t, q, v, need, tau = simulate_motion(tmp_path, 4)
     for given in (tau, tau + [0.0, -0.8, 0.0] * need, tau + [0.3, 0.0, -0.3] * need):
         corrected, found = exchanged_torque_columns.correct_exchanged_torques(

@@ -1,6 +1,6 @@
-"""Geometry in measured poses: columns against pinocchio; planted errors are found and removed.
+"""Geometric errors in measured poses: columns are compared with pinocchio; simulated errors are found and removed.
 
-What is planted is found at its joint, written down it takes the mismatch away, and in noise nothing is found.
+A simulated error is found at its joint. Its correction file removes the mismatch. Noise alone gives no finding.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PLANTED = KinematicCorrection("geometry", "joint:3", {"xyz_mm": [0.1, 0.15, 0.0]
 
 
 def compute_as_built_tcp(found: tuple[KinematicCorrection, ...], q: Array) -> Array:
-    """(N, 4, 4) TCP of the arm whose frames are off."""
+    """Return the TCP poses (N, 4, 4) of the arm with geometric errors."""
     return np.asarray(
         UrdfKinematics(replace(arm()[0], kinematics=KinematicCorrections(found))).compute_configuration(q).tcp
     )
@@ -39,7 +39,7 @@ def angles() -> Array:
 
 @cache
 def laws() -> tuple[Array, tuple[EffectHypothesis, ...]]:
-    """(N, 3, 9) of a tracker's frame and a target that nobody knows, and the geometry beside them."""
+    """Return the base columns (N, 3, 9) of an unknown tracker frame and target, and the geometry hypotheses."""
     q = angles()
     r = replace(readings_of(arm()[2], np.zeros((len(q), 6)), q), dimensions=3)
     T = r.state.T_base_tool
@@ -49,7 +49,8 @@ def laws() -> tuple[Array, tuple[EffectHypothesis, ...]]:
 
 
 def gains(y: Array) -> dict[str, tuple[float, Array]]:
-    """Each joint's fall of the squares beside the base, by the noise, and its coefficients."""
+    """Return for each joint the decrease of the sum of squares in addition to the base (in units of the noise
+    variance) and its coefficients."""
     base, offered = laws()
     out = {}
     for h in offered:
@@ -66,7 +67,8 @@ def compute_min_gain(h: EffectHypothesis) -> float:
 
 @pytest.mark.parametrize("place", PLACES)
 def test_columns_equal_finite_differences_of_the_as_built_arm(place: str) -> None:
-    """Central differences over 0.05 mm and 0.05 mrad leave their cube, 1e-13 m, and rounding by 1e-4."""
+    """Central differences over ±0.05 mm and ±0.05 mrad: the cubic truncation error of 1e-13 m and rounding are
+    divided by 1e-4."""
     q = angles()[:5]
     columns = as_built_joint_frames.compute_frame_columns(readings_of(arm()[2], np.zeros((len(q), 6)), q), place)
     h = 0.05
@@ -95,12 +97,12 @@ def test_axis_twist_is_found_and_its_file_removes_the_mismatch() -> None:
     assert isinstance(correction, KinematicCorrection)
     rest = (compute_as_built_tcp((PLANTED,), q) - compute_as_built_tcp((correction,), q))[
         :, :3, 3
-    ]  # at most what frame and target take up
+    ]  # may contain at most what frame and target explain
     x = np.linalg.lstsq(base.reshape(rest.size, -1), rest.reshape(-1), rcond=1e-12)[0]
     assert np.sqrt(np.mean((rest - base @ x) ** 2)) < NOISE
     first = next(iter(h.quantities(found["joint:3"][1], ()).values()))
     double = next(iter(h.quantities(2.0 * found["joint:3"][1], ()).values()))
-    assert double.value == pytest.approx(2.0 * first.value)  # limits are stated in it
+    assert double.value == pytest.approx(2.0 * first.value)  # detection limits are given in this quantity
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -111,7 +113,8 @@ def test_nothing_is_found_in_noise(seed: int) -> None:
 
 def test_only_geometry_independent_of_the_base_is_offered() -> None:
     base, offered = laws()
-    assert {h.location for h in offered} == {f"joint:{j}" for j in range(2, 7)}  # the frame takes up joint 1's
+    # the tracker frame absorbs the geometry of joint 1
+    assert {h.location for h in offered} == {f"joint:{j}" for j in range(2, 7)}
     Q = np.linalg.qr(base.reshape(-1, base.shape[2]))[0]
     for h in offered:
         A = h.columns(()).reshape(len(Q), -1)
@@ -122,8 +125,8 @@ def test_only_geometry_independent_of_the_base_is_offered() -> None:
     fixed = replace(r, recording=measure(registration="fixed"))
     known = {
         h.location: h for h in as_built_joint_frames.build_geometry_hypotheses(fixed, base[:, :, :0].repeat(2, axis=1))
-    }  # D = 6, P = 0
+    }  # three coordinates fixed in base_link (D = 6, P = 0 base columns)
     assert set(known) == set(PLACES)
-    # the tracker's frame, which moves everything alike too, comes before a robot that stands elsewhere on its plate
+    # a tracker frame, which also moves all points together, is preferred to a displaced robot base
     assert {where for where, h in known.items() if h.penalty > 0.0} == {"base", "joint:1"}
     assert all(h.penalty == 0.0 for h in offered)

@@ -13,7 +13,7 @@ from machopt.measurement.diagnosis.model_selection import selection_pipeline
 
 Array = NDArray[np.float64]
 PLACE, WAVE, BALANCER = "joint:2", "transmission_error", "gravity_compensator"
-SMALL = np.radians(20.0)  # to either side
+SMALL = np.radians(20.0)  # range to either side of the middle
 
 
 @pytest.fixture(autouse=True)
@@ -25,7 +25,8 @@ def _turns_little(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def spring(q: Array) -> Array:
-    """Between two pivots, dead centre among the poses; by the angle that weight bends the joint to."""
+    """Return the deflection of joint 2 by a spring between two pivots, with its dead center within the poses, at the
+    joint angle deflected by weight."""
     cell, robot, masses = absolute.arm()
     assert cell.stiffness is not None
     soft = absolute.SOFTER / cell.stiffness.joints

@@ -35,7 +35,8 @@ SECOND = np.pi / 648000.0  # rad
 
 
 def far_side(folder: Path, order: float, arcsec: float, sigma: float, size: float) -> tuple[Cell, Recording]:
-    """Link-side encoder of one joint with a wave of its gear; it turns by ``size`` of 1.9 rad."""
+    """Simulate the link-side encoder of one joint with a transmission error; the joint range is ``size`` times 1.9
+    rad."""
     rng = np.random.default_rng(5)
     t, q, v, a = build_fourier_motion(1, rng)
     q, v, a = size * q, size * v, size * a
@@ -54,7 +55,7 @@ def wave_of(found: selection_pipeline.DiagnosisResult) -> Finding:
 def test_order_is_determined_from_one_period_and_for_fractional_orders(
     tmp_path: Path, order: float, size: float
 ) -> None:
-    """Seven waves a turn of which 0.8 are seen; an order between two whole ones."""
+    """Order 7 with 0.8 periods in the recorded range, and a non-integer order."""
     cell, recording = far_side(tmp_path, order, 60.0, 2e-5, size)
     found = wave_of(diagnose_recording(recording, cell, "link")[0]).parameters["order"]
     assert found.value == pytest.approx(order, rel=0.02)
@@ -63,7 +64,7 @@ def test_order_is_determined_from_one_period_and_for_fractional_orders(
 
 
 def test_undetermined_order_is_stated_as_a_range(tmp_path: Path) -> None:
-    """The same wave in noise three times its size."""
+    """Order 7 with an amplitude of 20 arcsec (0.1 mrad) in noise of 0.15 mrad."""
     cell, recording = far_side(tmp_path, 7.0, 20.0, 1.5e-4, 0.4)
     found = wave_of(diagnose_recording(recording, cell, "link")[0])
     low, high = found.parameters["order"].ci95
@@ -74,7 +75,7 @@ def test_undetermined_order_is_stated_as_a_range(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("over", [0.055])
 def test_smooth_friction_reversal_is_no_low_speed_peak(tmp_path: Path, over: float) -> None:
-    """Between the turn-overs of the grid; 0.25 N·m of noise under 6 N·m of friction."""
+    """The friction reversal is smooth with a width between two grid values; noise 0.25 N·m, friction 6 N·m."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau += 6.0 * (np.tanh(v / over) - np.sign(v))
     found, _, _ = diagnose_recording(
@@ -84,7 +85,8 @@ def test_smooth_friction_reversal_is_no_low_speed_peak(tmp_path: Path, over: flo
 
 
 def test_next_motion_respects_limits_and_separates_rivals(tmp_path: Path) -> None:
-    """A wave that might be play: of motions of that joint the one is told in which they differ; poses are none."""
+    """A wave that might be backlash: of the motions of this joint, the one with the largest predicted difference is
+    suggested; poses are not."""
     cell, recording = far_side(tmp_path, 7.0, 60.0, 2e-5, 1.0)
     found = diagnose_recording(recording, cell, "link")[0]
     f = wave_of(found)
@@ -109,7 +111,7 @@ def test_next_motion_respects_limits_and_separates_rivals(tmp_path: Path) -> Non
 
 
 def test_unknown_payload_is_no_time_delay(tmp_path: Path) -> None:
-    """Ten kilograms more at the flange of two links, torques in time."""
+    """Payload of 10 kg at the flange of a two-link arm; torques are synchronous."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     heavy = arm(tmp_path, 2, tool=10.0)
     a = np.gradient(v, t, axis=0)
@@ -121,7 +123,7 @@ def test_unknown_payload_is_no_time_delay(tmp_path: Path) -> None:
 
 
 def test_columns_of_one_joint_give_the_sums_of_all_rows(tmp_path: Path) -> None:
-    """Rows of other joints left out: the same sums, gains and chances."""
+    """Rows of other joints are left out: the sums, gains and probabilities are the same."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     tau[:, 1] += 3.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.1)
     recording = build_motion_recording(t, q, v, tau + rng.normal(size=q.shape))
@@ -148,7 +150,7 @@ def test_columns_of_one_joint_give_the_sums_of_all_rows(tmp_path: Path) -> None:
 
 
 def test_probability_from_replicates_equals_that_of_their_products() -> None:
-    """Signs of visits flipped, pair by pair."""
+    """Reference: the signs of all visits are flipped, and the products are summed pair by pair."""
     rng = np.random.default_rng(3)
     pairs = np.array([(a, b) for a in range(9) for b in range(a + 1, 9)], float).T
     products: Array = rng.normal(size=pairs.shape[1]) + 0.4
@@ -172,7 +174,8 @@ def test_shapes_are_refined_between_grid_values() -> None:
 
 
 def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
-    """Five and thirty-six a turn: one wave alone would stand between, or with a double that is not there."""
+    """Orders 5 and 36: a single wave would have an order in between, or an additional double order that does not
+    exist."""
     cell, recording = far_side(tmp_path, 5.0, 30.0, 1.5e-5, 1.0)
     assert recording.q_secondary is not None
     second = 20.0 * SECOND * np.sin(36.0 * recording.q + 1.1)
@@ -184,7 +187,7 @@ def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
     assert isinstance(found.correction, KinematicCorrection)
     fixed = found.correction.parameters
     assert sorted(fixed["per_turn"]) == pytest.approx([5.0, 36.0], abs=0.05)
-    # what is written is what was found: the cell with it leaves nothing
+    # the written correction equals the finding: with it in the cell no finding remains
     again = diagnose_recording(
         replace(recording, q_secondary=recording.q_secondary + second),
         replace(cell, kinematics=KinematicCorrections((found.correction,))),
@@ -194,7 +197,8 @@ def test_several_orders_of_one_gear_are_one_finding(tmp_path: Path) -> None:
 
 
 def test_single_missing_samples_do_not_distort_time(tmp_path: Path) -> None:
-    """One in a hundred left out of a record without velocities: no acceleration comes of it, and no clock is late."""
+    """One sample in a hundred is missing in a recording without velocities: no false acceleration and no false delay
+    result."""
     rng, cell, t, q, _, tau = shaken(tmp_path, 2, 6)
     retained = np.sort(rng.permutation(len(t))[: int(0.99 * len(t))])
     record = build_motion_recording(t[retained], q[retained], None, (tau + 0.25 * rng.normal(size=q.shape))[retained])
@@ -204,18 +208,20 @@ def test_single_missing_samples_do_not_distort_time(tmp_path: Path) -> None:
 
 
 def test_fractional_delay_keeps_the_noise_level() -> None:
-    """Straight lines between samples would take a third of it off, and any clock would look better than none."""
+    """Linear interpolation between samples would remove a third of the noise, so that any delay would seem better
+    than none."""
     t = np.arange(4000) / 100.0
     one = build_motion_recording(t, np.sin(t)[:, None] + 0.01 * np.sin(2.0 * np.pi * 10.0 * t)[:, None], None)
     motion_ = build_motion_signals(one, 1)
     late = motion_.delay_cubic(motion_.q, 0.005)[500:-500, 0]
     true = np.sin(t - 0.005) + 0.01 * np.sin(2.0 * np.pi * 10.0 * (t - 0.005))
-    assert np.std(late - true[500:-500]) < 2e-4  # of 0.007; straight lines leave 4.8 % of it, as much as 3.4e-4
+    # amplitude 0.007 rms; linear interpolation would remove 4.8 % of it, 3.4e-4
+    assert np.std(late - true[500:-500]) < 2e-4
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_overcompensating_balancer_is_no_wrong_sign(tmp_path: Path, sign: float) -> None:
-    """What the masses ask for comes out reversed; friction tells whether the channel is."""
+    """The gravity torque of the links is inverted; the sign of the friction shows whether the channel is inverted."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     still = load_dynamics(cell).compute_torque(q, np.zeros_like(q), np.zeros_like(q))
     tau[:, 1] -= 3.0 * still[:, 1]
@@ -228,7 +234,7 @@ def test_overcompensating_balancer_is_no_wrong_sign(tmp_path: Path, sign: float)
 
 
 def test_implausible_link_masses_do_not_replace_a_payload(tmp_path: Path) -> None:
-    """Readings so many that they outweigh any doubt: twelve kilograms more at the flange against links of twenty."""
+    """Readings so many that a link-mass prior has no effect: an additional 12 kg at the flange with links of 20 kg."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     assert cell.tool is not None
     heavier = replace(cell, tool=replace(cell.tool, mass=cell.tool.mass + 12.0))
@@ -241,7 +247,8 @@ def test_implausible_link_masses_do_not_replace_a_payload(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(("off", "unsure"), [(0.2, False), (0.08, True)])
 def test_implausible_last_link_mass_is_a_payload_where_equally_good(off: float, unsure: bool) -> None:
-    """A light last link and a payload ask for the same torque: which is named is a matter of what makers hold."""
+    """A lighter last link and a payload give the same torque; the plausible mass deviation of a maker decides which
+    is named."""
     rng = np.random.default_rng(4)
     base, links, rest = (rng.normal(size=(600, 2, p)) for p in (3, 2, 3))
     load = np.concatenate([links[:, :, 1:], rest], axis=2)
@@ -251,7 +258,8 @@ def test_implausible_last_link_mass_is_a_payload_where_equally_good(off: float, 
 
 
 def test_orders_closer_than_the_resolution_are_one_wave(tmp_path: Path) -> None:
-    """A wave that swells with the angle: two orders beside each other, large and cancelling, would fit it better."""
+    """The amplitude of a wave grows with the angle: two close orders with large, cancelling amplitudes would fit it
+    better."""
     cell, recording = far_side(tmp_path, 36.0, 0.0, 1.5e-5, 1.0)
     q, other = recording.q, recording.q_secondary
     assert other is not None
@@ -264,7 +272,7 @@ def test_orders_closer_than_the_resolution_are_one_wave(tmp_path: Path) -> None:
 
 
 def test_massless_last_link_is_carried_as_payload(tmp_path: Path) -> None:
-    """A URDF that states nothing of its flange link: no crash, and what it weighs comes out as payload."""
+    """The flange link has no mass in the URDF: the diagnosis does not fail and reports its weight as payload."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     text = cell.urdf.read_text(encoding="utf-8")
     at = text.rindex("<mass")

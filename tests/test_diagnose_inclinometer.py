@@ -21,8 +21,8 @@ from machopt.numerics.rigid_transforms import convert_to_rotation_vector, conver
 
 Array = NDArray[np.float64]
 LINK = 1
-ROCKS = 1e-8  # rad/(N·m) of the base about x and y
-LEVEL = np.array([[1e-3, -2e-3], [4e-4, 3e-4], [-5e-4, 1e-4]])  # rad, each session
+ROCKS = 1e-8  # rad/(N·m), tilt compliance of the base about x and y
+LEVEL = np.array([[1e-3, -2e-3], [4e-4, 3e-4], [-5e-4, 1e-4]])  # rad, level error in each session
 
 
 @cache
@@ -34,9 +34,10 @@ def simulate_recording(
     link: int = LINK,
     seed: int = 1,
 ) -> Recording:
-    """Springs under weight, a base that rocks under the moment of all weight, joint 2 off by ``zero``; finite.
+    """Simulate joint springs under weight, a base that tilts under the moment of all weight, and an offset ``zero`` of
+    joint 2, with finite rotations.
 
-    The tilt is what the link's axes have turned against those of an arm at the encoders' joints.
+    The inclination is the rotation of the link axes relative to those of an ideal arm at the encoder angles.
     """
     cell, robot, masses = arm()
     assert cell.stiffness is not None
@@ -78,7 +79,7 @@ def problem_of(recording: Recording) -> tuple[DiagnosisProblem, tuple[EffectHypo
 
 
 def left_over(problem: DiagnosisProblem, more: Array | None = None) -> Array:
-    """(D,) largest residual of each coordinate, by least squares of everything."""
+    """Return the largest residual of each coordinate (D,) after a least-squares fit of all columns."""
     A = problem.base if more is None else np.concatenate([problem.base, more], axis=2)
     flat = A.reshape(-1, A.shape[2])
     size = np.linalg.norm(flat, axis=0)
@@ -90,7 +91,7 @@ def left_over(problem: DiagnosisProblem, more: Array | None = None) -> Array:
 def test_intact_arm_shows_springs_and_tilts_only(link: int) -> None:
     problem, _ = problem_of(simulate_recording(link=link))
     assert problem.dimensions == 5
-    assert left_over(problem).max() < 1e-9  # m, rad; sags are up to 1e-2
+    assert left_over(problem).max() < 1e-9  # m, rad; deflections by weight are up to 1e-2
 
 
 def test_rocking_base_has_its_law_in_both_channels() -> None:
@@ -113,7 +114,8 @@ def test_bodies_behind_the_link_do_not_tilt_it() -> None:
 
 
 def test_inclinometer_sharpens_the_base_estimate() -> None:
-    """1 sigma of the base's rocking, beside everything that is refitted, without and with the two equations."""
+    """Standard error of the base tilt compliance, with all other unknowns refitted, without and with the two
+    inclinometer equations."""
     problem, offered = problem_of(simulate_recording(rocks=ROCKS))
     law = next(h for h in offered if h.effect == "base_compliance" and h.law == "tilts")
     A = np.concatenate([problem.base, law.columns(())], axis=2) / np.array([2e-5] * 3 + [1e-5] * 2)[:, None]
@@ -162,7 +164,7 @@ def test_rocking_base_is_named_in_its_own_family(some: bool) -> None:
     before, after, noise = (float(part.split(" mrad")[0].split()[-1]) for part in output.split(", ")[1:])
     assert before > 2.5 * after
     assert after < 1.3 * noise
-    assert np.isnan(d.errors.final[:, 3:]).any() == some  # not read is no residual of zero
+    assert np.isnan(d.errors.final[:, 3:]).any() == some  # a missing reading is not a residual of zero
 
 
 def test_inclinometer_alone_separates_a_small_base_tilt_from_its_rivals() -> None:
@@ -174,7 +176,7 @@ def test_inclinometer_alone_separates_a_small_base_tilt_from_its_rivals() -> Non
 def test_inclinometer_drift_is_reported_and_not_attributed_to_the_arm() -> None:
     recording = simulate_recording(noise=3e-5, tilt_noise=1e-5)
     assert recording.tilt is not None
-    strange = 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]])  # comes back, and no law says so
+    strange = 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]])  # repeatable, but no law describes it
     d = diagnosis(replace(recording, tilt=recording.tilt + strange))
     assert not d.findings
     assert d.verdict == "unexplained"

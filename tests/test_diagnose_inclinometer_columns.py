@@ -48,7 +48,7 @@ def test_columns_in_other_conventions_are_corrected(link: int) -> None:
 def test_tilts_not_caused_by_weight_are_left_to_the_search() -> None:
     recording = simulate_recording(noise=3e-5, tilt_noise=1e-5, link=1)
     right = np.array(recording.tilt)
-    assert read(recording, right)[1] == []  # noise alone
+    assert read(recording, right)[1] == []  # noise only
     assert read(recording, right + 2e-4 * np.sin(7.0 * recording.q[:, [4, 5]]))[1] == []
     cell, robot, _ = arm()
     assert exchanged_inclinometer_columns.correct_inclinometer_columns(recording, cell, robot, None) == (recording, [])

@@ -17,7 +17,7 @@ NOISE = 1e-5
 
 
 def waves(q: Array) -> Array:
-    """(N, 6) rad that no spring makes: tens of millimetres at the tip."""
+    """Return angle errors (N, 6) in rad that no spring causes: tens of millimetres at the TCP."""
     out = np.zeros_like(q)
     out[:, 0], out[:, 2] = 3e-2 * np.sin(3 * q[:, 0]), 3e-2 * np.sin(4 * q[:, 2])
     return out
@@ -30,18 +30,18 @@ def problem(recording: Recording, kept: frozenset[int] = frozenset()) -> Diagnos
 
 
 def springs(recording: Recording, kept: frozenset[int] = frozenset()) -> set[int]:
-    """Joints whose springs are refitted."""
+    """Return the joints whose springs are refitted."""
     return {u.spring_joint for u in problem(recording, kept).unknowns if u.spring_joint is not None}
 
 
 def test_springs_above_the_noise_are_refitted_unless_fixed() -> None:
     recording = measure(noise=NOISE)
-    assert springs(recording) == {2, 3, 4, 5, 6}  # the first joint's axis is upright: weight does not turn it
+    assert springs(recording) == {2, 3, 4, 5, 6}  # the axis of joint 1 is vertical: weight applies no torque to it
     assert springs(recording, frozenset({3, 5})) == {2, 4, 6}
 
 
 def test_weakly_observed_spring_remains_that_of_the_cell() -> None:
-    assert springs(measure(noise=NOISE, delta=waves)) == {2, 3}  # the wrist's would follow the waves
+    assert springs(measure(noise=NOISE, delta=waves)) == {2, 3}  # the wrist springs would absorb the simulated waves
 
 
 def test_every_spring_is_refitted_under_a_load() -> None:
@@ -67,7 +67,7 @@ def test_implausible_spring_is_doubted_only_without_load() -> None:
 
     assert doubted(50.0, "kinematic") == doubted(-1.0, "kinematic") == doubted(0.1, "kinematic") == {4}
     assert doubted(1.5, "kinematic") == set()
-    assert doubted(50.0, "joint") == set()  # the cell may be wrong by any factor where nothing else is found
+    assert doubted(50.0, "joint") == set()  # without a kinematic finding the cell value may be wrong by any factor
 
 
 def test_unbounded_unknown_may_have_any_value() -> None:

@@ -1,4 +1,4 @@
-"""Large effects: certain place with an approximate law; their readings are no outliers."""
+"""Large effects: location certain although the law is approximate; their readings are not outliers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from machopt.numerics.array_types import Array
 
 
 def certainty(alike: float, rest: float, seed: int) -> bool:
-    """Whether joint 1 is certain: 200 σ of its law, ``rest`` of that at random, ``alike`` of it at joint 3."""
+    """Return whether joint 1 is certain: its law contributes 200 σ, a random residual has ``rest`` times that size,
+    and the law of joint 3 has the correlation ``alike``."""
     base, _ = model({}, seed)
     rng = np.random.default_rng([seed, 1])
     own, other, left = rng.normal(size=(3, N, 3, 1))
@@ -51,9 +52,9 @@ def certainty(alike: float, rest: float, seed: int) -> bool:
 @pytest.mark.parametrize(
     ("alike", "rest", "expected"),
     [
-        (0.3, 0.4, True),  # the law leaves 80 σ, and no other place explains it
-        (0.9, 0.4, False),  # another place explains three quarters of it
-        (0.3, 0.9, False),  # nearly half of the mismatch stays
+        (0.3, 0.4, True),  # the law leaves a residual of 80 σ that no other location explains
+        (0.9, 0.4, False),  # another location explains three quarters of the signal
+        (0.3, 0.9, False),  # nearly half of the mismatch remains
     ],
 )
 def test_place_is_certain_where_it_explains_most_and_no_other_fits(alike: float, rest: float, expected: bool) -> None:
@@ -61,7 +62,7 @@ def test_place_is_certain_where_it_explains_most_and_no_other_fits(alike: float,
 
 
 def build_repeated_stays(by_cycle: bool) -> DiagnosisProblem:
-    """Eight readings of one stay at each of six poses, in two load cycles."""
+    """Build six poses with two load cycles each and eight readings in each cycle."""
     n = np.arange(96)
     pose, cycle = n // 16, n // 8
     return DiagnosisProblem(
@@ -85,7 +86,7 @@ def test_deviations_repeated_in_the_next_cycle_are_no_outliers() -> None:
     residual = np.zeros((96, 3))
     off = np.zeros(96, bool)
     off[[3, 11]] = True  # the same load in both cycles
-    off[40] = True  # once only
+    off[40] = True  # in one cycle only
     residual[[3, 11, 40], 0] = 1e-3
     found = find_repeated_deviations(build_repeated_stays(True), residual, off)
     assert found.nonzero()[0].tolist() == [3, 11]
@@ -93,7 +94,7 @@ def test_deviations_repeated_in_the_next_cycle_are_no_outliers() -> None:
 
 
 def test_no_offset_is_selected_where_a_body_law_leaves_as_much() -> None:
-    """A body of 100 σ whose law is 10 % off, all of it in the direction of a zero offset."""
+    """A compliant body of 100 σ whose law has a 10 % error along the direction of a zero offset."""
     base, _ = model({}, 41)
     rng = np.random.default_rng(42)
     body, zero = rng.normal(size=(2, N, 3, 1))
@@ -116,7 +117,7 @@ def test_no_offset_is_selected_where_a_body_law_leaves_as_much() -> None:
 
 
 def test_better_joint_selection_of_the_second_search_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has laws of its own where it sums waves, and was thrown away."""
+    """The second search has additional laws when it sums waves; its result was discarded."""
     base, laws = model({("transmission_error", "joint:2"): (2.0,)}, 51)
     wave = next(t for t in laws if t.hypothesis.name == ("transmission_error", "joint:2"))
     good = SelectedEffect(score_hypotheses(base, [wave])[0], 0.002)

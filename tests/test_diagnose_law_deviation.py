@@ -1,4 +1,4 @@
-"""Effects hidden by a larger one are found beside the fitted law deviation of the larger one."""
+"""Effects hidden by a larger one are found in addition to the fitted law deviation of the larger one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ LARGE = 200.0  # σ of the largest effect
 def search(
     bent: float, tool: float, unknown: float, fits: float = 1.0, alike: float = 0.0
 ) -> tuple[WhitenedModel, tuple[SelectedEffect, ...]]:
-    """Search where joint 1 leaves ``bent`` of its effect to another law there, beside ``tool`` and ``unknown`` σ."""
+    """Search with joint 1 deviating from its law by ``bent`` times its effect, a tool effect of ``tool`` σ and an
+    unknown effect of ``unknown`` σ."""
     base, _ = model({}, 61)
     own, left, body, none = np.random.default_rng(62).normal(size=(4, N, 3, 1))
     left = alike * own + np.sqrt(1.0 - alike**2) * left
@@ -39,11 +40,13 @@ def search(
 @pytest.mark.parametrize(
     ("bent", "tool", "unknown", "fits", "named", "deviates"),
     [
-        (0.1, 20.0, 0.0, 1.0, {"joint:1", "tool"}, True),  # 1 % of the gain of joint 1: below its law error of 6 %
-        (0.0, 20.0, 0.0, 1.0, {"joint:1", "tool"}, False),  # its law is right, which the other law there shows
-        (0.1, 0.0, 0.0, 1.0, {"joint:1"}, False),  # nothing is hidden
-        (0.1, 20.0, 40.0, 1.0, {"joint:1"}, False),  # most of what is left has no law
-        (0.1, 20.0, 0.0, np.nan, {"joint:1"}, False),  # no replicate has measured the noise
+        # 1 % of the gain of joint 1: below its law uncertainty of 6 %
+        (0.1, 20.0, 0.0, 1.0, {"joint:1", "tool"}, True),
+        # the law of joint 1 is exact, as the zero coefficient of the other law there shows
+        (0.0, 20.0, 0.0, 1.0, {"joint:1", "tool"}, False),
+        (0.1, 0.0, 0.0, 1.0, {"joint:1"}, False),  # no hidden effect
+        (0.1, 20.0, 40.0, 1.0, {"joint:1"}, False),  # no law describes most of the residual
+        (0.1, 20.0, 0.0, np.nan, {"joint:1"}, False),  # no replicates, so the noise is unknown
     ],
 )
 def test_effect_is_found_beside_the_law_deviation_of_a_larger_one(

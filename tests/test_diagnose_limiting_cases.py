@@ -30,9 +30,9 @@ def mix_columns(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("true_knee", "softer", "alike", "named"),
     [
-        (60.0, 1.0, 0.999, STEP),  # below every load: a step might be as well
-        (300.0, 1.0, 0.999, KNEE),  # among the loads
-        (60.0, -1.0, 0.999, KNEE),  # harder below its knee: no teeth are loose
+        (60.0, 1.0, 0.999, STEP),  # threshold below every load: a step fits as well
+        (300.0, 1.0, 0.999, KNEE),  # threshold within the loads
+        (60.0, -1.0, 0.999, KNEE),  # stiffer below the threshold, which backlash cannot cause
         (60.0, 1.0, 0.8, KNEE),  # these data exclude the step
     ],
 )
@@ -62,7 +62,8 @@ def test_threshold_below_every_load_is_backlash_unless_excluded(
 def test_slopes_much_better_than_a_step_keep_their_name(
     further: float, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pins that meet one after the other were backlash: pairing did not exclude it, at half of the gain."""
+    """Pins that make contact one after the other were named backlash: the paired comparison did not exclude it at
+    half of the gain."""
     problem, column = build_synthetic_problem(26)
     other = np.tile(np.random.default_rng(4).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
     both = np.concatenate([column, other], axis=2)
@@ -144,13 +145,13 @@ def test_compensator_torque_is_limited_by_the_weight() -> None:
     assert not balancer.is_plausible(np.array([0.0, 1e7]), shape)
     _, tried, _ = load_test_channel.build_load_test_problem(
         r, build_load_test_experiment(r, robot, T), robot, T, None
-    )  # weight that nobody knows does the same
+    )  # with unknown weight, the compensator cannot be separated from it
     assert "gravity_compensator" not in {h.effect for h in tried.hypotheses}
     assert "gravity_compensator" in {u.effect for u in tried.untestable}
 
 
 def laws_of_two_forms(one: float, two: float) -> DiagnosisResult:
-    """Of a mismatch between two forms of one effect that state its size twofold otherwise."""
+    """Diagnose a mismatch between two laws of one effect that give sizes differing by a factor of two."""
     problem, column = build_synthetic_problem(24, extra=60e-6)
     rng = np.random.default_rng(2)
     a, b = (np.tile(rng.standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1)) for _ in range(2))
@@ -167,7 +168,7 @@ def laws_of_two_forms(one: float, two: float) -> DiagnosisResult:
 
 @pytest.mark.parametrize(("one", "two", "both"), [(0.98, 0.977, True), (1.0, 0.97, False)])
 def test_interval_covers_equally_good_forms(one: float, two: float, both: bool) -> None:
-    """Where no form is quite the true one; the very law has no doubt of its form."""
+    """The interval covers both laws where neither is exact; an exact law has no model uncertainty."""
     d = laws_of_two_forms(one, two)
     low, high = d.findings[0].parameters["size"].ci95
     assert low < 60.0 < high

@@ -19,7 +19,7 @@ TOOL = 25.0  # kg of an unknown payload at the flange
 
 
 def scale_link_masses(relative: NDArray[np.float64]) -> RobotMasses:
-    """Masses of links 1 to 6 times 1 + ``relative`` (6,); the tool stays."""
+    """Return the masses with links 1 to 6 multiplied by 1 + ``relative`` (6,); the tool mass is unchanged."""
     own = arm()[2]
     factor = np.ones(len(own.mass))
     for link in range(1, 7):
@@ -47,7 +47,7 @@ def diagnose_with_masses(masses: RobotMasses, *, inputs: bool = True) -> Diagnos
 
 
 def test_columns_equal_finite_differences_of_a_link_mass() -> None:
-    """Against finite differences of an equilibrium that is computed without the columns."""
+    """Finite differences of an independently computed equilibrium."""
     _, catalogue = build(measure(registration="fixed"))
     inputs = catalogue.uncertain_inputs
     assert inputs is not None
@@ -60,13 +60,13 @@ def test_columns_equal_finite_differences_of_a_link_mass() -> None:
         assert observed is not None
         assert plain is not None
         moved = (observed - plain) / 0.02
-        # columns have the fitted springs, and neglect that weight turns the lines of other joints
+        # columns use the fitted springs, and neglect that weight rotates the axes of the other joints
         np.testing.assert_allclose(inputs.columns[:, :3, k], moved, atol=0.05 * np.abs(moved).max())
 
 
 def test_masses_within_their_uncertainty_are_not_named() -> None:
     off = np.random.default_rng(3).normal(0.0, prior_scales.LINK_MASS.scale, 6)
-    off[1:3] = np.sign(off[1:3]) * 0.06  # upper arm and forearm always show
+    off[1:3] = np.sign(off[1:3]) * 0.06  # deviations of the upper arm and forearm that are always detectable
     off[5] = 0.0
     assert diagnose_with_masses(scale_link_masses(off), inputs=False).findings
     found = diagnose_with_masses(scale_link_masses(off))
@@ -87,7 +87,7 @@ def test_masses_far_outside_the_uncertainty_are_a_mismatch() -> None:
 
 
 def test_every_prior_is_a_row_of_the_table() -> None:
-    """No number is written where a base unknown or a law gets its prior."""
+    """No literal number is passed as the prior of a base unknown or of a law."""
     for path in (*(ROOT / "machopt/effects").rglob("*.py"), *(ROOT / "machopt/measurement").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.keyword) and node.arg in ("prior", "prior_sigma"):

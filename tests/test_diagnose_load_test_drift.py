@@ -15,7 +15,8 @@ from machopt.numerics.array_types import Array
 
 
 def build_timed_readings() -> tuple[StaticReadings, Array, Array]:
-    """Four readings a cycle, 20 s apart; when (N,) each was taken and when its cycle stood unloaded."""
+    """Return four readings per cycle at intervals of 20 s, the time (N,) of each reading and that of the unloaded
+    state of its cycle."""
     r, _ = load_test()
     cycle = np.arange(len(r)) // 4
     zero = 170.0 * cycle + 50_000.0 * (cycle >= cycle.max() // 2 + 1)
@@ -36,7 +37,8 @@ def test_drifting_tracker_is_named_and_not_an_instrument() -> None:
         build_posed_problem(r, drift), tried, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )
     assert [(f.effect, f.location) for f in found.findings] == [("thermal_drift", "environment")]
-    assert found.findings[0].law.startswith("the stand shifts")  # it was an arm that grows by ten µm a minute
+    # was named thermal growth of the arm by 10 µm per minute
+    assert found.findings[0].law.startswith("the stand shifts")
     low, high = found.findings[0].parameters["drift"].ci95
     assert low < 1e3 * float(np.linalg.norm(drift, axis=1).max()) < high
     louder = selection_pipeline.diagnose_problem(

@@ -42,7 +42,7 @@ DEFAULT_NOISE = NoiseLevels()
 def simulate_load_test(
     cell: str, seed: int, truth=None, *, rotations=False, frame="base", dirt=DEFAULT_NOISE, **design
 ):
-    """A recording, with springs up to a third off the cell's."""
+    """Simulate a recording with joint stiffnesses 0.75 to 1.3 times those of the cell."""
     rng = np.random.default_rng([11, seed])
     a = arm(cell)
     k = a.nominal * rng.uniform(0.75, 1.3, 6)
@@ -56,7 +56,7 @@ def diagnose_recording(tmp_path: Path, cell: str, recording: Recording):
 
 
 def names(d) -> list[tuple[str, str]]:
-    """What is named beside K_C, which these arms really have."""
+    """Return the findings except K_C, which these arms really have."""
     return [(f.effect, f.location) for f in d.findings if f.effect != "geometric_stiffness"]
 
 
@@ -77,10 +77,11 @@ def test_simulator_agrees_with_forward_kinematics(cell: str) -> None:
     assert np.abs(state.T_base_tool[:, :3, :3] - R).max() < 1e-9
     assert np.abs(state.J - J).max() < 1e-9
     load = np.einsum("nci,nc->ni", state.J, plan.wrench)
-    assert np.abs(compute_gravity_torque(robot, masses, state)[0] + load - tau).max() < 1e-6  # N·m of thousands
+    # N·m, of torques of thousands
+    assert np.abs(compute_gravity_torque(robot, masses, state)[0] + load - tau).max() < 1e-6
 
 
-# nothing there -------------------------------------------------------------------------------------------------
+# no effect --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -88,7 +89,7 @@ def test_simulator_agrees_with_forward_kinematics(cell: str) -> None:
     [
         ("kr240_drilling", 1, False, "tool"),
         ("kr500_milling", 2, True, "base"),
-        ("cutting_cobot", 4, True, "tool"),  # the fourth cell: test_nothing_is_named_without_labels
+        ("cutting_cobot", 4, True, "tool"),  # fourth cell: see test_nothing_is_named_without_labels
     ],
 )
 def test_nothing_is_named_in_an_intact_arm(tmp_path: Path, cell: str, seed: int, rotations: bool, frame: str) -> None:
@@ -96,7 +97,8 @@ def test_nothing_is_named_in_an_intact_arm(tmp_path: Path, cell: str, seed: int,
     d = diagnose_recording(tmp_path, cell, recording)
     assert names(d) == []
     assert d.verdict == ("explained" if d.findings else "consistent")
-    assert d.heldout_after < 1.15 * d.noise_floor  # fourteen poses for seven unknowns cost a few per cent
+    # seven unknowns from fourteen poses increase the error by a few per cent
+    assert d.heldout_after < 1.15 * d.noise_floor
 
 
 @pytest.mark.parametrize("left_out", [("session",), ("pose", "cycle", "session")])
@@ -113,7 +115,7 @@ def test_nothing_is_named_without_labels(tmp_path: Path, left_out: tuple[str, ..
 
 
 def test_sagging_arm_is_no_rotated_sensor(tmp_path: Path) -> None:
-    """Weight turns the tool by milliradians against the encoders; a wrench in tool axes turns with it."""
+    """Weight rotates the tool by milliradians relative to the encoder pose; a wrench in tool axes rotates with it."""
     cell = "kr240_drilling"
     recording, truth, plan = simulate_load_test(
         cell, 6, frame="tool", poses=24, dirt=NoiseLevels(4e-6, 2e-6, 3e-6, 1e-3, 1e-3, 0.0)
@@ -121,12 +123,12 @@ def test_sagging_arm_is_no_rotated_sensor(tmp_path: Path) -> None:
     _, sagged, _, _ = solve_equilibrium(arm(cell), HiddenEffects(truth.stiffness), plan)
     _, straight, _, _ = solve_equilibrium(arm(cell), HiddenEffects(np.full(6, 1e15)), plan)
     turn = np.linalg.norm(sagged - straight, axis=(1, 2)) / np.sqrt(2)
-    assert np.median(turn) > 3e-3  # rad: else nothing is tested
+    assert np.median(turn) > 3e-3  # rad; otherwise the test has no effect to detect
     d = diagnose_recording(tmp_path, cell, recording)
     assert [n for n in names(d) if n[1].startswith("sensor")] == []
 
 
-# one thing there -----------------------------------------------------------------------------------------------
+# one effect ----------------------------------------------------------------------------------------------------
 
 
 def _largest(a, k, plan, joint: int) -> float:
@@ -194,7 +196,7 @@ def test_single_effect_is_named_at_its_place(
     recording, made_up, plan = simulate_load_test(cell, 20, truth, rotations=rotations, poses=18, loads=4)
     assert (
         compute_unmodelled_rms(arm(cell), made_up, plan) > 12e-6
-    )  # m left by a perfect refit: it is there to be found
+    )  # m, residual of an ideal refit: the effect is detectable
     d = diagnose_recording(tmp_path, cell, recording)
     assert names(d)[0] == (effect, where)
     f = next(x for x in d.findings if x.effect == effect)
@@ -222,7 +224,7 @@ def test_backlash_width_lies_in_its_interval(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_hysteresis_is_found(tmp_path: Path) -> None:
-    """Iwan elements on the load's own torque: joint 1 bears no weight."""
+    """Iwan elements under the torque of the load only: joint 1 carries no weight."""
     cell = "irb6700_drilling"
     recording, _, _ = simulate_load_test(
         cell,
@@ -236,7 +238,7 @@ def test_hysteresis_is_found(tmp_path: Path) -> None:
 
 
 def test_effect_outside_the_catalogue_is_a_mismatch(tmp_path: Path) -> None:
-    """A gear that is soft where another joint stands to one side: no law of the catalogue."""
+    """A gear whose stiffness depends on the angle of another joint: no law of the catalogue describes it."""
 
     def truth(a, k, plan):
         side = np.tanh(4.0 * plan.q[:, 3])
@@ -265,11 +267,12 @@ def test_refitted_springs_equal_the_true_ones(tmp_path: Path) -> None:
     recording, truth, _ = simulate_load_test(cell, 37, dirt=NoiseLevels(gain_session=0.0, gain_cycle=0.0))
     d = diagnose_recording(tmp_path, cell, recording)
     for c, k in zip([c for c in d.coefficients if c.unknown.name.startswith("joint ")], truth.stiffness, strict=True):
-        assert abs(c.value - 1.0 / k) < 4.0 * c.sigma + 0.02 / k  # the common gain of all forces is not among sigma
+        # sigma does not include the common gain error of all forces
+        assert abs(c.value - 1.0 / k) < 4.0 * c.sigma + 0.02 / k
 
 
 def test_displacements_equal_springs_in_series() -> None:
-    """A hinge between base and arm moves the TCP as G C Gᵀ w says, to first order."""
+    """A hinge with compliance C between base and arm moves the TCP by G C Gᵀ w, to first order."""
     a = arm("kr240_drilling")
     plan = plan_load_tests(a, np.random.default_rng(2), poses=3, sessions=1, force=10.0)
     k = np.full(6, 1e16)
@@ -278,7 +281,7 @@ def test_displacements_equal_springs_in_series() -> None:
     p, _, _, _ = solve_equilibrium(a, HiddenEffects(k), plan)
     p, f = p[plan.loaded], plan.wrench[plan.loaded, :3]
     want = np.cross(np.cross(p, f) @ C, p)
-    assert np.abs(d - want).max() < 1e-4 * np.abs(want).max()  # weight turns with the hinge: parts in 1e5
+    assert np.abs(d - want).max() < 1e-4 * np.abs(want).max()  # weight rotates with the hinge: a relative error of 1e-5
 
 
 def test_sensor_errors_act_through_springs_and_bodies() -> None:

@@ -13,7 +13,7 @@ from machopt.dynamics.rigid_body import load_dynamics
 
 @pytest.mark.parametrize("tool", [0.0, 5.0])
 def test_massless_last_link_causes_no_vibration_and_no_error(tmp_path: Path, tool: float) -> None:
-    """A flange that the URDF gives no inertia, tool or none: it divided by zero."""
+    """A flange link without inertia in the URDF, with and without tool, caused a division by zero."""
     rng = np.random.default_rng(3)
     cell = arm(tmp_path, 3, tool=tool)
     head, last = cell.urdf.read_text(encoding="utf-8").rsplit("<inertial>", 1)

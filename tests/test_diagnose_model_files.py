@@ -1,4 +1,4 @@
-"""Written files are the judged model: both stated errors follow from the output folder in another process."""
+"""Written files equal the assessed model: another process recomputes both stated errors from the output folder."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ SCRIPT = Path(__file__).resolve().parents[1] / "benchmarks" / "recompute_diagnos
 
 
 def measured_poses(folder: Path, wobble: float = 0.0) -> None:
-    """Poses of an arm with a zero offset, and with a joint whose axis nods, which no file can state."""
+    """Simulate poses of an arm with a zero offset and with an axis wobble of a joint that no model file can
+    describe."""
     rng = np.random.default_rng(5)
     a = arm(CELL.name)
     zero = np.zeros(6)
@@ -74,7 +75,7 @@ def measured_poses(folder: Path, wobble: float = 0.0) -> None:
 
 
 def loads(folder: Path) -> None:
-    """Load tests with a force sensor whose gain is off in one session and whose axis 2 reads too much."""
+    """Simulate load tests with a force sensor whose y axis reads 8 % too high."""
     rng = np.random.default_rng(8)
     a = arm(CELL.name)
     plan = plan_load_tests(a, rng, poses=14, sessions=2, loads=3, directions=3, force=1500.0)
@@ -86,7 +87,7 @@ def loads(folder: Path) -> None:
 
 
 def move_first_reading(recording: Recording) -> Recording:
-    """Return the recording with 5 mm more in the first reading."""
+    """Return the recording with 5 mm added to the first reading."""
     name = "position" if recording.position is not None else "displacement"
     values = getattr(recording, name).copy()
     values[0, 0] += 5e-3
@@ -122,9 +123,9 @@ def test_folds_hold_out_every_pose_once(case: Path) -> None:
 
 
 def test_changed_number_in_any_file_is_detected(case: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the model, of one fold, of the readings: the check fails, and so does the script.
+    """For the model, one fold and the readings: the check and the script both fail.
 
-    The errors of the folds are computed again only where a file is not what they were computed from.
+    The errors of the folds are recomputed only where a file differs from the one they were computed from.
     """
     cell = load_cell(CELL)
     stated = json.loads((case / "out" / "diagnosis.json").read_text(encoding="utf-8"))["final"]
@@ -176,12 +177,13 @@ def test_written_spring_softer_than_the_range_of_fits_counts_as_written() -> Non
     model = WrittenModel(ArmStiffness(joints=stiffness), None)
     residual = compute_written_residual(cell, model, recording, every, every).values
     assert recording.displacement is not None
-    assert np.linalg.norm(residual) < 0.002 * np.linalg.norm(recording.displacement)  # large motions, to second order
+    # large deflections: second-order error
+    assert np.linalg.norm(residual) < 0.002 * np.linalg.norm(recording.displacement)
 
 
 @pytest.mark.proof
 def test_unstated_form_does_not_lower_the_stated_error(tmp_path: Path) -> None:
-    """Named effects are fitted again without it, and the files alone have the stated error."""
+    """The named effects are refitted without the unnamed form, and the files alone give the stated error."""
     measured_poses(tmp_path / "recording", wobble=2e-4)
     assert main(["diagnose", str(CELL), str(tmp_path / "recording"), "-o", str(tmp_path / "out"), "--quiet"]) == 0
     final = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))["final"]

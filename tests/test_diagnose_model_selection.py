@@ -43,7 +43,8 @@ OWN, CYCLE, VISIT, GAIN = 15e-6, 10e-6, 12e-6, 0.005
 
 
 def build_synthetic_problem(seed: int, extra: float = 0.0, gain: float = GAIN) -> tuple[DiagnosisProblem, np.ndarray]:
-    """Four base unknowns, three coordinates, clustered noise; ``extra`` m of a column that the base lacks."""
+    """Build a problem with four base unknowns, three coordinates and clustered noise; ``extra`` m is the size of an
+    effect that the base lacks."""
     rng = np.random.default_rng(seed)
     group = np.repeat(np.arange(GROUPS), EACH)
     X = rng.standard_normal((GROUPS * EACH, 3, 5))
@@ -99,7 +100,7 @@ def test_whitening_makes_shared_errors_independent() -> None:
     w = build_whitening(problem, n, np.ones(len(problem), bool))
     rows = problem.visit == problem.visit[0]
     pick = np.flatnonzero(rows)
-    # covariance of one visit, written out
+    # explicit covariance matrix of one visit
     same_cycle = problem.cycle[pick][:, None] == problem.cycle[pick][None, :]
     assert problem.scale is not None
     s = problem.scale[pick]
@@ -110,7 +111,7 @@ def test_whitening_makes_shared_errors_independent() -> None:
     probe[pick] = np.eye(3 * len(pick)).reshape(len(pick), 3, -1)
     moved = w.whiten(probe)
     W = moved[np.abs(moved).sum(axis=1) > 0]
-    assert np.abs(W @ S @ W.T - np.eye(len(S))).max() < 1e-9  # exact but for rounding
+    assert np.abs(W @ S @ W.T - np.eye(len(S))).max() < 1e-9  # exact except for rounding
 
 
 def test_noise_components_do_not_depend_on_the_model_error() -> None:
@@ -123,17 +124,20 @@ def test_noise_components_do_not_depend_on_the_model_error() -> None:
         assert n.replicated
         found.append([n.reading[0], n.cycle[0], n.visit[0], n.gain])
     own, cycle, visit, gain = np.mean(found, axis=0)
-    assert own == pytest.approx(OWN, rel=0.05)  # 6 × 864 coordinates: 1 %, and the 60 µm that twins share are gone
-    assert cycle == pytest.approx(CYCLE, rel=0.2)  # 6 × 96 cycles × 3: 3 %, less what own errors blur
+    # 6 × 864 coordinates: 1 %; the model error of 60 µm cancels between replicates
+    assert own == pytest.approx(OWN, rel=0.05)
+    # 6 × 96 cycles × 3 coordinates: 3 %, plus the effect of the reading noise
+    assert cycle == pytest.approx(CYCLE, rel=0.2)
     assert visit == pytest.approx(VISIT, rel=0.25)
-    assert gain == pytest.approx(GAIN, abs=0.5 * GAIN)  # a slope over three readings is poorly seen
+    assert gain == pytest.approx(GAIN, abs=0.5 * GAIN)  # a slope over three readings is poorly determined
 
 
 def test_repeated_load_in_a_cycle_gives_no_gain_error() -> None:
-    """What its force is read wrong by moves prediction and residual against each other: a gain of one, it seemed."""
+    """An error of the force changes prediction and residual in opposite directions, which was estimated as a gain
+    error of one."""
     problem, _ = build_synthetic_problem(5, gain=0.0)
     rng = np.random.default_rng(5)
-    load = 0.02 * rng.standard_normal((problem.cycle.max() + 1, 3))[problem.cycle]  # m, one load a cycle
+    load = 0.02 * rng.standard_normal((problem.cycle.max() + 1, 3))[problem.cycle]  # m, one load per cycle
     misread = 5e-6 * rng.standard_normal(problem.y.shape)
     same = replace(problem, y=problem.y + load, scale=load + misread)
     n = replicate_noise.estimate_replicate_noise(
@@ -165,7 +169,7 @@ def test_cross_validated_gain_equals_explicit_refits() -> None:
         for X in (base.X, np.concatenate([base.X, x], axis=1)):
             beta = np.linalg.lstsq(X[rest], base.y[rest], rcond=None)[0]
             errors.append(float(np.sum((base.y[out] - X[out] @ beta) ** 2)))
-        assert s.heldout[f] == pytest.approx(errors[0] - errors[1], rel=1e-5, abs=1e-4)  # a ridge of 1e-6 is in it
+        assert s.heldout[f] == pytest.approx(errors[0] - errors[1], rel=1e-5, abs=1e-4)  # includes a ridge of 1e-6
 
 
 def test_held_out_residuals_equal_explicit_refits() -> None:
@@ -179,7 +183,7 @@ def test_held_out_residuals_equal_explicit_refits() -> None:
         A, y = problem.base[~inside].reshape(-1, 4), problem.y[~inside].reshape(-1)
         x = np.linalg.lstsq(A, y, rcond=None)[0]
         want = problem.y[inside] - problem.base[inside] @ x
-        assert np.abs(got[inside] - want).max() < 1e-10  # m; a relative ridge of 1e-9 on 1e-4
+        assert np.abs(got[inside] - want).max() < 1e-10  # m; a relative ridge of 1e-9 acts on 1e-4
 
 
 def test_single_group_is_not_held_out() -> None:
@@ -189,7 +193,7 @@ def test_single_group_is_not_held_out() -> None:
     w = build_whitening(problem, replicate_noise.estimate_replicate_noise(problem, problem.y, used), used)
     base, unit = build_base_model(problem, w, np.random.default_rng(0))
     fit = FittedModel(base, problem.base, unit, problem.y)
-    assert holdout_residuals.compute_rmse(problem, fit.heldout(), used) < 0.05  # mm; not the size of y itself
+    assert holdout_residuals.compute_rmse(problem, fit.heldout(), used) < 0.05  # mm; far less than y itself
     assert np.array_equal(fit.heldout(), fit.residual)
 
 
@@ -205,7 +209,7 @@ def test_bounded_least_squares_agrees_with_another_solver() -> None:
 
 
 def test_significance_accounts_for_the_whole_search() -> None:
-    """Thirty columns of nothing: the best of them is among the best hundredth once in a hundred recordings."""
+    """Thirty columns without an effect: the best of them has p < 1 % in one of a hundred recordings."""
     least = []
     for seed in range(40):
         rng = np.random.default_rng([7, seed])
@@ -221,21 +225,22 @@ def test_significance_accounts_for_the_whole_search() -> None:
         least.append(
             compute_chance_probability(base, score_hypotheses(base, laws), base.residual, rng, flips=199).min()
         )
-    # 40 uniform numbers: mean 0.5 ± 0.046; more than 7 of them below 5 % once in a thousand such tests
+    # 40 uniform numbers: mean 0.5 ± 0.046; more than 7 of them are below 5 % in one of a thousand such tests
     assert 0.36 < np.mean(least) < 0.64
     assert np.sum(np.array(least) < 0.05) <= 7
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.004])
 def test_force_noise_is_no_gain_error_of_a_cycle(gain: float) -> None:
-    """It errs along the displacement of each reading; the parts add up to what twins differ by, and not to more."""
+    """Force noise acts along the displacement of each reading; the noise components add up to the variance between
+    replicates."""
     made, found = [], []
     for seed in range(4):
         problem, _ = build_synthetic_problem(30 + seed, gain=0.0)
         rng = np.random.default_rng([30, seed])
         way = rng.standard_normal((GROUPS, 3))
         way *= np.sqrt(3.0) / np.linalg.norm(way, axis=1, keepdims=True)
-        along = way[problem.group]  # each pose gives way to one side
+        along = way[problem.group]  # each pose deflects along one direction
         step = np.array([0.5, 1.0, 0.5])[np.arange(len(problem)) % 3]
         scale = 8e-3 * step[:, None] * along
         residual = problem.y - problem.base @ np.full(4, 1e-4) + 10e-6 * rng.standard_normal((len(along), 1)) * along
@@ -256,7 +261,8 @@ def test_repeatable_power_is_the_shared_part_of_replicates() -> None:
     n = replicate_noise.estimate_replicate_noise(problem, residual, used)
     there = repeatable_mismatch.measure_repeatable_mismatch(problem, residual, used, n, np.random.default_rng(0))
     share = 30e-6 * float(np.sqrt(np.mean(column**2)))
-    assert np.sqrt(there.power) == pytest.approx(share, rel=0.12)  # 144 pairs of visits of 18 µm beside 30 µm
+    # 144 pairs of visits with noise of 18 µm next to a mismatch of 30 µm
+    assert np.sqrt(there.power) == pytest.approx(share, rel=0.12)
     assert there.p_value <= 0.002
     gone = repeatable_mismatch.measure_repeatable_mismatch(
         problem, residual - 30e-6 * column[:, :, 0], used, n, np.random.default_rng(0)
@@ -266,7 +272,8 @@ def test_repeatable_power_is_the_shared_part_of_replicates() -> None:
 
 
 def few_poses(seed: int, poses: int = 18, unknowns: int = 20) -> tuple[DiagnosisProblem, FittedModel]:
-    """A null: three coordinates, two visits of a pose, two numbers of each for every unknown or so."""
+    """Build a problem without an effect: three coordinates, two visits per pose, and about as many unknowns as
+    poses."""
     rng = np.random.default_rng([77, seed])
     X = np.tile(rng.standard_normal((poses, 3, unknowns)), (2, 1, 1))
     y, group = OWN * rng.standard_normal((2 * poses, 3)), np.tile(np.arange(poses), 2)
@@ -310,7 +317,7 @@ def test_replicates_share_the_prediction_error() -> None:
 
 
 def test_prediction_error_is_no_repeatable_mismatch() -> None:
-    """Eighteen poses, twenty unknowns: it comes back in both visits of a pose as if the model missed something."""
+    """Eighteen poses, twenty unknowns: the prediction error repeats in both visits of a pose like a model error."""
     found = []
     for seed in range(20):
         problem, fit = few_poses(seed)
@@ -320,8 +327,8 @@ def test_prediction_error_is_no_repeatable_mismatch() -> None:
             there = repeatable_mismatch.measure_repeatable_mismatch(problem, fit.heldout(), used, n, rng, own)
             found.append([there.power / OWN**2, there.p_value <= 0.005])
     alone, apart = (np.mean(found[k::2], axis=0) for k in (0, 1))
-    assert alone[0] > 0.25  # 20 unknowns on 108 numbers, as seen by the other 17 poses
-    assert alone[1] >= 0.1  # a false alarm in 200 is what is promised
+    assert alone[0] > 0.25  # prediction error of 20 unknowns from 108 coordinates, at poses that the fit has not used
+    assert alone[1] >= 0.1  # the nominal false positive rate is one in 200
     assert abs(apart[0]) < 0.1
     assert apart[1] == 0.0
 
@@ -353,7 +360,7 @@ def test_effect_is_named_at_its_place_within_its_interval() -> None:
         size = d.findings[0].parameters["size"]
         inside += size.ci90[0] <= 12.0 <= size.ci90[1]
         assert size.ci95[0] <= size.ci90[0] <= size.value <= size.ci90[1] <= size.ci95[1]
-    assert inside >= 5  # of eight; fewer once in 400 such tests at 90 %
+    assert inside >= 5  # of eight; at 90 % coverage fewer occur in one of 400 such tests
 
 
 def test_nothing_is_named_without_an_effect() -> None:
@@ -409,8 +416,8 @@ def test_detection_limit_is_where_effects_begin_to_be_named() -> None:
                 problem, catalogue(column, rng), selection_pipeline.DiagnosisOptions(), np.random.default_rng(seed)
             )
             named[share] += any(f.effect == "wind" for f in d.findings)
-    assert named[0.4] == 0  # noncentrality 2.7 where 5.5 is asked for
-    assert named[1.3] >= 4  # nine of ten at the limit itself, nearly all beyond it
+    assert named[0.4] == 0  # noncentrality 2.7 where 5.5 is required
+    assert named[1.3] >= 4  # nine of ten at the detection limit, nearly all above it
 
 
 def test_detection_limit_is_not_below_the_least_size_with_a_name() -> None:
@@ -421,7 +428,7 @@ def test_detection_limit_is_not_below_the_least_size_with_a_name() -> None:
         d = selection_pipeline.diagnose_problem(problem, laws, selection_pipeline.DiagnosisOptions(), rng)
         assert bool(d.findings) == is_named
         limit = next(x.value for x in d.limits if x.effect == "wind")
-        assert 40.0 < limit < 45.0  # 90 % power: 1.28 standard errors above the least size
+        assert 40.0 < limit < 45.0  # 90 % power: 1.28 standard errors above the smallest size
 
 
 def test_same_seed_gives_the_same_diagnosis() -> None:
@@ -440,7 +447,8 @@ def test_same_seed_gives_the_same_diagnosis() -> None:
 
 
 def test_finding_is_judged_by_readings_with_its_own_effect_only() -> None:
-    """K_C is judged by readings that have it added back: with products of the others it was named at 1e-307."""
+    """K_C is tested on readings to which its effect is added back; with the products of other readings its p-value
+    was 1e-307."""
     problem, column = build_synthetic_problem(3, extra=40e-6)
     w = build_whitening(
         problem, ReplicateNoise(np.array([OWN]), np.zeros(1), np.zeros(1), 0.0, True), np.ones(len(problem), bool)
@@ -470,7 +478,7 @@ def test_cached_extended_models_equal_those_built_stepwise() -> None:
         np.testing.assert_array_equal(a, b)
     for k in range(len(laws)):
         base.extend_by_laws(laws[: k + 1])
-    assert base.extend_by_laws(laws[-2:]) is pair  # few and small models are all cached
+    assert base.extend_by_laws(laws[-2:]) is pair  # small models are all cached, up to a number
     for a in laws:
         for b in laws:
             base.extend_by_laws([a, b])
@@ -480,7 +488,7 @@ def test_cached_extended_models_equal_those_built_stepwise() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_selected_law_is_the_best_of_all_significant_ones(seed: int) -> None:
-    """Against the rule written out: every law cross-validated and tested."""
+    """Reference: an explicit implementation of the rule, with every law cross-validated and tested."""
     rng = np.random.default_rng(seed)
     problem, column = build_synthetic_problem(seed, extra=8e-6)
     n = ReplicateNoise(np.array([OWN]), np.array([CYCLE]), np.array([VISIT]), GAIN, True)
@@ -535,13 +543,13 @@ def test_cached_search_equals_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None
     assert state is not None
     assert cache.find_state("other") is None
     size = search_cache._measure_bytes(state.whitened_hypotheses[0])
-    assert size > state.whitened_hypotheses[0].X.nbytes  # the products count
+    assert size > state.whitened_hypotheses[0].X.nbytes  # the size includes the products
     total = sum(search_cache._measure_bytes(t) for t in state.whitened_hypotheses)
-    monkeypatch.setattr(search_cache, "MAX_CACHED_BYTES", int(1.5 * total))  # room for one
+    monkeypatch.setattr(search_cache, "MAX_CACHED_BYTES", int(1.5 * total))  # space for one state
     cache.store_state("second", state)
     assert cache.find_state("same") is None
     assert cache.find_state("second") is state
-    monkeypatch.setattr(search_cache, "MAX_CACHED_BYTES", total - 1)  # room for none
+    monkeypatch.setattr(search_cache, "MAX_CACHED_BYTES", total - 1)  # space for none
     cache.store_state("third", state)
     assert cache.find_state("third") is None
     cache.clear()

@@ -28,7 +28,7 @@ from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
 from machopt.measurement.recording import load_recording, write_recording
 
-MASS, LENGTH, INERTIA = 20.0, 0.7, 1.5  # kg, m, kg·m² about the centre
+MASS, LENGTH, INERTIA = 20.0, 0.7, 1.5  # kg, m, kg·m² about the center of mass
 LINK = (
     '<link name="l{i}"><inertial><origin xyz="{c} 0 0"/><mass value="{m}"/>'
     '<inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -38,7 +38,7 @@ LINK = (
 
 
 def arm(folder: Path, joints: int = 1, kind: str = "revolute", tool: float = 0.0) -> Cell:
-    """Horizontal axes (y) in a row, or one slide along x."""
+    """Build a chain with parallel horizontal axes (y), or one prismatic joint along x."""
     axis = "1 0 0" if kind == "prismatic" else "0 -1 0"
     parts, parent = [], "base"
     for i in range(1, joints + 1):
@@ -75,7 +75,7 @@ def arm(folder: Path, joints: int = 1, kind: str = "revolute", tool: float = 0.0
 def build_fourier_motion(
     joints: int, rng: np.random.Generator, *, periods: int = 4, rate: float = 100.0, period: float = 6.0
 ):
-    """Time, q, q̇, q̈ of a Fourier series that repeats."""
+    """Return time, q, q̇, q̈ of a periodic Fourier series."""
     t = np.arange(int(periods * period * rate)) / rate
     q, v, a = (np.zeros((len(t), joints)) for _ in range(3))
     for j in range(joints):
@@ -125,7 +125,8 @@ def test_torque_of_a_pendulum(tmp_path: Path) -> None:
 
 
 def test_regressor_columns_equal_changes_of_the_tool(tmp_path: Path) -> None:
-    """More mass at the tool's centre changes torques by the first payload column, exactly linear."""
+    """More mass at the tool's center of mass changes the torques by the first payload column; the relation is
+    exactly linear."""
     rng = np.random.default_rng(1)
     _, q, v, a = build_fourier_motion(3, rng, periods=1, rate=5.0)
     light, heavy = (load_dynamics(arm(tmp_path, 3, tool=m)) for m in (5.0, 7.5))
@@ -133,12 +134,12 @@ def test_regressor_columns_equal_changes_of_the_tool(tmp_path: Path) -> None:
     assert 2.5 * P[:, :, 0] == pytest.approx(
         heavy.compute_torque(q, v, a) - light.compute_torque(q, v, a), rel=1e-9, abs=1e-9
     )
-    # all links scaled by one: the whole torque, tool (in the last link) included
+    # scaling all links by the same factor gives the whole torque, including the tool (in the last link)
     assert L.sum(axis=2) == pytest.approx(light.compute_torque(q, v, a), rel=1e-9, abs=1e-9)
 
 
 def test_gravity_follows_the_mounting_of_the_robot(tmp_path: Path) -> None:
-    """On a wall the axis stands upright and weight does nothing."""
+    """With the robot on a wall the axis is vertical and weight causes no torque."""
     turned = np.eye(4)
     turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     dynamics = load_dynamics(replace(arm(tmp_path), T_world_base=turned))
@@ -156,7 +157,8 @@ def test_urdf_without_inertias_is_refused(tmp_path: Path) -> None:
 
 
 def test_backlash_and_presliding_operators() -> None:
-    """Play keeps half its width behind at a turn; presliding turns over exponentially with the way."""
+    """The play operator lags by half its width at a reversal; presliding friction reverses exponentially with the
+    travel."""
     first = np.array([1, 0, 0, 0, 0], np.int64)
     assert compute_play(np.array([0.0, 1.0, 3.0, 2.5, 0.0]), first, 1.0) == pytest.approx([0.0, 0.0, 2.0, 2.0, 1.0])
     v = np.full(101, 1e-3)
@@ -164,20 +166,20 @@ def test_backlash_and_presliding_operators() -> None:
     first = np.zeros(101, np.int64)
     first[0] = 1
     z = compute_presliding_direction(v, 0.01, first, 5e-4)
-    # speed turns within the first interval: a quarter of it forward, then 49 whole ones: 4.925e-4 rad
+    # the velocity reverses within the first interval: a quarter of it forward, then 49 whole intervals: 4.925e-4 rad
     assert z[50] == pytest.approx(1.0 - 2.0 * np.exp(-0.985), abs=1e-6)
 
 
 def test_bouc_wen_between_two_loads() -> None:
-    """Between 0.2 and 0.5 with β = ½: unloading is straight, loading an exponential; both in closed form."""
+    """Cycle between 0.2 and 0.5 with β = ½: unloading is linear and loading is exponential; both have a closed form."""
     cycle = np.concatenate([np.linspace(0.5, 0.2, 50), np.linspace(0.2, 0.5, 50)])
     x = np.concatenate([np.linspace(0, 0.5, 50), *[cycle] * 12])
     first = np.zeros(len(x), np.int64)
     first[0] = 1
-    # rising from rest with β = ½, γ = ½: dz = (1 − z) dx, z = 1 − exp(−x)
+    # loading from zero with β = ½, γ = ½: dz = (1 − z) dx, z = 1 − exp(−x)
     z = compute_drag(x, first, 1.0, 0.5)
     assert z[49] == pytest.approx(1.0 - np.exp(-0.5), abs=1e-12)
-    # back to zero straight, beyond it along the same exponential, either way
+    # linear back to zero, then along the same exponential, in both directions
     expected = z[49]
     for _ in range(12):
         for way in (-0.3, 0.3):
@@ -189,7 +191,8 @@ def test_bouc_wen_between_two_loads() -> None:
 
 
 def test_lag_and_spring_agree_with_closed_forms() -> None:
-    """A step through a lag, and the free swing of a mass on a spring: both exact over a step with held input."""
+    """A step through a first-order lag, and the free vibration of a mass on a spring: both exact for an input that
+    is constant over each step."""
     n, h = 400, 0.005
     first = np.zeros(n, np.int64)
     first[0] = 1
@@ -201,7 +204,7 @@ def test_lag_and_spring_agree_with_closed_forms() -> None:
     load[0] = 100.0
     swing = simulate_mass_on_spring(load, np.full(n, 2.0), np.full(n, h), first, 5000.0, 0.05)
     w = 50.0 * np.sqrt(1 - 0.05**2)
-    # the load is taken as falling over the first step: the phase may be half a step off, the decay is not
+    # the load is assumed to fall over the first step: the phase may be off by half a step, the decay is not
     peak = np.abs(swing[200:]).max() / np.abs(swing[:40]).max()
     assert peak == pytest.approx(np.exp(-0.05 * 50.0 * 1.0), rel=0.15)
     crossings = np.flatnonzero(np.diff(np.sign(swing)) != 0)
@@ -214,15 +217,15 @@ def test_periods_groups_and_replicates_of_a_repeating_motion(tmp_path: Path) -> 
     m = build_motion_signals(build_motion_recording(t, q, v), 1)
     assert m.length == pytest.approx(6.0, abs=0.011)  # one sample
     assert len(np.unique(m.group)) >= 6
-    # twins stand at the same joint angle and in other periods
+    # replicates have the same joint angle in different periods
     label = m.replicate[m.replicate >= 0]
     assert len(label) > 0.9 * len(m)
     position = m.average_blocks(m.q[:, 0])[m.replicate >= 0]
     kind = np.unique(label)[5]
     assert np.ptp(position[label == kind]) < 1e-6
-    # twins never stand in different groups, or one would tell of the other
+    # replicates are always in the same group, otherwise one would predict the other in cross-validation
     assert all(len(np.unique(m.group[m.replicate == k])) == 1 for k in np.unique(label)[::17])
-    # derivative of the filtered speed: the series is slow against the filter; a part in a thousand of its range
+    # derivative of the filtered velocity: the series is slow relative to the filter; error 0.1 % of its range
     inside = slice(100, -100)
     assert np.abs(m.a[inside] - a[inside]).max() < 2e-3 * np.ptp(a)
 
@@ -284,7 +287,7 @@ def test_channels_follow_the_recorded_signals(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("late", [-0.0043, 0.0, 0.0121])
 def test_torque_delay_is_found_to_one_millisecond(tmp_path: Path, late: float) -> None:
-    """Friction must be late together with the rigid bodies; samples every 10 ms, 0.5 N·m of noise on 140."""
+    """Friction is delayed together with the rigid-body torque; samples every 10 ms, noise 0.5 N·m on 140 N·m."""
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
     t, q, v, _ = build_fourier_motion(1, rng)
@@ -308,7 +311,8 @@ def shaken(tmp_path: Path, joints: int, seed: int):
 
 @pytest.mark.parametrize("late", [0.005, 0.0121])
 def test_interpolation_of_the_recorder_is_part_of_the_delay(tmp_path: Path, late: float) -> None:
-    """Half a step of friction stood between two samples, where no late step does: delays came out 14 to 22 % long."""
+    """The recorder interpolates a friction step between two samples, a delayed step has no such value: estimated
+    delays were 14 to 22 % too long."""
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
     t, q, v, a = build_fourier_motion(1, rng)
@@ -321,7 +325,7 @@ def test_interpolation_of_the_recorder_is_part_of_the_delay(tmp_path: Path, late
     X = np.concatenate([problem.base, clock.columns(clock.shapes[0])], axis=2)[:, 0]
     left, x = fit_least_squares(problem.y[:, 0], X)
     assert x[-1] == pytest.approx(late, rel=0.03)
-    assert np.std(left) < 1.1 * 0.2 / np.sqrt(2.0)  # two samples a reading
+    assert np.std(left) < 1.1 * 0.2 / np.sqrt(2.0)  # two samples per reading
 
 
 def test_nothing_is_named_without_an_effect(tmp_path: Path) -> None:
@@ -336,21 +340,22 @@ def test_nothing_is_named_without_an_effect(tmp_path: Path) -> None:
 
 
 def test_stribeck_friction_is_named_at_its_joint(tmp_path: Path) -> None:
-    """A Stribeck peak of 6 N·m in 1 N·m of noise; a hyperbola here, an exponential in the catalogue."""
+    """Stribeck peak of 6 N·m in 1 N·m of noise; simulated as a hyperbola, modelled in the catalogue as an
+    exponential."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
     found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
     assert [(f.effect, f.location) for f in found.findings] == [("joint_friction", "joint:2")]
     assert found.heldout_after < found.heldout_before
-    # within a fifth of the noise of a reading (two samples averaged at most): the law is not the very same
+    # within 20 % of the noise of a reading (at most two samples averaged), because simulated and fitted law differ
     assert found.heldout_after < 1.2 * max(found.noise_floor, 0.7)
 
 
 def test_backlash_is_named_from_link_side_encoders(tmp_path: Path) -> None:
-    """Half a step of 0.1 mrad with the sign of the torque, rounded by contact; noise 20 µrad."""
+    """Backlash of 0.1 mrad with the sign of the torque, rounded by contact stiffness; noise 20 µrad."""
     rng, cell, t, q, v, _ = shaken(tmp_path, 1, 7)
     upright = np.eye(4)
-    upright[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # no weight, or the torque would keep its sign
+    upright[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # no weight, otherwise the torque would keep its sign
     cell = replace(cell, T_world_base=upright)
     a = np.gradient(v[:, 0], t)[:, None]
     tau = load_dynamics(cell).compute_torque(q, v, a) + 6.0 * np.sign(v) + 2.0 * v
@@ -359,11 +364,13 @@ def test_backlash_is_named_from_link_side_encoders(tmp_path: Path) -> None:
     found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau, q_secondary=other), cell, "link")
     assert [(f.effect, f.location) for f in found.findings] == [("joint_backlash", "joint:1")]
     width = found.findings[0].parameters["width"]
-    assert width.value == pytest.approx(1e-4 * 10800 / np.pi, rel=0.1)  # arcmin; the knee is tanh here, a ramp there
+    # arcmin; the transition is tanh in the simulation and a ramp in the law
+    assert width.value == pytest.approx(1e-4 * 10800 / np.pi, rel=0.1)
 
 
 def test_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None:
-    """What of the twist was left at its old time looked like a gear that creeps (delays of 3 to 17 ms)."""
+    """The delay must include the gear deflection, otherwise its residual is named creep of the gear (delays of 3 to
+    17 ms)."""
     rng, cell, t, q, v, _ = shaken(tmp_path, 1, 7)
     tau = load_dynamics(cell).compute_torque(q, v, np.gradient(v[:, 0], t)[:, None])
     other = CubicSpline(t, q - tau / 2e4)(t - 0.008) + 2e-6 * rng.normal(size=q.shape)
@@ -382,13 +389,13 @@ def test_encoders_behind_their_command_are_reported(tmp_path: Path) -> None:
     lags = servo_lag.find_servo_lag(late, build_motion_signals(late, 2))
     assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
     assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command
-    assert lags[0].p_value < 1e-6  # better on all of 24 stretches: a coin does so once in 17 million
+    assert lags[0].p_value < 1e-6  # better in all 24 segments: the probability by chance is 1 in 17 million
     close = build_motion_recording(t, q, v, tau, q_command=q + 1e-6 * rng.normal(size=q.shape))
     assert not servo_lag.find_servo_lag(close, build_motion_signals(close, 2))
 
 
 def test_prismatic_joint_is_a_valid_chain(tmp_path: Path) -> None:
-    """One prismatic joint: force, not torque, and nothing asks for six joints."""
+    """One prismatic joint: forces replace torques, and six joints are not required."""
     rng = np.random.default_rng(9)
     cell = arm(tmp_path, 1, "prismatic")
     t, q, v, a = build_fourier_motion(1, rng)
@@ -401,7 +408,7 @@ def test_prismatic_joint_is_a_valid_chain(tmp_path: Path) -> None:
 
 
 def write_prismatic_bench(folder: Path, data: str, urdf: str) -> tuple[Path, Path]:
-    """Cell and recording folders of one slide, without tool, workpiece or stiffness."""
+    """Write the cell and recording folders of one prismatic joint, without tool, workpiece or stiffness."""
     cell, record = folder / "cell", folder / "rec"
     cell.mkdir()
     record.mkdir()
@@ -428,7 +435,7 @@ def slide(folder: Path, force: str = "tau1_N", q: str = "q1_mm") -> tuple[Path, 
 
 @pytest.mark.parametrize("force", ["tau1_N", "tau1_Nm"])
 def test_prismatic_joint_goes_through_the_command(tmp_path: Path, force: str) -> None:
-    """Millimetres and newtons at the edge; other commands still refuse such a cell."""
+    """Input in millimetres and newtons; other commands refuse such a cell."""
     cell, record = slide(tmp_path, force)
     out = tmp_path / "out"
     assert main(["diagnose", str(cell), str(record), "-o", str(out), "--quiet"]) == 0
@@ -464,11 +471,12 @@ def test_prismatic_joints_are_written_and_read_back(tmp_path: Path) -> None:
     after = load_recording(tmp_path / "r")
     assert after.prismatic == (False, True)
     for name in ("q", "velocity", "q_secondary", "torque"):
-        assert getattr(after, name) == pytest.approx(getattr(before, name), abs=1e-6)  # printed to 1e-6 N·m, 1e-8 deg/s
+        # written to 1e-6 N·m and 1e-8 deg/s
+        assert getattr(after, name) == pytest.approx(getattr(before, name), abs=1e-6)
 
 
 def test_friction_reversal_at_a_sample_is_no_delay() -> None:
-    """Its sign is that of the sample; half a part of the interval late, a clock would be named for it."""
+    """The direction is that at the sample; a shift by half an interval would be named a delay."""
     v = np.sin(np.linspace(0.1, 20.0, 4000))
     first = np.zeros(len(v), np.int64)
     first[0] = 1
@@ -476,7 +484,7 @@ def test_friction_reversal_at_a_sample_is_no_delay() -> None:
 
 
 def test_lost_samples_do_not_bias_velocities() -> None:
-    """Three in ten samples are missing: filters that took the rest as even would be far off."""
+    """Three in ten samples are missing: filters that assume uniform sampling would have large errors."""
     rng = np.random.default_rng(12)
     t, q, v, a = build_fourier_motion(1, rng, rate=250.0, periods=2)
     keep = np.sort(rng.choice(len(t), int(0.7 * len(t)), replace=False))
@@ -514,12 +522,12 @@ def test_clock_in_milliseconds_and_torques_in_kilo_units_are_corrected(tmp_path:
         _, _, _, found = motion_channels.build_motion_problem(record, cell, "torque", rng)
         assert [(f.effect, f.location) for f in found] == [("units", where)]
         assert found[0].after < found[0].before
-        assert found[0].p_value < 1e-6  # better on all of 24 stretches
+        assert found[0].p_value < 1e-6  # better in all 24 segments
 
 
 @pytest.mark.proof
 def test_long_motion_without_an_effect(tmp_path: Path) -> None:
-    """A tenth of a hundred thousand samples; dynamics by a recursion of its own, no two periods alike."""
+    """10,000 samples, a tenth of the long motion; independent recursive dynamics, and no two equal periods."""
     cell, record = simulated_long_motion.write_long_motion(tmp_path, 10_000, 250.0, 1)
     out = tmp_path / "out"
     assert main(["diagnose", str(cell), str(record), "-o", str(out), "--quiet"]) == 0

@@ -18,7 +18,7 @@ from machopt.measurement.diagnosis.statistics import outlier_rejection
 
 @dataclass(frozen=True)
 class Labelled:
-    """What of a problem says which samples are of the same thing."""
+    """The labels of a problem that identify replicates."""
 
     channel: str
     replicate: NDArray[np.int64]
@@ -49,7 +49,8 @@ def test_rotor_inertia_missing_in_the_urdf_is_reported_with_its_joint(tmp_path: 
 
 
 def test_gradual_friction_reversal_is_reported(tmp_path: Path) -> None:
-    """Over 0.08 rad/s at joint 1, as honey does; samples every 10 ms, between which it turns by some 0.01 rad/s."""
+    """Smooth reversal over 0.08 rad/s at joint 1, as with viscous grease; samples every 10 ms, in which the velocity
+    changes by about 0.01 rad/s."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     tau[:, 0] += 6.0 * (np.tanh(v[:, 0] / 0.08) - np.sign(v[:, 0]))
     found, _, _ = diagnose_recording(
@@ -62,7 +63,8 @@ def test_gradual_friction_reversal_is_reported(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("late", [0.0, 0.01])
 def test_delay_is_used_only_where_significant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float) -> None:
-    """Some delay is always a little better than none, and was read into the reversals, which it smeared."""
+    """Some delay always fits slightly better than none by chance; used as a correction, it smoothed the friction
+    reversals."""
     observed, clock = [], torque_delay.estimate_torque_delay
     monkeypatch.setattr(
         joint_torque_channel, "estimate_torque_delay", lambda *given: observed.append(clock(*given)) or observed[-1]
@@ -81,8 +83,8 @@ def test_delay_is_used_only_where_significant(tmp_path: Path, monkeypatch: pytes
 
 
 def test_load_at_twice_its_detection_limit_is_named(tmp_path: Path) -> None:
-    """Where the tool's own is: masses of links, which nobody knows to 5 %, take up much of that, and limits were of any
-    load and moment, of which they take up little."""
+    """Payload at the position of the tool. Link masses with an uncertainty of 5 % absorb much of it; earlier
+    detection limits referred to any mass and moment, of which they absorb little."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
     noise = 3.0 * rng.normal(size=q.shape)
     plain, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + noise), cell, "torque")
@@ -98,7 +100,8 @@ def test_load_at_twice_its_detection_limit_is_named(tmp_path: Path) -> None:
 
 
 def test_torque_repeated_in_every_period_is_no_outlier(tmp_path: Path) -> None:
-    """Late friction stands in single samples about each reversal: as gross ones they hid clocks and small shafts."""
+    """Delayed friction deviates in single samples around each reversal; removed as outliers, they hid delays and
+    small backlash."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 5)
     problem, _, _, _ = motion_channels.build_motion_problem(
         build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque", rng
@@ -116,7 +119,8 @@ def test_torque_repeated_in_every_period_is_no_outlier(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("channel", ["torque", "position"])
 def test_grouped_and_single_searches_find_the_same_repetitions(channel: str) -> None:
-    """Grouped once, for a pass over all samples for each that is off took seconds a round."""
+    """Vectorized search by groups; a separate pass over all samples for each deviating sample took seconds per
+    iteration."""
     rng = np.random.default_rng(3)
     both, twinless = [0, 0], 0
     for _ in range(60):
@@ -145,7 +149,7 @@ def test_grouped_and_single_searches_find_the_same_repetitions(channel: str) -> 
 
 
 def test_drive_gain_and_payload_are_reported_together(tmp_path: Path) -> None:
-    """Half of what a drive's torque is, and 6 kg more at the flange: neither the one nor the other alone says it."""
+    """A drive torque at 50 % of its true value, and 6 kg more at the flange: neither alone explains the recording."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 5)
     a = np.gradient(v, t, axis=0)
     heavier = replace(cell, tool=replace(cell.tool, mass=11.0))
@@ -160,7 +164,8 @@ def test_drive_gain_and_payload_are_reported_together(tmp_path: Path) -> None:
 
 
 def test_speed_of_a_friction_peak_has_an_interval(tmp_path: Path) -> None:
-    """Laws of several numbers were looked at on their grid alone, and the interval was one point of it."""
+    """The interval of a law with several shape parameters was computed on the grid only, and contained one grid
+    point."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 6)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) * np.exp(-np.abs(v[:, 1]) / 0.07) + 0.02 * np.sign(v[:, 1]) * np.abs(tau[:, 1])
     found, _, _ = diagnose_recording(

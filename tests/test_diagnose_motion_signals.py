@@ -53,7 +53,8 @@ def test_recording_without_a_running_clock_is_refused() -> None:
 
 
 def test_short_segments_are_left_out_and_positions_differentiated() -> None:
-    """The last half second behind a gap is no stretch; q̇ of encoders alone is that of the motion."""
+    """The last half second after a gap is too short for a segment; q̇ differentiated from the encoders equals that
+    of the motion."""
     t, q, v, _ = build_fourier_motion(1, np.random.default_rng(4), periods=2)
     late = t + 3.0 * (np.arange(len(t)) >= len(t) - 20)
     m = build_motion_signals(replace(build_motion_recording(late, q, v), velocity=None), 1)
@@ -78,7 +79,8 @@ def test_delays_shift_by_fractional_samples_with_constant_ends(by: float) -> Non
 
 
 def test_periods_follow_repeating_labels() -> None:
-    """Labels name the period; those that do not come back, or are uneven, are no periods and the shape decides."""
+    """Labels define the periods; labels that do not repeat or have unequal lengths are ignored, and the signal shape
+    defines them."""
     r, each = simulate_joint_motion(periods=4), 600
     label = np.arange(len(r)) // each
     named = build_motion_signals(replace(r, cycle=label, stated_labels=frozenset({"cycle"})), 1)
@@ -130,14 +132,14 @@ def test_line_through_a_constant_has_no_slope() -> None:
 
 
 def massless(folder: Path) -> Cell:
-    """Two joints whose URDF has no inertias."""
+    """Return a two-joint arm whose URDF has no inertias."""
     cell = arm(folder, 2)
     cell.urdf.write_text(re.sub("<inertial>.*?</inertial>", "", cell.urdf.read_text()))
     return cell
 
 
 def test_link_side_encoders_without_inertias_use_the_recorded_torque(tmp_path: Path) -> None:
-    """Springs of 1e-6 and 2e-6 rad/(N·m) are found from the torque, whose friction has columns of its own."""
+    """Springs of 1e-6 and 2e-6 rad/(N·m) are estimated from the recorded torque, whose friction has its own columns."""
     t, q, v, a = build_fourier_motion(2, np.random.default_rng(6))
     tau = load_dynamics(arm(tmp_path, 2)).compute_torque(q, v, a)
     cell = massless(tmp_path)
@@ -157,7 +159,7 @@ def test_link_side_encoders_without_inertias_use_the_recorded_torque(tmp_path: P
     assert [u.name for u in bare.unknowns] == ["offset 1", "offset 2"]
     why = "neither torques are recorded nor does the URDF have inertias"
     assert {u.effect for u in left.untestable if u.reason == why} >= {"joint_hysteresis", "joint_nonlinear_stiffness"}
-    angles = {e.name for e in registry.EFFECTS.values() if e.port == "angle"}  # which no load asks for
+    angles = {e.name for e in registry.EFFECTS.values() if e.port == "angle"}  # these effects do not depend on a load
     assert {"transmission_error", "time_skew"} <= {h.effect for h in left.hypotheses} <= {"time_skew", *angles}
     assert "joint_hysteresis" in {h.effect for h in catalogue.hypotheses}
 
@@ -176,7 +178,8 @@ def test_lost_or_constant_second_encoder_is_ignored(tmp_path: Path) -> None:
 
 
 def test_tracked_tcp_without_known_loads_has_no_base_compliance(tmp_path: Path) -> None:
-    """Neither inertias nor torques: no compliances in the base, no laws of gears, and both are said."""
+    """Without inertias and torques, the base has no compliances and the catalogue no joint torque laws; both are
+    reported."""
     path = CELLS / "kr240_drilling"
     cell = load_cell(path)
     urdf = tmp_path / "bare.urdf"
@@ -189,7 +192,7 @@ def test_tracked_tcp_without_known_loads_has_no_base_compliance(tmp_path: Path) 
     assert not any("compliance" in u.name for u in problem.unknowns)
     assert {"joint_backlash", "servo_lag"} <= {u.effect for u in catalogue.untestable}
     assert not {h.effect for h in catalogue.hypotheses} & {e.name for e in registry.select_joint_torque_effects()}
-    assert np.abs(problem.y).max() < 1e-9  # it stands where it is expected
+    assert np.abs(problem.y).max() < 1e-9  # the measured TCP equals the nominal TCP
 
 
 def test_warming_follows_the_recorded_temperature_or_time(tmp_path: Path) -> None:
@@ -212,7 +215,7 @@ def test_warming_follows_the_recorded_temperature_or_time(tmp_path: Path) -> Non
 
 
 def test_constant_command_has_no_lag(tmp_path: Path) -> None:
-    """One joint 20 ms behind is said; the one that is never asked to move is not."""
+    """One joint lags by 20 ms and is reported; a joint with a constant command is not."""
     t, q, v, _ = build_fourier_motion(2, np.random.default_rng(7))
     requested = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
     r = build_motion_recording(t, q * [1.0, 0.0], v * [1.0, 0.0])
@@ -223,7 +226,8 @@ def test_constant_command_has_no_lag(tmp_path: Path) -> None:
 
 
 def test_stated_masses_are_preferred_where_compensator_and_gains_explain_as_much() -> None:
-    """What no payload makes up was left to the links, though it asked three of them for 15 % of their mass."""
+    """The residual of the payload was attributed to the links, although it required a change of 15 % in three link
+    masses."""
     rng = np.random.default_rng(8)
     n, joints = 720, 3
     group = np.arange(n) * 12 // n
@@ -237,6 +241,6 @@ def test_stated_masses_are_preferred_where_compensator_and_gains_explain_as_much
         0.0,
         [],
     )
-    off = links @ np.array([0.04, 0.03, -0.05])  # as makers are off, and nothing else is like it
+    off = links @ np.array([0.04, 0.03, -0.05])  # typical deviations from makers' data that no other column can explain
     assert link_mass_uncertainty.estimate_link_mass_sigma(noise + off, base, load, rivals, links, group)[0] > 0.0
     assert link_mass_uncertainty.estimate_link_mass_sigma(noise, base, load, rivals, links, group)[0] > 0.0

@@ -20,13 +20,14 @@ SHIFT, TURN = np.array([2e-4, -3e-4, 1e-4]), np.array([2e-4, 1e-4, -3e-4])
 
 
 def visits(*, fit: bool, day: int = 1) -> tuple[Recording, NDArray[np.bool_]]:
-    """Three sessions of an arm whose joint 3 is off its zero, which is none of these faults; rows of one of them."""
+    """Return three sessions of an arm with a zero offset at joint 3, which is no session error, and the mask of the
+    rows of one session."""
     r = measure(noise=NOISE, delta=lambda q: 3e-4 * unit(3) + 0 * q, registration="fit" if fit else "fixed")
     return replace(r, temperature=None), r.session == day
 
 
 def spread(r: Recording) -> float:
-    """m, of a pose between sessions."""
+    """Return the mean standard deviation of a pose between sessions, in m."""
     each = np.stack([np.array(r.position)[r.session == s] for s in range(3)])
     return float(each.std(axis=0).mean())
 

@@ -43,7 +43,7 @@ def build_problem(
 
 
 def solve_least_squares(problem: DiagnosisProblem, *more: np.ndarray) -> np.ndarray:
-    """Coefficients of the base and of further columns (M, 3, 1), least squares."""
+    """Return the least-squares coefficients of the base and of further columns (M, 3, 1)."""
     A = np.concatenate([problem.base, *more], axis=2)
     A = A.reshape(-1, A.shape[2])
     size = np.linalg.norm(A, axis=0)
@@ -55,9 +55,9 @@ def lags(catalogue: HypothesisCatalogue) -> dict[str, EffectHypothesis]:
 
 
 def test_base_model_contains_the_compliances_of_the_arm(driven: tuple[Cell, Recording]) -> None:
-    """5 %: 3,000 samples with 20 µm of noise; the tracker's frame and the target are fitted along.
+    """The tolerance of 5 % follows from 3,000 samples with 20 µm noise; tracker frame and target are fitted together.
 
-    The target lies on axis 6, which therefore is not seen.
+    The target lies on axis 6, so that joint 6 is not observed.
     """
     problem, catalogue, found = build_problem(*driven)
     assert problem.channel == "position"
@@ -65,7 +65,7 @@ def test_base_model_contains_the_compliances_of_the_arm(driven: tuple[Cell, Reco
     assert names[9:] == [f"compliance {j}" for j in range(1, 7)]
     np.testing.assert_allclose(solve_least_squares(problem)[9:14], COMPLIANCE[:5], rtol=0.05)
     assert np.abs(problem.base[:, :, 14]).max() < 1e-9
-    assert np.abs(solve_least_squares(problem)[:3]).max() < 1e-4  # m: the tracker stands in the base's frame
+    assert np.abs(solve_least_squares(problem)[:3]).max() < 1e-4  # m: the simulated tracker frame equals the base frame
     assert found == ()
     assert lags(catalogue) == {}
     assert ("servo_lag", "the commanded joints are not recorded") in {
@@ -76,7 +76,7 @@ def test_base_model_contains_the_compliances_of_the_arm(driven: tuple[Cell, Reco
 def test_arm_behind_its_command_is_offered_as_in_the_encoders(driven: tuple[Cell, Recording]) -> None:
     cell, recording = driven
     assert recording.velocity is not None
-    requested = recording.q + LATE * recording.velocity  # the TCP is where the encoders are
+    requested = recording.q + LATE * recording.velocity  # the TCP follows the encoders
     problem, catalogue, found = build_problem(cell, replace(recording, q_command=requested))
     shown = lags(catalogue)["as the encoders show it"]
     x = solve_least_squares(problem, shown.columns(()))[-1:]

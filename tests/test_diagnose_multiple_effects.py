@@ -1,4 +1,4 @@
-"""Joint search of many effects on made-up equations: finds the planted effects and nothing in noise."""
+"""Joint search of many effects on synthetic equations: finds the simulated effects, and none in noise."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ MANY: Planted = {
 
 
 def repeat_for_visits(columns: Array) -> Array:
-    """The same at every visit of a pose."""
+    """Repeat the columns at every visit of a pose."""
     return np.tile(columns, (VISITS, 1, 1))
 
 
@@ -96,7 +96,7 @@ def build_hypothesis(
 
 
 def model(planted: Planted, seed: int, size: float = 4.0) -> tuple[WhitenedModel, list[WhitenedHypothesis]]:
-    """Two base unknowns, 540 coordinates; what is planted has ``size`` times the noise a column."""
+    """Build two base unknowns and 540 coordinates; each column of a simulated effect has ``size`` times the noise."""
     rng = np.random.default_rng(seed)
     laws = hypotheses(rng)
     base = repeat_for_visits(rng.normal(size=(POSES, 3, 2)))
@@ -133,7 +133,7 @@ def test_exactly_the_planted_effects_are_found() -> None:
     assert {c.whitened.hypothesis.name for c in found} == set(MANY)
     for c in found:
         assert tuple(sorted(c.whitened.shapes[c.scored.shape])) == MANY[c.whitened.hypothesis.name]
-    assert {t.hypothesis.name for t in among} == {t.hypothesis.name for t in laws}  # rivals stay
+    assert {t.hypothesis.name for t in among} == {t.hypothesis.name for t in laws}  # alternatives remain
 
 
 def test_requested_limit_of_effects_is_respected() -> None:
@@ -196,7 +196,7 @@ def test_sums_beside_laws_equal_explicit_products() -> None:
 
 
 def test_written_result_is_the_fit_of_the_whole_sum() -> None:
-    """Two frames that move alike but for 7 in 1000, half a ten-thousandth of a square: what tells them is needed."""
+    """Two frames whose columns differ by 0.7 %, 5e-5 in the squares: the difference must not be lost."""
     base, laws = model(MANY, 3)
     one, other = (next(t for t in laws if t.hypothesis.name == ("geometry", f"joint:{j}")) for j in (3, 5))
     columns = one.hypothesis.columns(())
@@ -210,7 +210,7 @@ def test_written_result_is_the_fit_of_the_whole_sum() -> None:
 
 
 def test_gains_beside_few_columns_need_no_products_between_groups() -> None:
-    """The same as with the columns eliminated from all others, for absorbed columns too."""
+    """The gains equal those after elimination of the columns from all others, also for absorbed columns."""
     base, laws = model(MANY, 2)
     sums = normal_equation_sums.CachedSums(base, laws).sum_all
     for some in (sums.groups[:0], sums.groups[:1], (sums.groups[3], sums.groups[-1])):
@@ -224,7 +224,8 @@ def test_gains_beside_few_columns_need_no_products_between_groups() -> None:
 
 
 def test_laws_of_weight_without_a_clear_gain_are_not_leading() -> None:
-    """As many loads as are looked at in a step, each a little of everything: 1.2 times the gain of the best frame."""
+    """As many weight laws as one step considers, each with a small correlation with the signal: 1.2 times the gain
+    of the best frame."""
     base, laws = model(MANY, 1)
     among = [t for t in laws if t.hypothesis.family == "kinematic"]
     plain = normal_equation_sums.CachedSums(base, among).sum_all
@@ -261,7 +262,8 @@ def test_in_sample_and_held_out_fits_are_the_same_model() -> None:
 def offsets_in_frames(
     seed: int, frames: tuple[int, ...], offsets: tuple[int, ...]
 ) -> tuple[WhitenedModel, list[WhitenedHypothesis]]:
-    """A frame of each joint holds the offset of its own joint and of the one before among its three directions."""
+    """Build frames whose three directions contain the zero offset of their own joint and that of the preceding
+    joint."""
     rng = np.random.default_rng(seed)
     base, _ = model({}, seed)
     turns = rng.normal(size=(7, POSES, 3, 1))
@@ -283,7 +285,8 @@ def offsets_in_frames(
 
 
 def test_offsets_within_frame_directions_are_reported_as_offsets() -> None:
-    """Frames of joints 2 and 4 hold offsets 2 to 5 and gain more at each step: six numbers where four are enough."""
+    """The frames of joints 2 and 4 contain the offsets 2 to 5 and gain more at each step: six coefficients where
+    four suffice."""
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
     greedy = select_effects(base, [t for t in laws if t.hypothesis.effect == "geometry"], 6, np.random.default_rng(0))
     assert {c.whitened.hypothesis.effect for c in greedy} == {"geometry"}
@@ -292,7 +295,7 @@ def test_offsets_within_frame_directions_are_reported_as_offsets() -> None:
     retained = description_length.find_shortest_description(
         base, greedy, normal_equation_sums.CachedSums(base, laws), 2
     )
-    assert len(retained) <= 2  # never more than are asked for
+    assert len(retained) <= 2  # never more than requested
 
 
 def test_frame_with_its_own_direction_remains_a_frame() -> None:
@@ -305,7 +308,8 @@ def test_frame_with_its_own_direction_remains_a_frame() -> None:
 
 @pytest.mark.parametrize(("varies", "named"), [(0.25, "gravity_compensator"), (0.0, "joint_zero_offset")])
 def test_coefficient_is_judged_by_the_noise_not_by_the_effect_size(varies: float, named: str) -> None:
-    """Five standard deviations of a second number seemed nothing by what a law ten times the noise leaves unfitted."""
+    """A coefficient of five standard deviations was insignificant relative to the model uncertainty of a law with
+    ten times the noise."""
     rng = np.random.default_rng(4)
     base, _ = model({}, 4)
     constant, part = (repeat_for_visits(rng.normal(size=(POSES, 3, 1))) for _ in range(2))
@@ -331,8 +335,8 @@ def test_offset_explained_better_by_a_joint_torque_is_that_torque(varies: float,
         build_hypothesis("gravity_compensator", "joint:2", lambda s: both, ((),), "joint"),
         build_hypothesis(
             "gravity_compensator", "joint:3", lambda s: both, ((),), "joint"
-        ),  # elsewhere: no part of this
-        build_hypothesis("unnamed", "joint:2", lambda s: both, ((),), "unnamed"),  # as good, and no name
+        ),  # at another joint: not considered
+        build_hypothesis("unnamed", "joint:2", lambda s: both, ((),), "unnamed"),  # equal fit, but without a name
     ]
     y = base.y + whiten_hypotheses(base, offered)[1].X[:, 0] @ np.array([3.0, varies])
     loud = grams_model(base.w, base.X, y, base.fold, base.prior, base.rows)
@@ -342,10 +346,10 @@ def test_offset_explained_better_by_a_joint_torque_is_that_torque(varies: float,
         loud, [SelectedEffect(score_hypotheses(loud, [first])[0], 0.5)], laws, np.random.default_rng(0)
     )
     assert [c.whitened.hypothesis.name for c in found] == [(named, "joint:2")]
-    assert found[0].p_value == (0.002 if varies > 0.5 else 0.5)  # a new law's own chance, not that of the one before
+    assert found[0].p_value == (0.002 if varies > 0.5 else 0.5)  # p-value of the new law, not of the replaced one
     alone = [SelectedEffect(score_hypotheses(loud, [first])[0], 0.5)]
     retained = description_length.exchange_for_weight_laws(loud, alone, [first, last], np.random.default_rng(0))
-    assert [c.whitened for c in retained] == [first]  # an unnamed form takes no name's place
+    assert [c.whitened for c in retained] == [first]  # an unnamed form does not replace a named effect
 
 
 def test_unnamed_forms_are_built_once_and_have_few_coefficients(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -370,7 +374,8 @@ def test_unnamed_forms_are_built_once_and_have_few_coefficients(monkeypatch: pyt
 
 
 def test_sum_of_waves_and_its_groups_keep_their_coefficients() -> None:
-    """A sum of waves has the same name: left out for it, the numbers of all groups behind it were another law's."""
+    """A sum of waves has the same name as a double wave; when it was excluded for that reason, all following groups
+    had wrong coefficients."""
     base, laws = offsets_in_frames(7, (), (2, 3, 4, 5))
     q, lever = np.random.default_rng(9).uniform(-2.5, 2.5, (2, POSES, 1))
 
@@ -388,7 +393,7 @@ def test_sum_of_waves_and_its_groups_keep_their_coefficients() -> None:
     laws = whiten_hypotheses(base, offered)
     frames = [t for t in laws if t.hypothesis.effect == "geometry"]
     greedy = select_effects(base, [laws[0], *frames], 6, np.random.default_rng(0))
-    assert greedy[0].whitened.hypothesis.name == name  # so that all others stand behind it
+    assert greedy[0].whitened.hypothesis.name == name  # first, so that all other groups follow it
     own = [(c.whitened, c.scored.shape) for c in greedy]
     groups = normal_equation_sums.CachedSums(base, laws).select_groups(own, description_length._is_exchangeable).groups
     assert [(g.law, g.shape) for g in groups[: len(own)]] == own
@@ -399,7 +404,8 @@ def test_sum_of_waves_and_its_groups_keep_their_coefficients() -> None:
 
 
 def soft(body: tuple[str, str], other: EffectHypothesis, strength: float, seed: int = 2) -> list[SelectedEffect]:
-    """A body whose law takes 400 of the noise's power, and another law that takes some of what it leaves."""
+    """Select a body law whose gain is 400 times the noise variance and another law with gain ``strength`` in its
+    residual."""
     rng = np.random.default_rng(seed)
     base, _ = model({}, seed)
     shape, frame = (repeat_for_visits(rng.normal(size=(POSES, 3, p))) for p in (1, 3))
@@ -424,7 +430,7 @@ LINK, BASE = ("link_compliance", "link:2"), ("base_compliance", "base")
 @pytest.mark.parametrize(
     ("body", "effect", "where", "gain", "named"),
     [
-        (LINK, "payload", "tool", 50.0, False),  # a link that tapers is no other weight, no offset of the arm's joints
+        (LINK, "payload", "tool", 50.0, False),  # a tapered link is neither a payload nor a zero offset
         (LINK, "joint_zero_offset", "joint:2", 50.0, False),
         (BASE, "joint_coupling", "joint:2-3", 50.0, False),
         (LINK, "payload", "tool", 110.0, True),
@@ -455,8 +461,8 @@ def test_products_with_a_model_are_computed_once_per_part(monkeypatch: pytest.Mo
     assert len(worked) == first == len(laws)
     additional = base.with_law(laws[0], 2)
     score_hypotheses(additional, laws)
-    assert len(worked) == 2 * first  # with the further part alone
-    score_hypotheses(base.with_law(laws[0], 2), laws)  # the same once more
+    assert len(worked) == 2 * first  # products with the additional columns only
+    score_hypotheses(base.with_law(laws[0], 2), laws)  # a repeated call
     assert len(worked) == 2 * first
     explicit = base.with_columns(laws[0].columns_at(2))
     for a, b in ((additional.XX, explicit.XX), (additional.Xy, explicit.Xy), (additional.X, explicit.X)):

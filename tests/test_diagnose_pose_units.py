@@ -21,7 +21,7 @@ LENGTHS = {"metres": 1e3, "inches": 25.4}
 
 
 def simulate_correct_poses(*, fit: bool) -> Recording:
-    """From a tracker somewhere in the hall, or in base_link; 30 µm, links longer than drawn."""
+    """Simulate poses from a tracker in the hall (``fit``) or in base_link; noise 30 µm, links longer than nominal."""
     r = measure(noise=3e-5, grow=np.full((180, 3), 5e-4), registration="fit" if fit else "fixed")
     if not fit:
         return r
@@ -81,7 +81,7 @@ def test_correct_recording_and_wrong_tcp_remain() -> None:
 
 
 def test_residual_pose_errors_are_written_with_their_joint_ranges() -> None:
-    """Of readings that took part; a coordinate; nothing of too few poses."""
+    """Only readings used in the fit count; the error is per coordinate; too few poses give none."""
     r = simulate_correct_poses(fit=False)
     used = np.arange(len(r)) != 7
     left = np.full((len(r), 3), 2e-5)

@@ -15,7 +15,7 @@ from machopt.dynamics.gravity_torque import compute_gravity_torque
 from machopt.kinematics.robot import GRAVITY
 from machopt.kinematics.urdf_loading import load_masses, load_robot
 
-JOINTS = (  # kind, origin in the link before, axis, mass of the link
+JOINTS = (  # type, origin in the preceding link, axis, mass of the link
     ("prismatic", (0.0, 0.0, 0.0), (0.6, 0.0, 0.8), 400.0),
     ("revolute", (0.0, 0.0, 0.8), (0.0, 0.0, 1.0), 200.0),
     ("revolute", (0.3, 0.0, 0.3), (0.0, 1.0, 0.0), 120.0),
@@ -82,7 +82,7 @@ def angles(rng: np.random.Generator, n: int) -> np.ndarray:
 
 
 def compute_loaded_tcp(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
-    """(3,) m, the TCP where weight has bent the springs."""
+    """Return the TCP (3,) in m with the joint springs deflected by weight."""
     theta = q
     for _ in range(6):
         theta = q - SPRINGS * pin.computeGeneralizedGravity(model, data, theta)
@@ -91,7 +91,7 @@ def compute_loaded_tcp(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.nd
 
 
 def record(folder: Path, rng: np.random.Generator, *, moved: np.ndarray | None = None, slide: float = 1e3) -> Path:
-    """30 poses read twice; ``slide``: what a metre of joint 1 is written as."""
+    """Write 30 poses measured twice; ``slide`` is the number written for one metre of joint 1."""
     folder.mkdir()
     model = pin.buildModelFromXML(urdf(moved))
     data = model.createData()
@@ -145,7 +145,7 @@ def test_shifted_frame_behind_a_prismatic_joint_is_found_and_corrected(cell: Pat
     assert (finding["effect"], finding["location"]) == ("geometry", "joint:4")
     turn = finding["parameters"]["turn z"]
     assert turn["ci95"][0] < 0.5 < turn["ci95"][1]
-    assert output["model"] is None  # no stiffness.yaml holds a joint that slides
+    assert output["model"] is None  # stiffness.yaml cannot hold a prismatic joint
     (cell / "kinematics.yaml").write_text((tmp_path / "out" / "kinematics.yaml").read_text())
     (cell / "cell.yaml").write_text(CELL + "kinematics: kinematics.yaml\n")
     again = diagnose_command(cell, recording, tmp_path / "again")

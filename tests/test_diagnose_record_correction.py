@@ -47,7 +47,7 @@ def robot(cell: str = CELL) -> tuple[Robot, np.ndarray, np.ndarray]:
 def simulate_correct_recording(
     rotations: bool = False, frame: str = "base", cell: str = CELL, force: float = 1500.0
 ) -> Recording:
-    """Forces of 1.5 kN; with rotations moments of 200 N·m beside them."""
+    """Simulate forces of 1.5 kN; with rotations, additional moments of 200 N·m."""
     rng = np.random.default_rng(3)
     a = arm(cell)
     truth = HiddenEffects(a.nominal * rng.uniform(0.75, 1.3, 6), {2: build_rough_backlash(0.3 * ARCMIN, 80.0)})
@@ -56,7 +56,7 @@ def simulate_correct_recording(
 
 
 def scale_columns(r: Recording, group: str, factor: float) -> Recording:
-    """One group of columns read in another unit."""
+    """Multiply one group of columns by the factor of another unit."""
     assert r.wrench is not None
     assert r.displacement is not None
     if group == "q1_deg":
@@ -147,24 +147,26 @@ def test_springs_three_times_off_the_cell_are_no_unit_error(factor: float) -> No
 
 
 def test_joint_ten_times_softer_is_no_unit_error() -> None:
-    """The displacement per load is many times the cell's then, too, and most joints are as they should be."""
+    """The displacement per load is then many times that of the cell, too, but most joints agree with the cell."""
     arm_, T, prior = robot()
     r = simulate_correct_recording()
     for joint in range(3):
-        soft = prior * np.where(np.arange(6) == joint, 40.0, 1.0)  # of the cell; the arm has a fortieth of it
+        # 40 times the stiffness in the cell; the arm has a fortieth of it
+        soft = prior * np.where(np.arange(6) == joint, 40.0, 1.0)
         corrected, findings, _ = static_record_correction.correct_static_record(r, arm_, T, soft)
         assert findings == [], f"joint {joint + 1}"
         assert corrected is r
 
 
 def test_displacements_with_the_stated_scatter_have_the_stated_unit() -> None:
-    """An arm seven times stiffer than its cell says looks like centimetres, but its tracker is no ten times better."""
+    """An arm seven times stiffer than in its cell looks like a unit error (cm), but the scatter of its tracker has
+    the stated size."""
     arm_, T, prior = robot()
     r = simulate_correct_recording()
     stiff = replace(r, displacement=r.displacement / 7.0)  # type: ignore[operator]
     assert [f.effect for f in static_record_correction.correct_static_record(stiff, arm_, T, prior)[1]] == [
         "units"
-    ]  # repeats a seventh of what is stated
+    ]  # replicates scatter by a seventh of the stated uncertainty
     rng = np.random.default_rng(0)
     noisy = replace(stiff, displacement=stiff.displacement + 15e-6 * rng.standard_normal(r.displacement.shape))  # type: ignore[union-attr]
     stated = replace(r.uncertainty, displacement=15e-6)
@@ -233,12 +235,12 @@ def test_duplicates_are_separated_from_replicates() -> None:
     for n in (12, 33, 51):
         d[n] = d[n - 1]
     assert np.flatnonzero(outlier_rows.find_copied_rows(replace(r, displacement=d))).tolist() == [12, 33, 51]
-    coarse = replace(r, displacement=np.round(d, 5))  # read to 0.01 mm: equal neighbours mean nothing
+    coarse = replace(r, displacement=np.round(d, 5))  # resolution 0.01 mm: equal consecutive readings are no evidence
     assert not outlier_rows.find_copied_rows(coarse).any()
 
 
 def test_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
-    """The simulator's sensor stands where weight puts it; the encoders do not know."""
+    """The sensor frame of the simulation is deflected by weight; the encoder pose does not include this."""
     arm_, T, _ = robot()
     base, tool = simulate_correct_recording(), simulate_correct_recording(frame="tool")
     masses = load_masses(load_cell(CELLS / CELL))
@@ -248,15 +250,15 @@ def test_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     turned = np.abs(
         loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(tests, tool, arm_, T, masses).wrench - true
     ).max()
-    assert straight > 5.0  # N of 1500: 3 mrad
-    assert turned < 0.2 * straight  # springs are known to some per cent, backlash and the load's own turn apart
+    assert straight > 5.0  # N of 1500 N: 3 mrad
+    assert turned < 0.2 * straight  # spring uncertainty of some percent; without backlash and rotation by the load
     message = build_load_test_experiment(base, arm_, T)
     assert loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(message, base, arm_, T, masses) is message
 
 
 @pytest.mark.parametrize("weight_only", [False, True])
 def test_displacements_in_sagged_tool_axes_are_corrected(weight_only: bool) -> None:
-    """A soft arm: the tool's axes turn by milliradians, and displacements of millimetres with them."""
+    """A compliant arm: the tool axes rotate by milliradians, which changes displacements of millimetres."""
     arm_, T, _ = robot()
     a, rng = arm(CELL), np.random.default_rng(31)
     truth = HiddenEffects(a.nominal / 3.0)
@@ -276,7 +278,8 @@ def test_displacements_in_sagged_tool_axes_are_corrected(weight_only: bool) -> N
 
 @pytest.mark.parametrize("offset_N", [(7.0, 19.0, -2.0), (48.0, 19.0, 31.0)])
 def test_force_offset_does_not_hide_the_tool_sag(offset_N: tuple[float, float, float]) -> None:
-    """K_C and a zero are as large as what the sag turns; a turned sensor was then named as axes of the tracker."""
+    """K_C and a force offset are as large as the effect of the deflection; the rotated force was then named a
+    tracker frame rotation."""
     arm_, T, _ = robot()
     tool = simulate_correct_recording(frame="tool")
     assert tool.wrench is not None
@@ -291,7 +294,7 @@ def test_force_offset_does_not_hide_the_tool_sag(offset_N: tuple[float, float, f
 
 
 def test_weights_in_encoder_tool_axes_remain() -> None:
-    """The springs tell it from a sensor that sags with the arm."""
+    """The fit of the springs distinguishes this case from a sensor that deflects with the arm."""
     arm_, T, _ = robot()
     base = simulate_correct_recording()
     assert base.wrench is not None
@@ -316,14 +319,14 @@ def test_spring_far_from_the_cell_is_reported() -> None:
     found = [joint(1, 1e-6, 1e-8), joint(2, 1e-5, 1e-7), joint(3, 1e-5, 9e-6), joint(4, 1e-7, 1e-9)]
     output = describe_deviating_springs(SimpleNamespace(coefficients=found), np.full(6, 1e6))  # type: ignore[arg-type]
     assert [s[:27] for s in output] == ["joint 2 comes out 10 times ", "joint 4 comes out 10 times "]
-    assert "softer (100000 N·m/rad)" in output[0]  # written out, as a data sheet has it
+    assert "softer (100000 N·m/rad)" in output[0]  # not in exponent notation, as in a data sheet
     assert "stiffer" in output[1]
     assert describe_deviating_springs(SimpleNamespace(coefficients=found), None) == []  # type: ignore[arg-type]
 
 
 def test_every_check_has_its_correction_or_none() -> None:
-    """What a check says goes through :func:`static_record_correction._mended`; what it has no rule for is left and
-    said."""
+    """Each check result is passed to :func:`static_record_correction._apply_correction`; a result without a
+    correction rule leaves the recording unchanged."""
     arm_, T, _ = robot()
     r = simulate_correct_recording(rotations=True)
     assert r.wrench is not None

@@ -1,6 +1,6 @@
 """Measured poses of several reflectors with a tracker at any station.
 
-Each reflector is measured as :func:`test_diagnose_absolute.measure` does a TCP that sits where it does.
+Each reflector is simulated by :func:`test_diagnose_tcp_poses.measure` as a TCP at its position.
 """
 
 from __future__ import annotations
@@ -33,14 +33,15 @@ STANDS = (
 
 
 def simulate_three_reflectors(*, wrong: Array | None = None, noise: float = 0.0, stands: int = 2) -> Recording:
-    """Three reflectors at each visit, BESIDE their nominal places; the tracker moved before the last session."""
+    """Simulate three reflectors at each visit, offset by BESIDE from their nominal positions; the tracker moves
+    before the last session."""
     cell = arm()[0]
     tip = cell.tool.T_flange_tcp[:3, 3]
     none = np.zeros(3)
     parts = [measure(frame=(none, none, at - tip)) for at in PLACES + BESIDE]
     one = parts[0]
     N = len(one)
-    order = np.arange(3 * N).reshape(3, N).T.reshape(-1)  # reflector by reflector at each visit
+    order = np.arange(3 * N).reshape(3, N).T.reshape(-1)  # all reflectors of a visit in consecutive rows
 
     def all_of(values: Array) -> Array:
         return np.asarray(np.concatenate([values] * 3)[order])
@@ -81,8 +82,8 @@ def fit_first_frame(recording: Recording) -> tuple[NominalPoseModel, Array]:
 
 def test_tracker_stations_and_reflector_places_are_recovered() -> None:
     _, found = fit_first_frame(simulate_three_reflectors())
-    np.testing.assert_allclose(found[:3], BESIDE, atol=2e-6)  # the prior of nominal places holds next to nothing
-    assert found[3].max() < 1e-6  # m: nothing else is left
+    np.testing.assert_allclose(found[:3], BESIDE, atol=2e-6)  # the prior of the nominal positions has almost no weight
+    assert found[3].max() < 1e-6  # m: no residual remains
 
 
 def test_base_and_notes_contain_every_frame_and_place() -> None:
@@ -96,10 +97,10 @@ def test_base_and_notes_contain_every_frame_and_place() -> None:
     names = [u.name for u in problem.unknowns if u.location in ("registration", "tool")]
     assert len(names) == len(set(names)) == 2 * 6 + 3 * 3
     assert all(u.prior is not None for u in problem.unknowns if u.location == "tool")
-    assert len(output) == 2  # where the tracker stood
+    assert len(output) == 2  # tracker stations
     assert any("1 by (" in n for n in notes)
-    assert np.bincount(problem.visit).tolist() == [3] * 180  # the reflectors of one arrival
-    assert np.bincount(problem.replicate).tolist() == [3] * 180  # each reflector at each pose, from either stand
+    assert np.bincount(problem.visit).tolist() == [3] * 180  # the three reflectors of one visit
+    assert np.bincount(problem.replicate).tolist() == [3] * 180  # each reflector at each pose, from both stations
     assert ("tool_compliance", "tool") in {(u.effect, u.location) for u in catalogue.untestable}
     assert np.abs(problem.y - problem.base @ _fit(problem)).max() < 1e-6
 
@@ -111,7 +112,8 @@ def _fit(problem: measured_pose_channel.DiagnosisProblem) -> Array:
 
 
 def test_three_reflectors_observe_axis_rotations_better_than_one() -> None:
-    """1 sigma of each joint's turn, all frames of joints fitted beside the base, maker's priors on them."""
+    """Standard error of the rotation of each joint frame, with all joint frames fitted in addition to the base and
+    with priors from maker's tolerances."""
     cell, robot, masses = arm()
     whole, _ = reflectors_and_tracker_frames.transform_to_base(
         simulate_three_reflectors(stands=1), robot, cell.tool.T_flange_tcp
@@ -140,8 +142,8 @@ def test_three_reflectors_observe_axis_rotations_better_than_one() -> None:
         A = A * scale / 2.5e-5
         covariance = np.linalg.inv(A.T @ A + np.diag(known))[-36:, -36:]
         sigma.append(np.sqrt(np.diag(covariance)).reshape(6, 6)[:, 3:])
-    observed = sigma[1] < 0.3  # beside the maker's
-    assert np.median(sigma[0][observed] / sigma[1][observed]) > 2.5  # readings three times as many alone: 1.7
+    observed = sigma[1] < 0.3  # better than the maker's prior
+    assert np.median(sigma[0][observed] / sigma[1][observed]) > 2.5  # three times as many readings alone give 1.7
     assert (sigma[1] < 1.001 * sigma[0]).all()
 
 
@@ -203,7 +205,8 @@ def test_single_frame_near_the_base_is_left_to_the_fit() -> None:
 
 
 def test_three_poses_of_three_reflectors_are_too_few() -> None:
-    """Their places are refitted too: nine readings of three poses hold them and the frame, and nothing else."""
+    """The reflector positions are refitted, too: nine readings of three poses determine them and the frame, and
+    nothing else."""
     cell, _, _ = arm()
     few = simulate_three_reflectors(stands=1)
     rows = few.session == few.session[0]

@@ -15,10 +15,10 @@ from machopt.measurement.diagnosis.verdict import data_sufficiency
 
 
 def diagnose_similar_mismatch(like: float, extra: float = 40e-6) -> DiagnosisResult:
-    """Of a mismatch that the only law of the catalogue is alike by a cosine."""
+    """Diagnose a mismatch whose correlation with the only law of the catalogue is ``like``."""
     rng = np.random.default_rng(5)
     problem, column = build_synthetic_problem(400, extra=extra)
-    other = rng.standard_normal((len(column) // 2, *column.shape[1:]))  # on both days alike
+    other = rng.standard_normal((len(column) // 2, *column.shape[1:]))  # the same on both days
     near = like * column + np.sqrt(1.0 - like**2) * np.concatenate([other, other])
     return selection_pipeline.diagnose_problem(
         problem, HypothesisCatalogue((law(near),)), selection_pipeline.DiagnosisOptions(), rng
@@ -31,14 +31,15 @@ def test_nearest_law_is_named_only_where_it_exceeds_the_residual(like: float, na
     assert [f.effect for f in d.findings] == (["wind"] if named else [])
     assert (d.verdict == "unexplained") is not named
     assert any("something at arm looks like" in n for n in d.notes) is not named
-    if not named:  # the place is known, the law is not
+    if not named:  # the location is known, the law is not
         assert next(s.axis for s in d.mismatch if s.kind == "machine") == "arm"
         assert d.heldout_after == d.heldout_before
 
 
 @pytest.mark.parametrize(("like", "said"), [(0.985, False), (0.92, True)])
 def test_repeatable_residual_beside_an_explanation_is_reported(like: float, said: bool) -> None:
-    """Two thirds of the noise came back without a word: a hose that passed for a balancer, say."""
+    """A repeatable residual of two thirds of the noise was not reported, for example of a hose named gravity
+    compensator."""
     d = diagnose_similar_mismatch(like)
     assert ([f.effect for f in d.findings], d.verdict) == (["wind"], "explained")
     assert ("still comes back in repeats" in d.sentence) is said
@@ -87,7 +88,8 @@ def test_recording_without_replicates_is_partly_explained() -> None:
 
 
 def test_law_of_uncertain_size_is_no_name() -> None:
-    """A hose was a gravity compensator with a variation of −10 … 12 %: one number of it is sure, and not the size."""
+    """A hose was named gravity compensator with a variation of −10 … 12 %: one coefficient of the law is
+    significant, but its size is not."""
     rng = np.random.default_rng(6)
     problem, column = build_synthetic_problem(400, extra=40e-6)
     idle = np.tile(rng.standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
@@ -107,7 +109,7 @@ def test_law_of_uncertain_size_is_no_name() -> None:
 
 
 def test_law_is_identified_by_a_certain_size() -> None:
-    """A balancer is known by its torque where poses do not tell how much its joint's stiffness varies."""
+    """A balancer is identified by its torque where poses do not determine the variation of the joint's stiffness."""
     problem, column = build_synthetic_problem(400, extra=40e-6)
     idle = np.tile(np.random.default_rng(6).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
     both = np.concatenate([column, idle], axis=2)
@@ -125,7 +127,8 @@ def test_law_is_identified_by_a_certain_size() -> None:
 
 
 def test_size_of_a_body_comes_from_its_observed_coefficients() -> None:
-    """One spring at the tool of several coefficients: its largest was the one that nothing holds, 0.33 with −4 … 4."""
+    """One tool spring with several coefficients: the stated size was that of the unobserved coefficient, 0.33 with
+    interval −4 … 4."""
     problem, column = build_synthetic_problem(400, extra=40e-6)
     hardly = np.tile(np.random.default_rng(7).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
     both = np.concatenate([column, 1e-3 * hardly], axis=2)

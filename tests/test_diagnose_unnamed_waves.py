@@ -62,10 +62,10 @@ def angles(*parts: Finding | None) -> Array:
 @pytest.mark.parametrize(
     ("orders", "sizes", "named"),
     [
-        ([1.0, 2.0, 12.0], [40.0, 20.0, 15.0], [12.0]),  # 150 degrees: less than a period of the first two
+        ([1.0, 2.0, 12.0], [40.0, 20.0, 15.0], [12.0]),  # range 150 degrees: less than one period of the first two
         ([2.0, 4.0, 9.0], [10.0, 30.0, 20.0], [4.0, 9.0]),  # 0.83, 1.67 and 3.75 periods
-        ([10.0, 20.0, 30.0], [15.0, 700.0, 5.0], [10.0, 30.0]),  # no gear has 700 arcsec
-        ([1.0, 4.0, 12.0], [250.0, 250.0, 250.0], [12.0]),  # a worn gear of which five periods are seen
+        ([10.0, 20.0, 30.0], [15.0, 700.0, 5.0], [10.0, 30.0]),  # 700 arcsec is implausible for a gear
+        ([1.0, 4.0, 12.0], [250.0, 250.0, 250.0], [12.0]),  # a worn gear; five periods are observed
     ],
 )
 def test_only_waves_of_a_full_period_and_plausible_size_are_named(
@@ -98,7 +98,7 @@ def test_slow_waves_are_not_named() -> None:
 
 
 def test_zero_offset_smaller_than_unnamed_waves_of_its_joint_has_no_name() -> None:
-    waves = convert_to_unnamed(finding([3.0], [34.0], [-20.0]))  # 39 arcsec
+    waves = convert_to_unnamed(finding([3.0], [34.0], [-20.0]))  # amplitude 39 arcsec
 
     def zero(arcsec: float, joint: str = "joint:3") -> Finding:
         correction = KinematicCorrection("joint_zero_offset", joint, {"offset_deg": arcsec / 3600.0})

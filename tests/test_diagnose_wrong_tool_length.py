@@ -1,4 +1,4 @@
-"""Wrong tool length: corrected, diagnosed again, and nothing else named."""
+"""Wrong tool length: corrected, diagnosed again, and no other effect named."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def simulate_load_tests() -> Recording:
 
 def diagnose_wrong_length(offset: np.ndarray) -> DiagnosedRecording:
     cell = load_cell(CELLS / CELL)
-    wrong = cell.tool.T_flange_tcp @ build_transform(np.eye(3), -offset)  # the record is of the cell's own TCP
+    # the recording was made with the original TCP of the cell
+    wrong = cell.tool.T_flange_tcp @ build_transform(np.eye(3), -offset)
     cell = replace(cell, tool=replace(cell.tool, T_flange_tcp=wrong))
     return diagnose_static_recording(
         cell, simulate_load_tests(), selection_pipeline.DiagnosisOptions(), [], accept=(), seed=0
@@ -57,8 +58,8 @@ def test_tool_length_is_corrected_and_nothing_else_is_named() -> None:
 
 @pytest.mark.parametrize("never", [True, False])
 def test_tcp_correction_without_improvement_or_convergence_is_rejected(never: bool) -> None:
-    """The law stays a finding like others."""
-    first = diagnose_wrong_length(OFFSET * 0.1).diagnosis  # a small one, from which the law names itself
+    """The law remains a normal finding."""
+    first = diagnose_wrong_length(OFFSET * 0.1).diagnosis  # small enough that the law is named by the search
     law = Finding(
         effect="load_geometry",
         location="sensor:force",

@@ -56,7 +56,7 @@ def correct_labels(r: Recording) -> tuple[Recording, list]:
 
 @pytest.mark.parametrize(("share", "factor"), [(0.75, 0.8), (1.0, 1.15), (0.25, 0.8), (0.5, 1.12)])
 def test_weight_mislabelled_in_one_session_is_corrected(share: float, factor: float) -> None:
-    """Its rows were ``outliers``, and the verdict was consistent."""
+    """These rows were reported as ``outliers``, with the verdict consistent."""
     r = simulate_weights()
     bad = mislabel_weights(r, of_size(r, share) & (r.session == r.session.max()), factor)
     out, findings = correct_labels(bad)
@@ -70,11 +70,11 @@ def test_weight_mislabelled_in_one_session_is_corrected(share: float, factor: fl
 def test_weight_mislabelled_everywhere_is_reported_where_others_agree() -> None:
     r = simulate_weights()
     out, findings = correct_labels(mislabel_weights(r, of_size(r, 0.5), 1.12))
-    assert len(findings) == 2  # one a session
+    assert len(findings) == 2  # one per session
     assert np.allclose(out.wrench, r.wrench, rtol=0.02)
     once, one = correct_labels(
         mislabel_weights(r, of_size(r, 1.0), 1.12)
-    )  # the heaviest: a softer gear would do the same
+    )  # the largest weight: a softer gear would have the same effect
     assert one == []
     assert once.wrench is not r.wrench
 
@@ -85,7 +85,7 @@ def test_correct_weights_remain_unchanged(concealed: bool, loads: int) -> None:
     r = simulate_weights(concealed=concealed, loads=loads)
     out, findings = correct_labels(r)
     assert (findings, out) == ([], r)
-    whole = mislabel_weights(r, r.session == r.session.max(), 1.12)  # a gain of the session, not a weight
+    whole = mislabel_weights(r, r.session == r.session.max(), 1.12)  # a gain error of the session, not of one weight
     assert correct_labels(whole)[1] == []
 
 

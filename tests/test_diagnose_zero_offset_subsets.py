@@ -19,7 +19,8 @@ ZEROS = [f"joint:{j}" for j in range(1, 7)]
 
 
 def with_zeros(planted: dict[str, float], seed: int) -> tuple[WhitenedModel, list[WhitenedHypothesis]]:
-    """A base of noise; six zero offsets; each frame holds the offset of its joint and five further directions."""
+    """Build a base of noise with six zero offsets; each joint frame contains its zero offset and five other
+    directions."""
     base, _ = model({}, seed)
     rng = np.random.default_rng([seed, 7])
     zero = {place: rng.normal(size=(N, 3, 1)) for place in ZEROS}

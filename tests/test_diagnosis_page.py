@@ -92,7 +92,7 @@ VOCABULARY = {
 
 
 class Balanced(HTMLParser):
-    """Fails on a tag closed out of order and on anything fetched from elsewhere; collects ids, links and text."""
+    """HTML parser that rejects unbalanced tags and external resources; it collects ids, links and text."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -141,10 +141,10 @@ def specs(html: str) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_page_is_self_contained(name: str, tmp_path: Path) -> None:
-    """One file: tags balanced, nothing fetched, every menu entry leads somewhere, every chart has its place."""
+    """One file: balanced tags, no external resources, valid menu links, and a place for each chart."""
     write_diagnosis_page(tmp_path / "report.html", page(name))
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert html == build_diagnosis_html(page(name))  # the same data, the same bytes
+    assert html == build_diagnosis_html(page(name))  # the same data give the same bytes
     observed = Balanced(html)
     assert set(observed.anchors) <= set(observed.ids)
     assert len(observed.ids) == len(set(observed.ids))
@@ -180,12 +180,13 @@ def test_alternative_sets_are_listed_and_drawn() -> None:
     assert "Goes into kinematics.yaml" in text
     assert "38 µm rms still come back in every repeat" in text
     strip = build_machine_strip(made_up.three())
-    assert strip.count("<circle") - strip.count('r="10.5"') == 3 + 3  # three found, and three other places of the sets
+    # three findings, and three other locations in their alternative sets
+    assert strip.count("<circle") - strip.count('r="10.5"') == 3 + 3
     assert strip.count("stroke-dasharray") == 3
 
 
 def test_data_strip_collects_record_findings() -> None:
-    """Rows and columns are one place; two findings of one joint stand side by side."""
+    """Rows and columns of the recording share one mark; two findings of one joint are drawn next to each other."""
     d = made_up.three()
     spoilt = replace(made_up.frame(), effect="outliers", location="rows:1,2", one_of=(("outliers", "rows:1,2"),))
     strip = build_machine_strip(
@@ -202,7 +203,7 @@ def test_data_strip_collects_record_findings() -> None:
 
 
 def of_the_record(explained: float) -> DiagnosisResult:
-    """Only the record is found at fault: nothing of the machine is drawn as an after."""
+    """Return a diagnosis with findings of the recording only; no improvement of the machine model is shown."""
     d = replace(made_up.three(), findings=(made_up.frame(),), verdict="partly_explained", explained=explained)
     return apply_verdict_rules(replace(d, mismatch_p=np.nan))
 
@@ -217,7 +218,7 @@ def test_record_correction_without_improvement_is_no_explanation() -> None:
     assert "EXPLAINED IN PART" not in text
     assert "Held-out error before" not in text
     assert "of the error of the corrected record" in text
-    assert "more than the noise" not in text  # nothing was repeated, so nothing tells noise from mismatch
+    assert "more than the noise" not in text  # without replicates noise and mismatch cannot be separated
     assert "no reading was repeated, so part of it may be noise" in text
 
 
@@ -274,10 +275,10 @@ def test_law_is_drawn_with_the_readings() -> None:
     shown = np.array(by_name["loading"]["y"] + by_name["unloading"]["y"])
     value = (f.curve.per_reading + f.curve_residual)[data.diagnosis.used]
     assert value.max() > 30
-    assert np.abs(shown).max() < 5  # the reading that hardly sees the joint does not flatten the rest
+    assert np.abs(shown).max() < 5  # a reading that hardly depends on the joint does not compress the chart
     left = int(re.search(r"(\d+) readings lie outside", spec["title"])[1])  # type: ignore[index]
-    assert len(shown) + left == len(value)  # none silently dropped
-    # loops of the two branches, as averaged, lie on their sides of the law: readings were made around it
+    assert len(shown) + left == len(value)  # no reading is dropped without a message
+    # the averaged loading and unloading branches lie on their sides of the law, as in the simulated readings
     up, down = by_name["loading, averaged"], by_name["unloading, averaged"]
     assert np.median(up["y"]) > 0.3 > -0.3 > np.median(down["y"])
 
@@ -293,9 +294,10 @@ def test_bins_preserve_the_power() -> None:
     x, r = np.sort(rng.integers(0, 40, 500)).astype(float), rng.normal(size=500)
     at, mean = compute_binned_rms(x, np.abs(r), few=True)
     count = np.array([(x == v).sum() for v in at])
-    assert np.isclose((count * mean**2).sum(), (r**2).sum(), rtol=1e-12)  # a sum in another order
+    assert np.isclose((count * mean**2).sum(), (r**2).sum(), rtol=1e-12)  # the sum in a different order
     middle, height, half = compute_binned_median(x, 2 * x + 0.1 * r)
-    # values stand one apart and slope is 2: the two medians of a bin differ by one step at most, and by 5 σ of 0.022
+    # values are spaced by one and the slope is 2: the two medians of a bin differ by at most one step, plus 5 σ of
+    # 0.022
     assert np.abs(height - 2 * middle).max() < 2.11
     assert (half > 0).all()
 
@@ -308,7 +310,7 @@ def test_groups_are_sorted_worst_first_with_recorded_names() -> None:
     assert before == sorted(before, reverse=True)
     worst = int(np.argmax(data.diagnosis.errors.by_group[:, 0]))
     assert spec["xcats"][0] == str(worst + 1)  # poses of the recording start at 1, groups at 0
-    # µm of a few mm/1000
+    # written in µm from values of some mm/1000
     assert np.isclose(before[0], 1e3 * data.diagnosis.errors.by_group[worst, 0], rtol=1e-5)
 
 
@@ -318,7 +320,7 @@ def test_motion_page_shows_the_affected_joint() -> None:
     assert spec["title"] == "Size of the residual of joint 2 over velocity of joint 2"
     assert "(N·m)" in spec["ylabel"]
     before = next(x for x in spec["layers"] if x["name"] == "rms, before")["y"]
-    # made with 14 N·m of friction and 6 N·m of noise: 15.2; a bin of 30 readings errs by 2 or so
+    # simulated with 14 N·m of friction and 6 N·m of noise: 15.2; a bin of 30 readings has an error of about 2
     assert np.abs(np.array(before) - 15.2).max() < 4
     assert (
         build_axis_chart(
@@ -358,7 +360,8 @@ def test_json_agrees_with_the_contract() -> None:
     assert {"effect": "joint_backlash", "location": "joint:3", "value": 0.11, "unit": "arcmin"}.items() <= next(
         x for x in got["detection_limits"] if (x["effect"], x["location"]) == ("joint_backlash", "joint:3")
     ).items()
-    assert all(isinstance(x["value"], float) for x in got["detection_limits"])  # what has no limit stands elsewhere
+    # effects without a limit are listed in not_testable
+    assert all(isinstance(x["value"], float) for x in got["detection_limits"])
     assert got["not_testable"]
     assert isinstance(got["next_experiment"], str)
     assert (got["model"], got["kinematics"]) == ("stiffness.yaml", "kinematics.yaml")
@@ -367,7 +370,7 @@ def test_json_agrees_with_the_contract() -> None:
 
 
 def test_named_effect_is_first_in_its_set() -> None:
-    """Even where an engine leaves it out or puts it last."""
+    """Also if the engine omits it or puts it last."""
     f = replace(made_up.link(), one_of=(("tool_compliance", "tool"), ("link_compliance", "link:4")))
     got = build_diagnosis_document(
         CELL, made_up.recording(), replace(made_up.explained(), findings=(f,))
@@ -436,7 +439,7 @@ def test_foreign_text_is_escaped() -> None:
 
 
 def test_every_word_of_the_vocabulary_has_a_name() -> None:
-    unnamed = {"kinematic_correction"}  # written into kinematics.yaml, never a finding
+    unnamed = {"kinematic_correction"}  # written to kinematics.yaml, never a finding
     assert {e.file_word for e in registry.EFFECTS.values()} == VOCABULARY | unnamed
     assert format_effect_at_place("joint_hysteresis", "joint:3") == "hysteresis of joint 3"
     assert format_effect_at_place("joint_coupling", "joint:4-5") == "coupling of joints 4 and 5"
@@ -509,7 +512,7 @@ def test_shares_of_the_mismatch_are_sorted_bars() -> None:
 
 
 def test_narrow_page_shows_the_same_as_the_wide_one() -> None:
-    """Every part, share and mark of the strip stands on the column, too, and no two of its lines overlap."""
+    """The column shows every part, share and mark of the strip, and no two of its lines overlap."""
     for d in (made_up.three(), made_up.explained(), made_up.unexplained()):
         strip, column = build_machine_strip(d), build_machine_column(d)
         numbers = re.compile(r'font-weight="(\d+)" fill="#\w+">(\d+)<')
@@ -589,7 +592,7 @@ def test_command_passes_options_on_and_every_verdict_is_success(
         overwrite=True,
     )
     assert observed == [expected]
-    assert len(fields(DiagnoseRequest)) == 13  # no option is dropped on the way
+    assert len(fields(DiagnoseRequest)) == 13  # no option is omitted
     args = parser.parse_args([*typed.split(), "--json"])
     assert args.run(args) == 0
     assert json.loads(capsys.readouterr().out)["verdict"] == getattr(made_up, verdict)().verdict
@@ -605,7 +608,7 @@ def test_residuals_are_drawn_at_the_arm_before_and_after() -> None:
     d, postures = data.diagnosis, view["postures"]
     assert len(postures["names"]) == len(np.unique(data.pose[d.used]))
     before, after = postures["vectors"]
-    assert before["length"] == after["length"]  # one scale, or the picture would hide the gain
+    assert before["length"] == after["length"]  # the same scale; otherwise the picture would hide the improvement
     red, green = postures["needles"]
     at = [np.frombuffer(base64.b64decode(n["at"]), "<f4").reshape(-1, 3) for n in (red, green)]
     observed = d.used & np.isfinite(d.errors.residual[:, :3]).all(axis=1)

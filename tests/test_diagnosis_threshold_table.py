@@ -22,7 +22,7 @@ def test_every_threshold_has_meaning_and_origin() -> None:
     assert 50 < len(rows) <= 80
     for row in rows:
         assert row.meaning
-        assert row.value == row.value  # a number
+        assert row.value == row.value  # not NaN
         assert row.origin.method in ("measured", "statistics", "published", "judgement")
         if row.origin.method == "measured":
             assert (ROOT / row.origin.script).is_file()
@@ -31,7 +31,7 @@ def test_every_threshold_has_meaning_and_origin() -> None:
 
 
 def test_statistical_thresholds_are_recomputed() -> None:
-    """Whatever else is a choice, and says so."""
+    """All other thresholds are choices, and their origin says so."""
     follows = {
         "levels.gain_two_sigma": 2.0**2,
         "levels.gain_three_sigma": 3.0**2,
@@ -62,10 +62,10 @@ def test_script_prints_the_table() -> None:
         assert f"{row.concern.lower()}.{row.name}" in output
 
 
-NO_DECISION = {  # constants beside the computation: guards against rounding, units, steps, ends of grids, a stated load
+NO_DECISION = {  # constants that decide nothing: guards against rounding, units, steps, grid ends, a stated load
     "dynamic.friction.REVERSAL_WIDTH_FACTOR",
-    "discrimination.required_measurements.POSE_GROWTH",  # of a search for a plan that is large enough
-    "discrimination.required_measurements.HARDER_FORM_SHARE",  # which forms of a rival are followed for it
+    "discrimination.required_measurements.POSE_GROWTH",  # step of the search for a sufficiently large plan
+    "discrimination.required_measurements.HARDER_FORM_SHARE",  # which forms of a rival are simulated
     "static.measured_pose_hypothesis_catalogue.ROUNDING",
     "static.load_test_channel.RIGID",
     "static.bearing_tilt.ANY_DIRECTION",
@@ -82,7 +82,7 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
     "model_selection.search.shape_refinement.NARROW",
     "model_selection.search.shape_refinement.NARROWER",
     "model_selection.search.progress_messages.REPORT_INTERVAL",
-    "statistics.fold_rows.MAX_PADDING",  # how products are computed, not which
+    "statistics.fold_rows.MAX_PADDING",  # affects only the speed of the products
     "statistics.normal_equations_by_fold.MIN_COLUMN_SQUARE",
     "statistics.normal_equations_by_fold.RIDGE",
     "dynamic.time_delays.LONGEST",
@@ -105,7 +105,8 @@ NO_DECISION = {  # constants beside the computation: guards against rounding, un
 
 
 def test_module_constants_that_decide_are_thresholds() -> None:
-    """A float of a module is a threshold, of ``thresholds.py``, unless this list says that it decides nothing."""
+    """A float constant of a module is a threshold in ``thresholds.py``, unless this list states that it decides
+    nothing."""
     folder = ROOT / "machopt" / "measurement" / "diagnosis"
     found = set()
     for path in sorted(folder.rglob("*.py")):
@@ -117,7 +118,7 @@ def test_module_constants_that_decide_are_thresholds() -> None:
     assert found == NO_DECISION
 
 
-IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's own, words
+IN_THE_OPEN = {  # literals in comparisons: rounding, constants of a calculation, text formatting
     ("discrimination/required_measurements.py", 4.0): "variance of a sum, worked out",
     ("statistics/whitening.py", 1e-6): "rounding of singular values",
     ("dynamic/secondary_encoder_channel.py", 1e-6): "a constant column",
@@ -136,7 +137,7 @@ IN_THE_OPEN = {  # numbers that a line compares with: rounding, a computation's 
 
 
 def test_comparisons_use_named_thresholds() -> None:
-    """What decides has a name and a row in the table; zero, one and a factor two are no thresholds."""
+    """Every decision threshold has a name and a row in the table; zero, one and a factor of two are no thresholds."""
     folder = ROOT / "machopt" / "measurement" / "diagnosis"
     found = set()
     for path in sorted(folder.rglob("*.py")):
@@ -157,9 +158,10 @@ def _pairs(target: ast.expr, value: ast.expr) -> list[tuple[str, ast.expr]]:
 
 
 def _float(value: ast.expr) -> bool:
-    """A number with a point, alone, negative, or inside a call or a product: ``np.radians(1.0)``."""
+    """Return whether the value contains a float literal, alone, negative, or in a call or a product:
+    ``np.radians(1.0)``."""
     if isinstance(value, ast.Tuple | ast.List | ast.Dict):
-        return False  # grids and tables
+        return False  # grids and tables are no thresholds
     return any(isinstance(n, ast.Constant) and isinstance(n.value, float) for n in ast.walk(value))
 
 
