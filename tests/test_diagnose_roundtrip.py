@@ -1,4 +1,4 @@
-"""Round trip of diagnose: a cell with the written findings leaves nothing to be found, channel by channel."""
+"""Round trip of diagnose: with the written findings in the cell, no finding remains, for each channel."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from machopt.measurement.diagnosis.static import measured_pose_hypothesis_catalo
 from machopt.measurement.recording import write_recording
 from machopt.numerics.array_types import Array
 
-__all__ = ["toy"]  # a fixture
+__all__ = ["toy"]  # a pytest fixture
 NO_FILE = {
     "payload",
     "joint_friction",
@@ -58,21 +58,21 @@ TRACKED = six_joints()[0].folder
 
 @dataclass(frozen=True)
 class Noted:
-    """What a diagnosis is looked at for."""
+    """Stub of a diagnosis result."""
 
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ("before",)
 
 
 class _Bare:
-    """A problem whose base takes up nothing."""
+    """A problem whose base explains nothing."""
 
     def __init__(self, n: int) -> None:
         self.base = np.zeros((n, 6, 1))
 
 
 def test_pose_finding_equals_the_written_stiffness_term() -> None:
-    """Every elastic law in its every shape: column times coefficient, and the term that is written of them."""
+    """For every elastic law and shape: columns times coefficients equal the displacement of the written term."""
     cell = load_cell(CELL)
     q = poses()[:20]
     load = np.random.default_rng(1).normal(size=(20, 6)) * np.array([500, 500, 500, 80, 80, 80.0])
@@ -102,7 +102,7 @@ def test_pose_finding_equals_the_written_stiffness_term() -> None:
 
 
 def simulate_vertical_joint(folder: Path) -> tuple[Recording, Array, object]:
-    """One joint without weight, swung by a series; its load, and the cell."""
+    """Return the Fourier-series motion of one joint without weight, its load and the cell."""
     rng = np.random.default_rng(7)
     turned = np.eye(4)
     turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
@@ -113,7 +113,7 @@ def simulate_vertical_joint(folder: Path) -> tuple[Recording, Array, object]:
 
 
 def test_motion_finding_equals_the_written_stiffness_term(tmp_path: Path) -> None:
-    """Every law of one joint's torque, memory included."""
+    """Every law of a single joint's torque, including laws with memory."""
     recording, load, cell = simulate_vertical_joint(tmp_path)
     other = replace(recording, q_secondary=recording.q + load / 2e6)
     problem, catalogue, _, _ = motion_channels.build_motion_problem(other, cell, "link", np.random.default_rng(0))  # type: ignore[arg-type]
@@ -135,7 +135,7 @@ def test_motion_finding_equals_the_written_stiffness_term(tmp_path: Path) -> Non
 
 
 def test_user_effect_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
-    """From link-side encoders, written as a term, and known it leaves nothing."""
+    """The effect is found from link-side encoders and written as a term; with the term in the cell nothing is found."""
     recording, load, cell = simulate_vertical_joint(tmp_path)
     law, shape = TOY.joint_laws[0], np.array([0.3 * np.abs(load).max()])
     more = 2e-6 * law.columns(shape, JointLoading(load[:, 0]))
@@ -162,9 +162,10 @@ def test_user_effect_is_found_in_a_motion(toy: object, tmp_path: Path) -> None:
 
 
 def test_terms_not_used_by_a_channel_are_reported() -> None:
-    """A link's term in a motion, a balancer's in poses: nobody may read that they were taken off.
+    """A link term in motions, or a balancer term in poses, has no effect there; no message may state that it was
+    compensated.
 
-    What a balancer carries no gear and no motor of a motion does.
+    The torque of a balancer loads neither the gear nor the motor in a motion.
     """
     play = StiffnessTerm("joint_backlash", "joint:2", {"half_gap_arcmin": 1.0})
     link = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 1e7})
@@ -195,7 +196,8 @@ def test_terms_not_used_by_a_channel_are_reported() -> None:
 
 
 def moving() -> Recording:
-    """All that a motion can show of the shipped arm, without any effect: joints, their far sides, torques, the TCP."""
+    """Simulate all channels of a motion of the shipped arm without any effect: joints, link-side encoders, torques,
+    TCP."""
     cell, rng = load_cell(CELL), np.random.default_rng(11)
     assert cell.stiffness is not None
     t, q, v, a = build_fourier_motion(6, rng, periods=2, rate=50.0)
@@ -209,7 +211,7 @@ def moving() -> Recording:
 
 @pytest.mark.parametrize("channel", ["link", "tip", "torque"])
 def test_motion_findings_are_compensated_by_a_cell_that_contains_them(channel: motion_channels.MotionChannel) -> None:
-    """Over the registry: what goes into a file moves the readings of a cell that holds it as the law's columns do."""
+    """For every effect of the registry: a correction in the cell changes the readings by the columns of its law."""
     cell, recording = load_cell(CELL), moving()
     assert cell.stiffness is not None
     cell = replace(cell, stiffness=replace(cell.stiffness, terms=()))
@@ -224,7 +226,7 @@ def test_motion_findings_are_compensated_by_a_cell_that_contains_them(channel: m
     observed: dict[str, str] = {}
     for h in catalogue.hypotheses:
         if (h.effect, h.law) in observed.items():
-            continue  # one joint a law
+            continue  # one joint per law
         columns = h.columns(h.shapes[-1])
         size = 30.0 if channel == "torque" else 1e-5  # N·m; rad or m
         x = size / np.abs(columns).max(axis=(0, 1)) * np.arange(1.0, columns.shape[2] + 1.0)
@@ -235,18 +237,18 @@ def test_motion_findings_are_compensated_by_a_cell_that_contains_them(channel: m
         elastic = isinstance(found, StiffnessTerm)
         less, _ = made((found,) if elastic else (), None if elastic else KinematicCorrections((found,)))
         off, moved = problem.y - less.y, columns @ x
-        # of the tip springs are fitted first, and torques are weighted by a noise that is estimated anew
+        # for the TCP, springs are fitted first; torques are weighted by a newly estimated noise
         assert np.abs(off - moved).max() < (0.05 if channel != "link" else 1e-6) * np.abs(moved).max(), h.law
         observed[h.effect] = h.law
     wanted = {"torque": {"gravity_compensator"}}.get(channel, {"joint_backlash", "joint_creep", "transmission_error"})
     assert wanted <= set(observed)
 
 
-# --- whole commands -----------------------------------------------------------------------------------------
+# --- complete commands --------------------------------------------------------------------------------------
 
 
 def simulate_one_sided_joint() -> Recording:
-    """Poses of an arm whose joint 3 is softer on one side: a cos q₃ τ₃ under weight; noise 20 µm."""
+    """Simulate poses of an arm whose joint 3 is softer on one side: a sin(2 q₃) τ₃ under weight; noise 20 µm."""
     cell, robot, masses = six_joints()
     assert cell.stiffness is not None
     a = 0.5 / cell.stiffness.joints[2]
@@ -261,7 +263,8 @@ def simulate_one_sided_joint() -> Recording:
 
 
 def simulate_backlash_motion() -> Recording:
-    """Link-side encoders of an arm in motion with play at joint 1, which no weight holds to one side; noise 50 µrad."""
+    """Simulate link-side encoders of a moving arm with a play operator at joint 1, which weight does not load to one
+    side; noise 50 µrad."""
     cell = load_cell(CELL)
     assert cell.stiffness is not None
     rng = np.random.default_rng(3)
@@ -288,7 +291,8 @@ def simulate_backlash_motion() -> Recording:
     ],
 )
 def test_written_finding_in_the_cell_leaves_nothing(make: object, cell: Path, found: str, tmp_path: Path) -> None:
-    """Through the commands: diagnose, its stiffness.yaml into the cell, map takes it, diagnose names nothing more."""
+    """With the commands: diagnose, copy its stiffness.yaml into the cell, run map, and diagnose again without a
+    finding."""
     write_recording(tmp_path / "rec", make())  # type: ignore[operator]
     shutil.copytree(cell, tmp_path / "cell")
     words = ["--quiet", "-o"]
@@ -306,5 +310,5 @@ def test_written_finding_in_the_cell_leaves_nothing(make: object, cell: Path, fo
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
     assert again["verdict"] == "consistent"
     assert not [f for f in again["findings"] if f["effect"] != "geometric_stiffness"]
-    if "geometric_stiffness" in {t.effect for t in written.terms}:  # what the cell states is nothing to find
+    if "geometric_stiffness" in {t.effect for t in written.terms}:  # K_C that the cell states is no finding
         assert again["findings"] == []

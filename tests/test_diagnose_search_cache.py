@@ -24,7 +24,7 @@ from machopt.measurement.diagnosis.static.load_test_diagnosis import LoadTestDia
 from machopt.numerics.array_types import Array
 
 TERM = StiffnessTerm("link_compliance", "link:2", {"GJ_Nm2": 4.0e6, "length_mm": 1050.0})
-WRITTEN = {"progress", "searches", "predicted", "is_static", "unstated"}  # options that no search depends on
+WRITTEN = {"progress", "searches", "predicted", "is_static", "unstated"}  # options that do not affect the search
 RESULTS = {"tcp_findings"}
 
 
@@ -58,7 +58,7 @@ def shift(array: Array, by: float = 1e-9) -> Array:
 
 @cache
 def list_changed_inputs() -> dict[str, Callable[[LoadTestDiagnosis], Hashable]]:
-    """One change of every input, as small as a file can state it."""
+    """Change each input by the smallest amount that a file can contain."""
 
     def changed(**what: Any) -> Callable[[LoadTestDiagnosis], Hashable]:
         return lambda d: build_key(replace(d, **what))
@@ -99,12 +99,12 @@ def list_changed_inputs() -> dict[str, Callable[[LoadTestDiagnosis], Hashable]]:
 def test_every_input_changes_the_key(name: str) -> None:
     key = build_key(build_diagnosis())
     assert key is not None
-    assert build_key(build_diagnosis()) == key  # other objects of the same content
+    assert build_key(build_diagnosis()) == key  # other objects with the same content
     assert list_changed_inputs()[name](build_diagnosis()) != key
 
 
 def test_every_input_field_is_covered() -> None:
-    """A new field needs a changed input above, or a reason here."""
+    """A new field needs a changed input above, or an entry in the exceptions."""
     tried = set(list_changed_inputs())
     assert {f.name for f in fields(LoadTestDiagnosis)} - RESULTS - {"recording"} <= tried
     assert {f.name for f in fields(selection_pipeline.DiagnosisOptions)} == WRITTEN | {"max_effects"}

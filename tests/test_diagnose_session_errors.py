@@ -1,4 +1,4 @@
-"""Faults of a single session or pose are corrected by the other sessions; most of a session is no outlier."""
+"""Errors of a single session or pose are corrected with the other sessions; a majority of a session is no outlier."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CELL = "kr240_drilling"
 def simulate_correct_sessions(
     sessions: int = 2, frame: str = "base", moment: float = 0.0, concealed: bool = True
 ) -> Recording:
-    """Forces of 1.5 kN at 10 poses; a backlash of half an arcmin that no spring explains."""
+    """Simulate forces of 1.5 kN at 10 poses; a backlash of 0.5 arcmin that the springs cannot explain."""
     rng = np.random.default_rng(5)
     a = arm(CELL)
     truth = HiddenEffects(
@@ -104,7 +104,7 @@ def test_session_in_another_convention_is_corrected(name: str) -> None:
 
 @pytest.mark.parametrize(("length", "force"), [(25.4, 4.44822), (10.0, 4.44822)])
 def test_session_in_other_length_and_force_units_is_corrected(length: float, force: float) -> None:
-    """An imperial lab writes inches and pounds: neither alone brings the session to the others."""
+    """A session in inches and pounds: neither correction alone makes the session agree with the others."""
     r = simulate_correct_sessions(concealed=False)
     rows = r.session == 1
     bad = spoilt(spoilt(r, "displacement", lambda v: v / length, rows), "wrench", lambda v: forces(v, 1 / force), rows)
@@ -117,7 +117,7 @@ def test_session_in_other_length_and_force_units_is_corrected(length: float, for
 
 @pytest.mark.parametrize(("share", "said"), [(1.0, False), (1.02, False), (1.12, True), (0.9, True)])
 def test_session_with_a_force_gain_is_reported_with_its_size(share: float, said: bool) -> None:
-    """12 % passed for scatter of the force, in silence: "consistent", "explained"."""
+    """A gain error of 12 % was treated as scatter of the force without a message: "consistent", "explained"."""
     cell = load_cell(CELLS / CELL)
     r = simulate_correct_sessions(concealed=False)
     bad = spoilt(r, "wrench", lambda v: forces(v, share), r.session == r.session.max())
@@ -235,7 +235,7 @@ def test_far_rotated_tracker_is_a_frame_and_a_mirrored_one_is_not() -> None:
 
 
 def build_small_problem(N: int = 24, stated: float | None = 1e-5, scale: float | None = None) -> DiagnosisProblem:
-    """Six poses, twice a session, two sessions; every reading has twins."""
+    """Build six poses, each measured twice in each of two sessions; every reading has replicates."""
     pose = np.tile(np.repeat(np.arange(N // 4), 2), 2)
     session = np.repeat([0, 1], N // 2)
     visit = session * 100 + pose
@@ -266,18 +266,19 @@ def test_few_rows_are_outliers_but_repeated_deviations_are_not() -> None:
     one[5] += 1e-3
     assert np.flatnonzero(~outlier_rejection.find_inlier_readings(p, one)).tolist() == [5]
     modelled = np.zeros((24, 3))
-    modelled[5] = 6e-3  # what a law moves there, which is not exact
+    modelled[5] = 6e-3  # displacement by a law, which is not exact
     assert outlier_rejection.find_inlier_readings(p, one, modelled).all()
     one[5] += 5e-3
     assert np.flatnonzero(~outlier_rejection.find_inlier_readings(p, one, modelled)).tolist() == [5]
     session = e.copy()
-    session[12:20] += rng.choice([-1, 1], (8, 1)) * 1e-3  # eight of the twelve, each its own way
+    session[12:20] += rng.choice([-1, 1], (8, 1)) * 1e-3  # eight of the twelve readings, in random directions
     assert outlier_rejection.find_inlier_readings(p, session).all()
     again = e.copy()
     again[[4, 16]] += 1e-3  # the same pose in both sessions
     assert outlier_rejection.find_inlier_readings(p, again).all()
     lean = e.copy()
-    lean[[12, 14, 15, 17, 20]] += np.array([0.0, 0.0, -1e-3])  # five of the second session, all one way: a floor
+    # five readings of the second session in one direction: a repeatable deviation
+    lean[[12, 14, 15, 17, 20]] += np.array([0.0, 0.0, -1e-3])
     assert outlier_rejection.find_inlier_readings(p, lean).all()
 
 
@@ -299,12 +300,13 @@ def test_load_columns_of_noise_count_as_zero() -> None:
     assert np.array_equal(received.wrench[:, :3], w[:, :3])
     assert len(output) == 1
     w = w.copy()
-    w[r.pose == 2, 3] += 40.0  # a true moment in a tenth of the readings
+    w[r.pose == 2, 3] += 40.0  # a real moment in a tenth of the readings
     received, _ = load_resolution.discard_noise_components(replace(stated, wrench=w))
     assert received.wrench is not None
     assert received.wrench[:, 3].any()
     unstated = replace(noisy, uncertainty=StandardUncertainty())
-    received, _ = load_resolution.discard_noise_components(unstated)  # its repeats tell what nobody stated
+    # the replicates show the uncertainty that is not stated
+    received, _ = load_resolution.discard_noise_components(unstated)
     assert received.wrench is not None
     assert not received.wrench[:, 3:].any()
     once = replace(unstated, pose=np.arange(len(unstated)))
@@ -314,7 +316,7 @@ def test_load_columns_of_noise_count_as_zero() -> None:
 
 
 def test_sideways_noise_of_a_hanging_weight_is_no_load() -> None:
-    """Without a stated uncertainty the repeats of a pose show that nothing but noise stands in a column."""
+    """Without a stated uncertainty, the replicates of a pose show that a column contains only noise."""
     rng = np.random.default_rng(2)
     r = simulate_correct_sessions()
     assert r.wrench is not None
@@ -337,7 +339,7 @@ def test_loads_within_sensor_noise_are_equal() -> None:
     assert (load_resolution.compute_load_tolerance(np.zeros(2), 0.08, StandardUncertainty()) > 0).all()
 
 
-# what is said --------------------------------------------------------------------------------------------------
+# messages ------------------------------------------------------------------------------------------------------
 
 
 def test_impossible_instrument_readings_are_reported() -> None:
@@ -364,7 +366,7 @@ def test_impossible_instrument_readings_are_reported() -> None:
     assert (
         instrument_uncertainty_check.check_stated_uncertainty(build_small_problem(scale=0.05), poor, noise, used)
         is None
-    )  # a soft arm: 1 % of 50 mm
+    )  # a compliant arm: 1 % of 50 mm
 
 
 def test_negative_matrix_entry_does_not_make_a_body_infinitely_soft() -> None:

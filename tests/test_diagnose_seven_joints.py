@@ -45,7 +45,8 @@ def test_kinematics_and_gravity_of_seven_joints_agree_with_pinocchio(tmp_path: P
 
 
 def test_zero_offsets_of_seven_joints_are_named_and_their_files_explain_the_poses(tmp_path: Path) -> None:
-    """The written files are the judged model: a cell with them leaves the stated error and names nothing."""
+    """The written files equal the assessed model: with them in the cell the stated error remains and nothing is
+    named."""
     cell = write_seven_joint_cell(tmp_path / "cell")
     arm = SevenJointArm(SPRINGS, np.radians(OFFSETS_DEG))
     recording = record_poses(arm, tmp_path / "poses", np.random.default_rng(1))
@@ -76,7 +77,8 @@ def test_springs_of_seven_joints_are_identified_from_load_tests(tmp_path: Path) 
     found = json.loads((out / "identification.json").read_text())
     assert [j["joint"] for j in found["joints"]] == list(range(1, 8))
     assert [j["identified"] for j in found["joints"]] == [True] * 6 + [False]  # the TCP lies on the axis of joint 7
-    for joint, true in zip(found["joints"][:6], SPRINGS[:6], strict=True):  # one sigma is at most 0.4 % by the design
+    # the standard error of this design is at most 0.4 %
+    for joint, true in zip(found["joints"][:6], SPRINGS[:6], strict=True):
         assert abs(joint["k_Nm_per_rad"] / true - 1.0) < 0.02
     (cell / "stiffness.yaml").write_text((out / "stiffness.yaml").read_text())
     left = diagnose(cell, recording, tmp_path / "diagnosed")  # the springs are soft: loads change their own levers
@@ -167,7 +169,7 @@ def test_torques_of_a_real_arm_of_seven_joints_are_diagnosed(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
 def test_column_of_a_missing_joint_is_refused(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Seven columns for an arm of six joints, and six for one of seven."""
+    """Seven columns for a six-joint arm, and six columns for a seven-joint arm."""
     seven = write_seven_joint_cell(tmp_path / "seven")
     recording = record_load_tests(SevenJointArm(SPRINGS, STRAIGHT), tmp_path / "loads", np.random.default_rng(3), 4)
     six = tmp_path / "six"

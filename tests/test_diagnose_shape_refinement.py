@@ -44,13 +44,13 @@ SIGMA = 1e-3
 
 
 def estimate_step(x: Array, true: float, seed: int, size: float = 8.0) -> tuple[float, EstimatedValue]:
-    """A step of readings (N,) at x beyond ``true``: where it is said to lie, and its interval."""
+    """Return the estimated position of a step of readings (N,) at x = ``true``, and its interval."""
     base, found = fit_step(x, true, seed, size)
     return found.whitened.shapes[found.scored.shape][0], estimate_parameters(base, [found], 0, [found.whitened])["at"]
 
 
 def fit_step(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedModel, SelectedEffect]:
-    """The base, and a step of ``size`` times the noise as it is settled beside that."""
+    """Return the base, and the refined fit of a step with a height of ``size`` times the noise."""
     rng, n = np.random.default_rng(seed), len(x)
     at = np.arange(n)
     problem = DiagnosisProblem(
@@ -94,7 +94,7 @@ def fit_step(x: Array, true: float, seed: int, size: float) -> tuple[WhitenedMod
 
 @pytest.mark.parametrize("true", [0.83, 0.87, 0.97, 1.03])
 def test_interval_of_a_step_reaches_both_neighbouring_readings(true: float) -> None:
-    """Readings stand at every twentieth: of what lies between two of them nothing says more."""
+    """Readings are 0.05 apart: they contain no information about the position between two of them."""
     x = np.repeat(np.arange(0.0, 2.0, 0.05), 30)
     value, output = estimate_step(x, true, 1)
     low, high = (0.05 * f(true / 0.05) for f in (np.floor, np.ceil))
@@ -104,7 +104,7 @@ def test_interval_of_a_step_reaches_both_neighbouring_readings(true: float) -> N
 
 
 def test_interval_of_a_smooth_shape_ends_at_equal_likelihood() -> None:
-    """Readings everywhere: the interval is as wide as a reading or two, the truth in it."""
+    """Uniformly distributed readings: the interval is one or two readings wide and contains the true value."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
     _, output = estimate_step(x, 0.9, 2)
     assert output.ci95[0] <= 0.9 <= output.ci95[1]
@@ -113,7 +113,7 @@ def test_interval_of_a_smooth_shape_ends_at_equal_likelihood() -> None:
 
 @pytest.mark.parametrize("true", [0.6, 0.97, 1.4])
 def test_interval_ends_by_likelihood_not_by_the_grid(true: float) -> None:
-    """Of a step of four tenths of the noise hardly anything is known to better than a step of the grid."""
+    """A step of 0.4 times the noise cannot be located better than a grid step."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 400)
     for seed in range(30):
         base, found = fit_step(x, true, seed, 0.4)
@@ -131,12 +131,12 @@ def test_interval_ends_by_likelihood_not_by_the_grid(true: float) -> None:
             base, whiten_hypotheses(base, [replace(h, shapes=((law.shapes[found.scored.shape]), *fine))])[0]
         )
         least = gain[0] - compute_likelihood_margin(h) * max((base.rss - gain[0]) / (len(base.y) - base.count - 1), 1.0)
-        assert gain[1:22].min() <= least, seed  # within a twentieth of a step of the grid
+        assert gain[1:22].min() <= least, seed  # within a twentieth of a grid step
         assert gain[22:].min() <= least, seed
 
 
 def test_interval_truncated_by_the_law_range_is_marked() -> None:
-    """No reading lies below a third of the largest x: of what is beyond nothing tells."""
+    """No reading lies below a third of the largest x, so the data contain no information beyond that."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
     _, found = fit_step(np.where(x < 0.7, 0.2, x), 0.4, 1, 8.0)
     assert CUT_INTERVAL_NOTE in found.whitened.hypothesis.note
@@ -144,7 +144,7 @@ def test_interval_truncated_by_the_law_range_is_marked() -> None:
 
 
 def test_equivalent_shapes_are_judged_by_absolute_loss() -> None:
-    """A millionth of a gain of ten millions is more than another shape may be worse."""
+    """A relative tolerance of one millionth of a gain of 1e7 exceeds the loss that an equivalent shape may have."""
     observed = {(1.0,): 1e7, (1.1,): 1e7 - 9.0, (1.2,): 1e7 - 9.5}
     assert max(observed.values()) * GAIN_ROUNDING > 9.5
     assert _select_middle_shape(list(observed), observed) == (1.0,)
@@ -158,7 +158,7 @@ def test_cached_waves_equal_computed_ones() -> None:
 
 
 def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
-    """A soft sector: its grid knew five places and three widths, and intervals had no width at all."""
+    """A soft sector with a grid of five centers and three widths; intervals had zero width."""
     grid = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 5) for w in (0.15, 0.3, 0.6))
     finer = build_two_number_refinement(grid)
     assert finer is not None
@@ -176,12 +176,13 @@ def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
             low, high = output[name].ci95
             assert 0.0 < high - low < 0.5
             fixed[n] += low <= true[n] <= high
-    assert (fixed >= 0.85 * draws).all()  # of 95 %: 34 and fewer of 40 in one draw of 600
+    assert (fixed >= 0.85 * draws).all()  # of 95 %: 34 or fewer of 40 in one of 600 draws
 
 
 @pytest.mark.parametrize("seed", range(30))
 def test_shape_at_the_end_of_the_joint_range_is_valid(seed: int) -> None:
-    """The width of a soft sector went through zero, as one of −w looks alike; its centre left the joint's range."""
+    """The width of a soft sector passed through zero, because width −w gives the same shape; its center left the
+    joint range."""
     rng = np.random.default_rng(seed)
     poses = rng.uniform(-1.2, 1.2, 14)
     low, high = float(poses.min()), float(poses.max())
@@ -213,7 +214,7 @@ def test_nonproduct_grid_is_not_refined() -> None:
 def _bump(
     x: Array, y: Array, grid: tuple[Shape, ...], finer: ShapeRefinement
 ) -> tuple[WhitenedModel, EffectHypothesis]:
-    """The base, and the law of a bump."""
+    """Return the base and the law of a bump."""
     n = len(x)
     at = np.arange(n)
     problem = DiagnosisProblem(

@@ -28,7 +28,7 @@ def at_arm(
 
 
 def shift_rows(r: Recording, first: int, last: int, by: int) -> Recording:
-    """Rows first … last − 1 with the displacement of the row before or after them."""
+    """Give rows first … last − 1 the displacement of the row ``by`` rows before (after, if negative)."""
     values = r.displacement.copy()
     values[first:last] = r.displacement[first - by : last - by]
     return replace(r, displacement=values)
@@ -53,19 +53,19 @@ def test_shifted_rows_are_corrected_and_listed(first: int, last: int, by: int) -
 @pytest.mark.parametrize("sessions", [1, 2])
 @pytest.mark.parametrize("deleted", [5, 20, 60, 90])
 def test_deleted_cell_shifts_all_following_rows(sessions: int, deleted: int) -> None:
-    """Most rows are wrong then, and only the moved record says what fits."""
+    """Most rows are wrong then; only shifting the displacements makes them agree."""
     r = simulate_correct_sessions(sessions=sessions)
     values = r.displacement.copy()
     values[deleted:] = np.roll(r.displacement[deleted:], -1, axis=0)
     out, (finding,) = at_arm(replace(r, displacement=values))
     away = shifted_rows.find_lost_rows([finding], len(r))
     retained = ~away
-    retained[-1] = False  # the file's end, where another's reading stands
+    retained[-1] = False  # last row of the file, which contains the reading of another row
     assert away.sum() == 1
     assert away[max(deleted - 1, 0) : deleted + 2].any()
     wrong = np.linalg.norm(out.displacement - r.displacement, axis=1)[:, None][retained]
     noise = 4.0 * 15e-6
-    assert (wrong > noise).sum() <= 1  # of two neighbours that are alike either may be the one
+    assert (wrong > noise).sum() <= 1  # of two similar adjacent rows, either may be reported
 
 
 def test_shift_over_two_sessions_is_reported_by_rows() -> None:

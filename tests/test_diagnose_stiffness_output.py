@@ -32,7 +32,7 @@ LINK = StiffnessTerm("link_compliance", "link:3", {"EI_Nm2": 1e7})
 
 
 def build_diagnosis(joints: dict[int, float], terms: tuple[StiffnessTerm, ...], sigma: float = 0.1) -> DiagnosisResult:
-    """Only what is looked at: compliances under the names of a motion's channel, and findings."""
+    """Build a diagnosis with the fields that are read: compliances with the names of a motion channel, and findings."""
     other = BaseCoefficient(BaseUnknown(name="offset 1", unit="rad", location="joint:1"), 0.0, 1e-3, 1e-5)
     springs = [
         BaseCoefficient(
@@ -105,7 +105,7 @@ def test_keys_name_single_joints() -> None:
 
 
 def test_rigid_beam_remains_rigid(tmp_path: Path) -> None:
-    """Zero is a finding; it must not come back as a term that is still to be fitted."""
+    """A compliance of zero is a result; it must not be read back as a term that is still to be fitted."""
     robot, tool = load_robot(CELL), CELL.tool.T_flange_tcp
     beam = build_fitted_term("link_compliance", "link:2", robot, tool).with_values(np.zeros(2))
     file = tmp_path / "stiffness.yaml"
@@ -121,16 +121,17 @@ KNEE = StiffnessTerm(
 )
 DRAG = StiffnessTerm(
     "joint_hysteresis", "joint:3", {"law": "bouc_wen", "drag_arcmin": 10.0, "reach_Nm": 100.0, "beta": 0.6}
-)  # takes 29 rad/(MN·m)
+)  # reduces the compliance by 29 rad/(MN·m)
 
 
 @pytest.mark.parametrize("soft", [KNEE, DRAG], ids=lambda t: str(t.parameters["law"]))
 def test_finding_that_moves_against_its_load_is_not_written(soft: StiffnessTerm) -> None:
-    """What is written the planner takes: the joint keeps the spring that fits without it, other findings stay."""
+    """Only terms that the planner accepts are written: the joint gets the stiffness fitted without the term, other
+    findings remain."""
     made = build_extended_stiffness(CELL, build_diagnosis({2: 1e-6, 3: 2e-6}, (soft, LINK)))
     assert made.after is not None
     assert made.after.terms == (LINK,)
-    assert made.after.joints[1:3] == pytest.approx([1e6, 2.5e5])  # of joint 3 the fit without it
+    assert made.after.joints[1:3] == pytest.approx([1e6, 2.5e5])  # joint 3 from the fit without the term
     assert made.withheld == (soft,)
     (output,) = made.notes
     assert re.match(r"(nonlinear stiffness|hysteresis) of joint 3 is not in stiffness.yaml", output)
@@ -146,7 +147,8 @@ def test_finding_that_moves_against_its_load_is_not_written(soft: StiffnessTerm)
 
 
 def test_matrix_with_a_negative_eigenvalue_is_not_written() -> None:
-    """A matrix fitted to noise may have a negative eigenvalue: no file may hold it; the diagnosis is told."""
+    """A matrix fitted to noise may have a negative eigenvalue: it is not written to a file, and the diagnosis gets a
+    note."""
     C = np.diag([1e-9, 1e-9, 0.0, 1e-6, -1e-6, 0.0]).tolist()
     wrong = StiffnessTerm("tool_compliance", "tool", {"compliance": C})
     own = replace(wrong, parameters={"compliance": np.diag([1e-9] * 3 + [1e-7] * 3).tolist()})
@@ -155,7 +157,7 @@ def test_matrix_with_a_negative_eigenvalue_is_not_written() -> None:
     made = build_extended_stiffness(cell, build_diagnosis({2: 1e-6}, (wrong, LINK)))
     assert made.after is not None
     assert made.after.terms == (own, LINK)
-    assert made.after.joints[1] == pytest.approx(5e5)  # fitted without it, not beside it
+    assert made.after.joints[1] == pytest.approx(5e5)  # fitted without the term
     assert made.withheld == (wrong,)
     (output,) = made.notes
     assert "tool compliance is not in stiffness.yaml" in output
@@ -163,7 +165,7 @@ def test_matrix_with_a_negative_eigenvalue_is_not_written() -> None:
 
 
 def test_terms_with_negative_total_compliance_are_not_written_together() -> None:
-    """Two findings at a joint, then one beside a term of the cell's own, which stays."""
+    """First two findings at one joint, then one finding with a term of the cell, which remains."""
     half = replace(KNEE, parameters={**KNEE.parameters, "extra_rad_per_Nm": -1.5e-6})
     drag = replace(DRAG, parameters={**DRAG.parameters, "drag_arcmin": 0.5})
     made = build_extended_stiffness(CELL, build_diagnosis({3: 2e-6}, (half, drag)))
@@ -202,7 +204,8 @@ def test_unwritten_finding_remains_in_the_diagnosis() -> None:
 
 
 def test_unobserved_joint_stiffness_comes_from_the_cell() -> None:
-    """Weight hardly turns joint 6: whatever its fit, the cell's value stands; without one the softest that is read."""
+    """Weight applies hardly any torque to joint 6: the cell value is kept; without a cell value the smallest
+    accepted stiffness is used."""
     assert CELL.stiffness is not None
     made = build_extended_stiffness(CELL, build_diagnosis({6: 0.09}, ()))
     assert made.after is not None
@@ -215,7 +218,8 @@ def test_unobserved_joint_stiffness_comes_from_the_cell() -> None:
 
 
 def test_implausible_spring_from_poses_without_load_is_not_written() -> None:
-    """Joint 4 thirty times softer is geometry that is left; joint 2 within a factor of two is a spring."""
+    """A joint 4 that is thirty times softer is a residual geometric error; joint 2 within a factor of two is a valid
+    spring."""
     assert CELL.stiffness is not None
     k = CELL.stiffness.joints
     d = build_diagnosis({2: 1.4 / k[1], 4: 30.0 / k[3]}, ())
@@ -224,7 +228,7 @@ def test_implausible_spring_from_poses_without_load_is_not_written() -> None:
     assert alone.after is not None
     assert loaded.after is not None
     assert alone.after.joints / k == pytest.approx([1.0, 1.0 / 1.4, 1.0, 1.0, 1.0, 1.0])
-    assert alone.before.joints[1] == pytest.approx(k[1] / 2.8)  # twice as soft without what was found
+    assert alone.before.joints[1] == pytest.approx(k[1] / 2.8)  # twice as soft in the fit without the findings
     assert loaded.after.joints[3] == pytest.approx(k[3] / 30.0)
     assert len(alone.notes) == 1
     assert "joint 4 keeps the cell's spring" in alone.notes[0]

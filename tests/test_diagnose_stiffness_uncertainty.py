@@ -26,7 +26,8 @@ PLAY = StiffnessTerm(
 
 
 def test_plan_uncertainty_includes_loads_explained_by_history() -> None:
-    """A law fitted the readings by what had been before each; a plan has no before, was sure and 25 % off."""
+    """A history-dependent law fitted the recording; a plan has no history, so its uncertainty was too small and the
+    prediction 25 % off."""
     cell, robot, T = made.cell()
     masses, rng = read_load_test_masses(cell), np.random.default_rng(8)
     pull = rng.normal(size=(16, 1, 6)) * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
@@ -53,5 +54,5 @@ def test_plan_uncertainty_includes_loads_explained_by_history() -> None:
     sigma = np.sqrt(np.sum(ways**2, axis=2) + (doubt.local * np.linalg.norm(w[:, :3], axis=1)[:, None]) ** 2)
     alone = ArmElasticity(robot, T, replace(output, discrepancy=None), masses=masses)
     before = alone.evaluate(q).compute_twist(w)[:, :3] - moved
-    assert np.sqrt(np.mean(before**2)) > 3.0 * made.WHITE  # of the noise: history mattered
+    assert np.sqrt(np.mean(before**2)) > 3.0 * made.WHITE  # three times the noise: the history matters
     assert np.mean(np.abs(off) < 1.645 * sigma + made.WHITE) > 0.8

@@ -17,11 +17,12 @@ from machopt.measurement.diagnosis.statistics import replicate_noise
 from machopt.measurement.estimation.load_test_equations import build_load_test_experiment
 
 CELL = "kr240_drilling"
-TIMES, WHITE, FORCE = 3, 15e-6, 4.0  # readings of a load; m and N, 1 sigma
+TIMES, WHITE, FORCE = 3, 15e-6, 4.0  # readings per load; m and N, 1 sigma
 
 
 def simulate_sustained_loads(crept: float) -> Recording:
-    """Each load read three times, a minute apart; ``crept`` m more along it each time."""
+    """Simulate each load read three times at one-minute intervals, with ``crept`` m more displacement along the load
+    deflection each time."""
     rng = np.random.default_rng(11)
     a = arm(CELL)
     plan = plan_load_tests(a, rng, poses=14, loads=1, sessions=2)
@@ -59,14 +60,14 @@ def test_constant_load_shows_no_gain_error() -> None:
     assert found.replicated
     assert found.gain < 0.05
     assert found.total(0) < 3.0 * WHITE
-    assert moved > 20.0 * WHITE  # a gain that is wrong by its size would be far more than this noise
+    assert moved > 20.0 * WHITE  # a gain error of one would be far larger than this noise
 
 
 def test_creep_at_constant_load_is_no_noise() -> None:
     still, _ = split(simulate_sustained_loads(0.0))
     crept, problem = split(simulate_sustained_loads(6.0 * WHITE))
     assert crept.reading[0] < 1.5 * still.reading[0]
-    # a first reading is a twin of first ones
+    # only readings of the same order within a load are replicates
     turn = np.tile(np.arange(TIMES), len(problem) // TIMES)
     for label in np.unique(problem.replicate[problem.replicate >= 0]):
         assert len(np.unique(turn[problem.replicate == label])) == 1

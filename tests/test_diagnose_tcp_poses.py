@@ -1,7 +1,7 @@
 """Measured TCP poses: base model, columns of every law, and selection of the true law.
 
-Recordings are made here with an equilibrium of their own (joint springs under weight, finite rotations), then an effect
-is put in where it acts: in the angles, the masses, the lengths.
+The recordings come from an independent equilibrium (joint springs under weight, finite rotations). An effect is
+simulated where it acts: in the angles, the masses or the lengths.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ CELL = Path(__file__).resolve().parents[1] / "cells" / "irb6700_drilling"
 ARCSEC = np.pi / 648000
 POSES, VISITS = 60, 3
 WAVE = "transmission_error"
-SOFTER = np.array([1.0, 1.25, 0.85, 1.1, 0.9, 1.2])  # springs are never as the cell says
+SOFTER = np.array([1.0, 1.25, 0.85, 1.1, 0.9, 1.2])  # the true springs always differ from the cell
 
 
 @cache
@@ -58,7 +58,7 @@ def arm() -> tuple[Cell, Robot, RobotMasses]:
 
 @cache
 def poses() -> Array:
-    """(N, 6) rad; every pose visited VISITS times."""
+    """Return joint angles (N, 6) in rad; each pose is visited VISITS times."""
     cell = arm()[0]
     rng = np.random.default_rng(5)
     low, high = cell.limits.lower[:6], cell.limits.upper[:6]
@@ -77,7 +77,8 @@ def measure(
     registration: str = "fit",
     frame: tuple[Array, Array, Array] | None = None,
 ) -> Recording:
-    """What a tracker sees: springs under weight and load (N, 6), angles q + delta(q), links longer by grow (N, 3)."""
+    """Simulate tracker readings: springs under weight and load (N, 6), angles q + delta(q), links longer by grow (N,
+    3)."""
     cell, robot, own = arm()
     assert cell.stiffness is not None
     carried = own if masses is None else masses
@@ -136,7 +137,8 @@ def build(recording: Recording, **changes: object) -> tuple[DiagnosisProblem, Hy
 
 
 def solve_least_squares(problem: DiagnosisProblem, columns: Array | None = None) -> tuple[Array, Array]:
-    """(coefficients, residual (N, D)) of plain least squares; rotations count as shifts 0.5 m away."""
+    """Return (coefficients, residual (N, D)) of unweighted least squares; rotations are converted to displacements
+    at 0.5 m."""
     A = problem.base if columns is None else np.concatenate([problem.base, columns], axis=2)
     w = np.array([1.0] * 3 + [0.5] * 3)[: problem.dimensions]
     flat = (A * w[:, None]).reshape(-1, A.shape[2])
@@ -150,7 +152,7 @@ def only(catalogue: HypothesisCatalogue, effect: str, where: str, law: str = "")
 
 
 def gains(problem: DiagnosisProblem, catalogue: HypothesisCatalogue) -> dict[tuple[str, str], float]:
-    """Fall of the residual's squares per coefficient, each name's best law and shape."""
+    """Return the decrease of the residual sum of squares per coefficient, with the best law and shape of each name."""
     before = float(np.sum(solve_least_squares(problem)[1] ** 2))
     out: dict[tuple[str, str], float] = {}
     for h in catalogue.hypotheses:
@@ -161,12 +163,12 @@ def gains(problem: DiagnosisProblem, catalogue: HypothesisCatalogue) -> dict[tup
     return out
 
 
-# the base -------------------------------------------------------------------------------------------------------
+# base model ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("six", [False, True])
 def test_base_model_contains_springs_frame_and_target_exactly(six: bool) -> None:
-    """A tracker 3 mm and 1 mrad off, a target 2 mm off, springs a quarter softer: 0.2 µm of the first fit are left."""
+    """Tracker 3 mm and 1 mrad off, target 2 mm off, springs a quarter softer: the first fit leaves 0.2 µm."""
     cell = arm()[0]
     assert cell.stiffness is not None
     frame = np.array([2e-3, -3e-3, 1e-3]), np.array([5e-4, -1e-3, 2e-4]), np.array([1e-3, 2e-3, -5e-4])
@@ -174,7 +176,7 @@ def test_base_model_contains_springs_frame_and_target_exactly(six: bool) -> None
     x, rest = solve_least_squares(problem)
     assert np.abs(rest).max() < 2e-7
     found = {u.name: v for u, v in zip(problem.unknowns, x, strict=True)}
-    for j in (2, 3, 5):  # weight turns these; 1 not at all, 4 and 6 hardly
+    for j in (2, 3, 5):  # weight loads these joints; joint 1 not at all, joints 4 and 6 hardly
         assert found[f"joint {j}"] == pytest.approx(SOFTER[j - 1] / cell.stiffness.joints[j - 1], rel=2e-3)
     np.testing.assert_allclose([found[f"target {a}"] for a in "xyz"], frame[2], atol=2e-6)
     assert "joint 1" not in found
@@ -190,7 +192,8 @@ def test_outliers_and_a_wrong_unit_do_not_break_the_first_fit() -> None:
     good = np.ones(len(problem), bool)
     good[::20] = False
     clean, _ = build(recording)
-    np.testing.assert_allclose(problem.y[good], clean.y[good], atol=5e-6)  # the start moved, what is measured did not
+    # the initial fit changed, the measured values did not
+    np.testing.assert_allclose(problem.y[good], clean.y[good], atol=5e-6)
     metres, _ = build(replace(recording, position=1e-3 * recording.position))
     assert np.isfinite(metres.y).all()
     assert np.isfinite(metres.base).all()
@@ -206,15 +209,15 @@ def test_known_corrections_of_the_cell_are_applied() -> None:
 def test_arrival_directions_and_replicates_are_labelled() -> None:
     N = POSES * VISITS
     load = np.zeros((N, 6))
-    load[::2, 2] = -800.0  # every other pose hangs a mass
-    load[:, 0] = np.linspace(-5, 5, N)  # and the sensor drifts a little
+    load[::2, 2] = -800.0  # a mass is attached at every other pose
+    load[:, 0] = np.linspace(-5, 5, N)  # the sensor drifts slightly
     problem, _ = build(measure(load=load))
-    assert len(np.unique(problem.visit)) == N  # one reading each arrival
+    assert len(np.unique(problem.visit)) == N  # one reading per visit
     np.testing.assert_array_equal(problem.replicate[:POSES], problem.replicate[POSES : 2 * POSES])
     assert len(np.unique(problem.replicate)) == POSES
     assert problem.scale is not None
     recording = measure(load=load)
-    mixed = replace(recording, pose=np.repeat(np.arange(N // 2), 2))  # a pose with load and without: two things
+    mixed = replace(recording, pose=np.repeat(np.arange(N // 2), 2))  # a pose with and without load is not a replicate
     assert (build(mixed)[0].replicate == -1).all()
 
 
@@ -225,7 +228,7 @@ def test_invalid_input_is_refused() -> None:
             measured_pose_channel.build_measured_pose_problem(bad, cell, robot, masses, np.random.default_rng(0))
 
 
-# what can be told -----------------------------------------------------------------------------------------------
+# testable effects ----------------------------------------------------------------------------------------------
 
 
 def names(catalogue: HypothesisCatalogue, effect: str) -> set[str]:
@@ -243,7 +246,7 @@ def test_directions_absorbed_by_frame_or_target_are_not_offered() -> None:
     assert "orientations" in reasons["joint_zero_offset", "joint:6"]
     assert not names(three, "displacement_frame")
     assert names(fixed, "displacement_frame") == {"sensor:displacement"}
-    for catalogue in (three, six, fixed):  # what is offered never vanishes, and nothing is both
+    for catalogue in (three, six, fixed):  # no effect is both offered and untestable
         assert not {h.name for h in catalogue.hypotheses} & {(u.effect, u.location) for u in catalogue.untestable}
     problem, _ = build(measure())
     base = compute_column_span(problem.base)
@@ -253,7 +256,8 @@ def test_directions_absorbed_by_frame_or_target_are_not_offered() -> None:
 
 
 def test_zero_offset_law_is_exact_and_a_wave_is_not() -> None:
-    """6 % of the offset's gain, which a wave may leave for its form, hid a payload beside it (yard 21, several05)."""
+    """An allowed model uncertainty of 6 % of the offset's gain, as for a wave, hid a payload (benchmark yard 21,
+    case several05)."""
     exact = {h.effect: h.is_exact for h in build(measure())[1].hypotheses if h.family == "kinematic"}
     assert exact["joint_zero_offset"]
     assert exact["geometry"]
@@ -268,7 +272,8 @@ def test_weight_is_unknown_without_masses() -> None:
     missing = {u.effect for u in catalogue.untestable}
     assert {"payload", "gravity_compensator"} <= missing
     assert not names(catalogue, "link_compliance")
-    assert [u.name for u in problem.unknowns if u.location.startswith("joint")] == []  # no torque, no spring
+    # without torque no spring can be fitted
+    assert [u.name for u in problem.unknowns if u.location.startswith("joint")] == []
     assert any("masses" in n for n in notes)
 
 
@@ -285,7 +290,7 @@ def test_poses_without_masses_in_a_known_frame_are_diagnosed() -> None:
         selection_pipeline.DiagnosisOptions(),
         np.random.default_rng(0),
     )
-    assert d.verdict != "consistent"  # what weight bends is there, and no column for it
+    assert d.verdict != "consistent"  # deflections by weight exist, but no column describes them
 
 
 def test_thermal_effects_require_time_or_temperature() -> None:
@@ -325,7 +330,7 @@ def test_wave_orders_follow_the_covered_angles() -> None:
 
     many = orders(q)
     assert many[:12] == tuple(float(n) for n in range(1, 13))
-    assert len(many) == POSES // 3  # one for every three distinct angles
+    assert len(many) == POSES // 3  # one order for every three distinct angles
     few = q.copy()
     few[:, 3] = q[0, 3]
     assert orders(few) == ()
@@ -333,7 +338,7 @@ def test_wave_orders_follow_the_covered_angles() -> None:
     assert orders(few)[0] == 5.0  # 20° are a quarter of a wave of order 4.5
 
 
-# the laws -------------------------------------------------------------------------------------------------------
+# laws ----------------------------------------------------------------------------------------------------------
 
 
 def unit(joint: int) -> Array:
@@ -387,7 +392,8 @@ CASES: list[Case] = [
 
 @pytest.mark.parametrize("case", CASES, ids=[f"{c[0]}@{c[1]}" for c in CASES])
 def test_true_law_is_found_with_its_size(case: Case) -> None:
-    """Own columns close the mismatch to a few percent of it and give the size back; nothing else gains as much."""
+    """The columns of the true law reduce the mismatch to a few percent and give the correct size; no other law gains
+    as much."""
     effect, where, law, put, shape, size = case
     put = dict(put)
     if "masses" in put:
@@ -399,7 +405,7 @@ def test_true_law_is_found_with_its_size(case: Case) -> None:
     h = only(catalogue, effect, where, law)
     x, rest = solve_least_squares(problem, h.columns(shape))
     own = x[problem.base.shape[2] :]
-    # a payload's columns lean on springs of the first fit, which took part of it up: a few percent
+    # springs of the first fit absorb part of a payload: a few percent
     most, close = (0.1, 0.1) if effect == "payload" else (0.03, 0.02)
     assert np.sum(rest[:, :3] ** 2) < most**2 * np.sum(base[:, :3] ** 2)
     assert own[0] == pytest.approx(size, rel=close)
@@ -408,11 +414,11 @@ def test_true_law_is_found_with_its_size(case: Case) -> None:
     quantities = h.quantities(own, shape)
     first = next(iter(quantities.values()))
     double = next(iter(h.quantities(2 * own, shape).values()))
-    assert double.value == pytest.approx(2 * first.value)  # limits are stated in it
+    assert double.value == pytest.approx(2 * first.value)  # detection limits are given in this quantity
 
 
 def test_fine_gear_order_is_found_where_nothing_else_explains_the_residual() -> None:
-    """60 angles let 20 orders be tried on noise; a tooth's order lies above, and was left unexplained."""
+    """60 angles allow 20 orders to be tested in noise; the order of a gear tooth is higher and was left unexplained."""
     problem, catalogue = build(measure(delta=wave(3, 37.0, 30.0, 0.0), noise=2e-5))
 
     def diagnosed(offered: HypothesisCatalogue) -> DiagnosisResult:
@@ -430,7 +436,7 @@ def test_fine_gear_order_is_found_where_nothing_else_explains_the_residual() -> 
 
 
 def test_written_findings_compensate_the_planted_effect() -> None:
-    """The correction of a finding, as the cell's kinematics, takes the mismatch away."""
+    """The correction of a finding, in the kinematics of the cell, removes the mismatch."""
     delta = wave(5, 3.0, 9.0, -4.0)
     problem, catalogue = build(measure(delta=delta))
     h = only(catalogue, "transmission_error", "joint:5", "one")
@@ -446,7 +452,8 @@ def test_written_findings_compensate_the_planted_effect() -> None:
 
 
 def test_compensator_deflects_joint_2_by_its_angle() -> None:
-    """Spring between two pivots made from its geometry: no other law of as few coefficients leaves as little."""
+    """A spring between two pivots, simulated from its geometry: no other law with at most two coefficients has a
+    smaller residual."""
     cell = arm()[0]
     assert cell.stiffness is not None
     c = SOFTER[1] / cell.stiffness.joints[1]
@@ -468,11 +475,11 @@ def test_compensator_deflects_joint_2_by_its_angle() -> None:
     assert rest[best] < 0.02 * np.sum(solve_least_squares(problem)[1] ** 2)
 
 
-# weight on bodies -----------------------------------------------------------------------------------------------
+# weight on bodies ----------------------------------------------------------------------------------------------
 
 
 def test_plate_on_uneven_bolts_is_a_base_not_a_tracker_frame() -> None:
-    """It sinks and leans under a weight that is always the same: a rigid frame, which was named beside it."""
+    """The plate sinks and tilts under a constant weight, like a rigid frame; a frame was named as a second effect."""
     problem, catalogue = build(measure(noise=2e-5, registration="fixed"))
     plate = only(catalogue, "base_compliance", "base", "tilts and sinks")
     C = 1e-9 * np.array([4.5, 4.0, -3.0, 20.0, -2.0, 28.0])  # m/N, 1/N, rad/(N·m)
@@ -530,7 +537,7 @@ def test_beam_under_load_equals_the_term_of_stiffness_yaml(link: int) -> None:
         for h in structural_compliance.build_structure_hypotheses(r)
         if h.location == f"link:{link}" and h.law.startswith("bends in two")
     )
-    x = np.array([2e-7, 5e-8, 1e-7])  # its matrix in stiffness.yaml does what its columns do
+    x = np.array([2e-7, 5e-8, 1e-7])  # the matrix in stiffness.yaml gives the same displacement as the columns
     written = both.correction(x, ())
     assert written is not None
     spring = build_fitted_term(written.effect, written.location, r.robot, r.T_flange_tcp, **dict(written.parameters))
@@ -539,13 +546,13 @@ def test_beam_under_load_equals_the_term_of_stiffness_yaml(link: int) -> None:
 
 
 def test_link_under_its_own_weight_deflects_as_a_beam() -> None:
-    """w L⁴/8EI and w L³/6EI at the end of the horizontal forearm, carried to the TCP along it."""
+    """w L⁴/8EI and w L³/6EI at the end of the horizontal forearm, transformed to the TCP."""
     _, robot, own = arm()
     start, end = robot.point[3], robot.point[4]
     L = float(np.linalg.norm(end - start))
     g = own.gravity
     alone = RobotMasses(np.array([4]), np.array([60.0]), (0.5 * (start + end))[None], g)
-    r = readings(alone, np.zeros((1, 6)), np.zeros((1, 6)))  # the forearm lies along x with all joints at zero
+    r = readings(alone, np.zeros((1, 6)), np.zeros((1, 6)))  # with all joints at zero the forearm lies along x
     h = next(
         h
         for h in structural_compliance.build_structure_hypotheses(r)
@@ -560,7 +567,7 @@ def test_link_under_its_own_weight_deflects_as_a_beam() -> None:
 
 
 def test_weight_wrenches_give_the_gravity_torque() -> None:
-    """The wrench of all bodies beyond joint i, through J_i, is the torque that gravity.py says."""
+    """The wrench of all bodies after joint i, multiplied by J_i, equals the torque of gravity.py."""
     _, robot, masses = arm()
     r = readings(masses, np.zeros((8, 6)), poses()[:8])
     torque = compute_gravity_torque(robot, masses, r.state)[0]
@@ -570,12 +577,13 @@ def test_weight_wrenches_give_the_gravity_torque() -> None:
 
 
 def test_orientations_are_in_base_axes() -> None:
-    """6-D, registration fixed: a tracker turned by 1 mrad about base z shows as (0, 0, 1) mrad beside the springs."""
+    """Six coordinates, fixed registration: a tracker rotated by 1 mrad about base z gives (0, 0, 1) mrad in addition
+    to the springs."""
     recording = measure(six=True, registration="fixed", frame=(np.zeros(3), np.array([0, 0, 1e-3]), np.zeros(3)))
     problem, catalogue = build(recording)
     h = only(catalogue, "displacement_frame", "sensor:displacement")
     x, rest = solve_least_squares(problem, h.columns(()))
-    np.testing.assert_allclose(x[problem.base.shape[2] + 3 :], [0.0, 0.0, 1e-3], atol=2e-6)  # rest: 1 mrad squared
+    np.testing.assert_allclose(x[problem.base.shape[2] + 3 :], [0.0, 0.0, 1e-3], atol=2e-6)  # remainder: 1 mrad squared
     assert np.abs(rest).max() < 3e-6  # m, 1 mrad² over 2 m
     assert dict(h.quantities(x[problem.base.shape[2] :], ()))["angle"].value == pytest.approx(
         np.degrees(1e-3), rel=5e-3
@@ -583,7 +591,8 @@ def test_orientations_are_in_base_axes() -> None:
 
 
 def test_relinearised_equations_are_exact_to_the_micrometre() -> None:
-    """Offsets of a milliradian sag otherwise (1 in 50 at joint 2) and turn each other; linear laws miss that once."""
+    """Offsets of 1 mrad change the deflection by weight (1 in 50 at joint 2) and rotate the other axes; laws
+    linearized at zero neglect this."""
     true = np.radians([0.0, 0.06, -0.05, 0.04, 0.06, 0.0])
     recording = measure(delta=lambda q: np.broadcast_to(true, q.shape), registration="fixed")
     found = tuple(
@@ -602,11 +611,12 @@ def test_relinearised_equations_are_exact_to_the_micrometre() -> None:
         return float(np.abs(y.reshape(-1) - (A / np.linalg.norm(A, axis=0)) @ x).max())
 
     assert left_by_the_truth(()) > 5e-6
-    assert left_by_the_truth(found) < 1e-6  # what the springs' own curvature leaves
+    assert left_by_the_truth(found) < 1e-6  # remaining curvature of the springs
 
 
 def test_found_geometry_enters_as_its_columns_state() -> None:
-    """Without noise or error: the model about a frame that is not there differs by the frame, to second order."""
+    """Without noise or error: the model linearized about a frame error that does not exist differs by this frame
+    error, to second order."""
     recording = measure(registration="fixed")
     twist = {"shift_mm": [0.3, -0.2, 0.4], "turn_mrad": [0.4, 0.3, -0.5]}
     build = [
@@ -617,4 +627,4 @@ def test_found_geometry_enters_as_its_columns_state() -> None:
     A = np.concatenate([b.base.reshape(y.size, -1) for b in build], axis=1)
     A = A / np.linalg.norm(A, axis=0)
     x = np.linalg.lstsq(A, y.reshape(-1), rcond=None)[0]
-    assert float(np.abs(y.reshape(-1) - A @ x).max()) < 3e-5  # 0.7 mrad of 3 m would be 2 mm
+    assert float(np.abs(y.reshape(-1) - A @ x).max()) < 3e-5  # 0.7 mrad at 3 m would be 2 mm

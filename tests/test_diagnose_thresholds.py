@@ -1,4 +1,4 @@
-"""Thresholds of diagnose from both sides."""
+"""Thresholds of diagnose, tested from both sides."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ CELLS = Path(__file__).resolve().parents[1] / "cells"
 
 @pytest.mark.parametrize(("like", "frame", "body"), [(0.95, True, True), (0.72, True, False), (0.5, False, False)])
 def test_frame_with_law_error_may_leave_more_than_a_body(like: float, frame: bool, body: bool) -> None:
-    """An effect that explains less than what remains is not named; a frame may leave more than another effect."""
+    """An effect that explains less than the residual is not named; a frame may leave a larger residual than another
+    effect."""
     named = []
     for effect in ("geometry", "wind"):
         rng = np.random.default_rng(5)
@@ -50,7 +51,7 @@ def test_frame_with_law_error_may_leave_more_than_a_body(like: float, frame: boo
 
 @pytest.mark.parametrize(("left", "better"), [(0.6, True), (0.8, False)])
 def test_few_groups_suffice_where_the_error_falls_by_half(left: float, better: bool) -> None:
-    """Three groups that disagree are no evidence, unless the error falls to half the power."""
+    """Three groups with different results are no evidence, unless the error falls to half the power."""
     problem, _ = build_synthetic_problem(1)
     used = problem.group < 3
     rng = np.random.default_rng(2)
@@ -62,7 +63,7 @@ def test_few_groups_suffice_where_the_error_falls_by_half(left: float, better: b
 
 
 def simulate_weights_recorded_upwards(share: float) -> Recording:
-    """Weights recorded as pulling up, of which a share of the poses moved as weights move."""
+    """Simulate weights recorded as pulling upwards; at a share of the poses the arm really moved upwards."""
     a = loaded_arm("kr240_drilling")
     rng = np.random.default_rng(3)
     plan = plan_load_tests(a, rng, poses=10, directions=1)
@@ -75,7 +76,7 @@ def simulate_weights_recorded_upwards(share: float) -> Recording:
 
 @pytest.mark.parametrize(("share", "said"), [(1.0, True), (0.8, False)])
 def test_displacement_against_the_load_is_reported_for_a_large_majority(share: float, said: bool) -> None:
-    """Most readings oppose their load with either sign of it."""
+    """Most readings oppose their load, with either sign of the load."""
     cell = load_cell(CELLS / "kr240_drilling")
     _, found = correct_inconsistent_loads(
         simulate_weights_recorded_upwards(share), load_robot(cell), cell.tool.T_flange_tcp
@@ -105,7 +106,7 @@ def test_balancer_may_exceed_the_masses_where_friction_has_the_correct_sign(
 
 @pytest.mark.parametrize(("size", "column"), [(1e-3, "q"), (1.0, "velocity")])
 def test_prismatic_values_within_a_few_millimetres_were_metres(size: float, column: str) -> None:
-    """Of two columns with a ratio of 1000, the one within a few millimetres is wrong."""
+    """Of two columns with a ratio of 1000, the one within a few millimetres has the wrong unit."""
     t, q, v, a = build_fourier_motion(1, np.random.default_rng(1))
     scale = size / np.abs(q).max()
     r = replace(build_motion_recording(t, scale * q, 1e3 * scale * v, a), prismatic=(True,))
@@ -114,7 +115,7 @@ def test_prismatic_values_within_a_few_millimetres_were_metres(size: float, colu
 
 
 def test_generic_springs_are_assumed_where_no_cell_states_them() -> None:
-    """``unit_checks.GENERIC_STIFFNESS`` and ``ratios.implausible``."""
+    """The assumed values are ``unit_checks.GENERIC_STIFFNESS`` and ``ratios.implausible``."""
     cell, robot, masses = posed_arm()
     bare = replace(cell, stiffness=None)
     model = NominalPoseModel(measure(noise=10e-6), bare, robot, masses, frozenset())

@@ -25,9 +25,10 @@ GRID = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 3) for w in (0.2, 0.4
 
 
 def estimate_sizes(family: str, share: float, *, nearly: bool = False) -> dict[str, EstimatedValue]:
-    """Sizes of a law of two numbers, the second of which moves readings by ``share`` of what the first does.
+    """Estimate the sizes of a law with two coefficients, the second of which has ``share`` times the displacement of
+    the first.
 
-    ``nearly``: readings in which the second comes out as next to nothing.
+    ``nearly``: readings that give a second coefficient of almost zero.
     """
     rng = np.random.default_rng(2)
     x = rng.uniform(-1.2, 1.2, 400)
@@ -41,7 +42,7 @@ def estimate_sizes(family: str, share: float, *, nearly: bool = False) -> dict[s
 def estimate_law_sizes(
     x: Array, y: Array, columns: Array, family: str, size: Callable[[float], float]
 ) -> dict[str, EstimatedValue]:
-    """The two numbers of a law as told, each by its ``size``."""
+    """Estimate the two coefficients of a law, each converted by ``size``."""
     finer = build_two_number_refinement(GRID)
     assert finer is not None
     base, bump = _bump(x, y, GRID, finer)
@@ -79,7 +80,8 @@ def test_observed_compliance_keeps_its_bounds() -> None:
 def test_collinear_compliance_coefficients_are_significant_together(
     constrained: bool, signal: float, named: bool
 ) -> None:
-    """Each size of a soft tool of 390 sigma had an interval around zero: its coefficients were collinear."""
+    """A tool compliance of 390 sigma had intervals around zero for each size, because its coefficients were
+    collinear."""
     rng = np.random.default_rng(4)
     x = rng.uniform(-1.2, 1.2, 400)
     y = signal * SIGMA * np.exp(-0.5 * (x / 0.4) ** 2) + SIGMA * rng.normal(size=len(x))
@@ -90,7 +92,8 @@ def test_collinear_compliance_coefficients_are_significant_together(
     law = replace(
         bump,
         columns=lambda s: columns,
-        quantities=lambda c, s: {"tilt": Quantity(float(c[1]), "rad")},  # of the coefficient that is not there
+        # size from the coefficient that is zero in the data
+        quantities=lambda c, s: {"tilt": Quantity(float(c[1]), "rad")},
         shapes=((),),
         refinement=None,
         family="body",
@@ -102,7 +105,7 @@ def test_collinear_compliance_coefficients_are_significant_together(
 
 
 def test_certain_size_suffices_without_certain_coefficients() -> None:
-    """Two nearly collinear columns: their sum is known, and neither of them."""
+    """Two nearly collinear columns: the sum of their coefficients is well determined, the coefficients are not."""
     rng = np.random.default_rng(4)
     x = rng.uniform(-1.2, 1.2, 400)
     column, other = np.exp(-0.5 * (x / 0.4) ** 2), 0.03 * np.cos(9.0 * x)

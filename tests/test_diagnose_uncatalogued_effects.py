@@ -1,4 +1,4 @@
-"""Effects outside the catalogue in load tests: reported with their place, never named."""
+"""Effects outside the catalogue in load tests: reported with their location, never named."""
 
 from __future__ import annotations
 
@@ -82,7 +82,8 @@ def test_friction_of_a_jack_delays_unloading() -> None:
 def compute_rest_position(
     r: StaticReadings, wrench: np.ndarray, pull: np.ndarray, spring: float, at: np.ndarray
 ) -> np.ndarray:
-    """(N, 3) m where the TCP rests under a load and a hose at the flange, f₀ − k (p − at), joints giving way."""
+    """Return the TCP (N, 3) in m under a load and the pull f₀ − k (p − at) of a hose at the flange, with joint
+    deflection."""
     theta = np.zeros_like(r.state.q)
     back = r.T_flange_tcp[:3, :3].T @ r.T_flange_tcp[:3, 3]
     for _ in range(12):
@@ -158,7 +159,8 @@ def test_sinking_floor_on_one_day_is_no_thermal_drift() -> None:
 
 
 def test_named_effect_beside_an_unnamed_form_must_be_large() -> None:
-    """A hose hangs loose in some poses: what the form left there was a joint's stiffness by its angle."""
+    """A hose is slack in some poses: the residual of the unnamed form there was named angle-dependent joint
+    stiffness."""
     r, _, _ = build_timed_readings()
     forms = {
         h.law: h for h in unmodelled_slip_and_external_forces.build_interface_hypotheses(r) if h.location == "tool"
@@ -207,7 +209,7 @@ def test_hose_slack_in_some_poses_is_no_joint_effect() -> None:
 
 @pytest.mark.parametrize(("off", "kept"), [(0.0, True), (0.3, False)])
 def test_law_with_a_better_unnamed_form_has_no_name(off: float, kept: bool) -> None:
-    """A hose between column and forearm was a gravity compensator: the pull from outside left no more of it."""
+    """A hose between column and forearm was named gravity compensator, because an external pull did not fit better."""
     r, _, _ = build_timed_readings()
     pulled = next(
         h

@@ -1,4 +1,4 @@
-"""Effects outside the catalogue in motions: a hose is no gear ripple, and a ripple keeps its name."""
+"""Effects outside the catalogue in motions: a hose is no transmission error, and a transmission error is named."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from machopt.numerics.array_types import Array
 
 
 def left_open(tmp_path: Path, added: Callable[[Array], Array], seed: int, joint: int = 0) -> DiagnosisResult:
-    """A sound arm of two joints one of whose motors gives ``added`` of its angle more, diagnosed."""
+    """Diagnose a two-joint arm without other effects, with an additional motor torque ``added(q)`` at one joint."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, seed)
     tau[:, joint] += added(q[:, joint])
     return diagnose_recording(build_motion_recording(t, q, v, tau + 0.5 * rng.normal(size=q.shape)), cell, "torque")[0]
 
 
 def test_tightening_hose_is_no_gear_ripple(tmp_path: Path) -> None:
-    """Slack within a third of a radian, then tauter and tauter: two slow waves are near enough and took its place."""
+    """Slack within a third of a radian, then increasingly tight: two long-period waves fitted well enough and were
+    named."""
     found = left_open(tmp_path, lambda q: 60.0 * np.sign(q) * np.maximum(np.abs(q) - 0.15, 0.0) ** 1.7, 7)
     assert not found.findings
     assert found.verdict == "unexplained"
@@ -38,7 +39,8 @@ def test_ripple_of_two_orders_keeps_its_name(tmp_path: Path) -> None:
 
 
 def test_hose_at_joint_2_is_no_gravity_compensator(tmp_path: Path) -> None:
-    """It has the place and a torque by angle as one has, and was named so; slack in the middle it is no spring's."""
+    """Location and angle-dependent torque are those of a compensator, which was named; slack in the middle of the
+    range excludes a spring."""
 
     def hose(q: Array) -> Array:
         return np.asarray(12.0 * (np.maximum(q - 0.1, 0.0) ** 1.5 - np.maximum(-q - 0.2, 0.0) ** 2))
@@ -51,7 +53,7 @@ def test_hose_at_joint_2_is_no_gravity_compensator(tmp_path: Path) -> None:
 
 def test_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
     def balancer(q: Array) -> Array:
-        """Two pivots, 0.2 and 1.1 m from the joint; 0.5 kN and 2.5 kN/m."""
+        """Return the torque of a spring between two pivots, 0.2 and 1.1 m from the joint, with 0.5 kN and 2.5 kN/m."""
         s = np.sqrt(0.2**2 + 1.1**2 + 2 * 0.2 * 1.1 * np.cos(q + 2.0))
         return np.asarray((500.0 + 2500.0 * (s - 0.9)) * 0.2 * 1.1 * np.sin(q + 2.0) / s)
 
@@ -62,8 +64,8 @@ def test_gravity_compensator_keeps_its_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("late", "shared"), [((0,), False), ((0, 1), True)])
 def test_delay_of_a_single_joint_is_no_clock_error(tmp_path: Path, late: tuple[int, ...], shared: bool) -> None:
-    """It is made up of that joint's friction or balancer, and read back by it every reversal came out smoothed, which
-    outweighed what was there."""
+    """A delay was fitted to the friction or balancer of that joint; used for all joints, it smoothed every reversal
+    and added more error than it removed."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 2, 10)
     given = tau.copy()
     given[3:, late] = tau[:-3, late]  # 30 ms

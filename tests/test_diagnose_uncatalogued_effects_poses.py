@@ -1,4 +1,4 @@
-"""Effects outside the catalogue in measured poses: reported with their place; catalogue effects keep their names."""
+"""Effects outside the catalogue in measured poses: reported with their location; catalogue effects are still named."""
 
 from __future__ import annotations
 
@@ -28,14 +28,15 @@ def diagnose_recording(recording: Recording) -> DiagnosisResult:
 
 
 def shift_points(by: Array, registration: str = "fixed") -> Recording:
-    """A recording whose points are seen (N, 3) m elsewhere."""
+    """Return a recording with the measured points shifted by (N, 3) m."""
     observed = measure(noise=NOISE, registration=registration)
     assert observed.position is not None
     return replace(observed, position=observed.position + by)
 
 
 def sagging() -> Array:
-    """(N, 3) m that a beam through warm air ends too low by: with its length to the third power."""
+    """Return the vertical error (N, 3) in m of a laser beam refracted by warm air: proportional to the cube of its
+    length."""
     observed = measure().position
     assert observed is not None
     far = np.linalg.norm(observed - TRACKER, axis=1) / 3.0
@@ -43,7 +44,7 @@ def sagging() -> Array:
 
 
 def test_beam_bent_by_warm_air_is_no_displaced_frame() -> None:
-    """Most of it is a rigid frame, which was named; the rest follows no frame."""
+    """Most of the error equals a rigid frame, which was named; the remainder does not."""
     found = diagnose_recording(shift_points(sagging()))
     assert not found.findings
     assert found.verdict == "unexplained"
@@ -61,7 +62,7 @@ def test_displaced_frame_keeps_its_name() -> None:
 
 
 def nodding(q: Array) -> Array:
-    """An axis that nods twice a turn, seen at the next two."""
+    """Return the angle errors of joints 2 and 3 that represent a wobble of axis 1 twice per revolution."""
     twice = 2.0 * q[:, :1]
     return np.asarray(40 * ARCSEC * (np.sin(twice) * unit(2) - 0.6 * np.cos(twice) * unit(3)))
 
@@ -81,7 +82,7 @@ def test_wave_is_named_beside_a_tilting_axis() -> None:
 
 
 def test_hose_is_not_named_as_a_payload() -> None:
-    """A pull at the end of link 4 that follows its place; 600 N up in the middle, a spring of 200 N/m."""
+    """A position-dependent pull at the end of link 4: 600 N upwards in the middle, spring of 200 N/m."""
     problem, catalogue = build(measure(noise=NOISE))
     hose = next(h for h in catalogue.uncatalogued_hypotheses if h.name[1] == "link:4")
     problem = replace(problem, y=problem.y + hose.columns(()) @ np.array([0.0, 0.0, 600.0, -200.0]))
@@ -98,7 +99,8 @@ def test_hose_is_not_named_as_a_payload() -> None:
 
 
 def test_taut_hose_is_not_named_as_payload_and_frame() -> None:
-    """A spring between the end of link 4 and a place in the hall: stiff along itself, by its tension across."""
+    """A spring between the end of link 4 and a fixed point in the hall: axial stiffness, and lateral stiffness by
+    its tension."""
     problem, catalogue = build(measure(noise=NOISE))
     _, robot, _ = arm()
     forms = {h.law: h for h in catalogue.uncatalogued_hypotheses if h.location == "link:4"}
@@ -131,7 +133,8 @@ def test_taut_hose_is_not_named_as_payload_and_frame() -> None:
 
 
 def test_frame_has_no_name_where_a_form_of_equal_size_fits_better() -> None:
-    """An axis that nods twice a turn was a tracker's frame that stands elsewhere: that left no more than noise may."""
+    """An axis that wobbles twice per revolution was named a displaced frame, because the residual was within the
+    limit of the noise."""
     problem, catalogue = build(measure(noise=NOISE))
     nods = next(
         h
@@ -141,7 +144,7 @@ def test_frame_has_no_name_where_a_form_of_equal_size_fits_better() -> None:
     frame = only(catalogue, "geometry", "joint:5")
     count = nods.columns((2.0,)).shape[2]
     for true in (nods.columns((2.0,)), frame.columns(())):
-        moved = true @ np.cos(np.arange(true.shape[2]))  # any
+        moved = true @ np.cos(np.arange(true.shape[2]))  # arbitrary coefficients
         spoilt = replace(problem, y=problem.y + 1e-4 * moved / np.abs(moved).max())
         state = search_iterations.search_iteratively(spoilt, replace(catalogue, uncatalogued_hypotheses=()), 1, 0)
         law = next(t for t in state.whitened_hypotheses if t.hypothesis.name == frame.name)
@@ -154,7 +157,7 @@ def test_frame_has_no_name_where_a_form_of_equal_size_fits_better() -> None:
 
 
 def simulate_bowed_arm(course: Array) -> Recording:
-    """The arm behind joint 2 turned about the upper arm's own axis by 60 µrad times a course (N,)."""
+    """Rotate the arm after joint 2 about the axis of the upper arm by 60 µrad times a time course (N,)."""
     observed = measure(noise=NOISE)
     assert observed.position is not None
     a, b = observed.q[:, 0], observed.q[:, 1]
@@ -164,7 +167,8 @@ def simulate_bowed_arm(course: Array) -> Recording:
 
 
 def test_bow_by_one_hour_of_sun_is_no_displaced_frame() -> None:
-    """Half of it is a mean, which is as good a frame as any; the same all day keeps its name."""
+    """Half of the effect is its mean, which equals a displaced frame; the same effect without change over time is
+    still named."""
     time = measure().time
     assert time is not None
     comes = diagnose_recording(simulate_bowed_arm(0.5 + 0.5 * np.sin(2.0 * np.pi * (time % 1e5) / 3600.0)))
@@ -176,7 +180,7 @@ def test_bow_by_one_hour_of_sun_is_no_displaced_frame() -> None:
 
 
 def test_warming_hall_is_one_drift_of_tracker_and_arm() -> None:
-    """One drift: what the law of either left was a payload."""
+    """One drift of both: with a drift law of either alone, the residual was named payload."""
     time = measure().time
     assert time is not None
     warm = 1.0 - np.exp(-(time % 1e5) / 2500.0)
@@ -190,7 +194,8 @@ def test_warming_hall_is_one_drift_of_tracker_and_arm() -> None:
 
 
 def test_external_pull_acts_through_the_joints_before_it() -> None:
-    """By finite differences: the work of a force at a link's end along the twist of the joints before it."""
+    """Reference by finite differences: the work of a force at the end of a link over the rotation of the preceding
+    joints."""
     cell, robot, _ = arm()
     catalogue = build(measure())[1]
     q, T, step = poses()[:4], cell.tool.T_flange_tcp, 1e-6
@@ -202,21 +207,21 @@ def test_external_pull_acts_through_the_joints_before_it() -> None:
         return np.asarray(state.R_bodies[:, 4] @ robot.point[4] + state.p_bodies[:, 4])
 
     slope = np.stack([(end(q + step * unit(j)) - end(q - step * unit(j))) / (2 * step) for j in range(1, 7)], axis=2)
-    assert np.abs(slope[:, :, 4:]).max() < 1e-9  # joints behind it carry nothing
+    assert np.abs(slope[:, :, 4:]).max() < 1e-9  # the following joints carry no load
     hose = next(h for h in catalogue.uncatalogued_hypotheses if h.name[1] == "link:4")
     J = robot.compute_state(q, T).J[:, :3]
     for k in range(3):
         given = hose.columns(())[:4, :, k]
-        # (N, 3, 3) per compliance; link 4 ends on the axis of joint 4
+        # (N, 3, 3), one column per joint compliance; link 4 ends on the axis of joint 4
         parts = (J * slope[:, k][:, None, :])[:, :, :3]
         c = np.linalg.lstsq(parts.reshape(-1, 3), given.reshape(-1), rcond=None)[0]
-        # the arm stands a milliradian off its encoders, under its weight
+        # the deflected arm differs from its encoder angles by a milliradian
         np.testing.assert_allclose(parts @ c, given, rtol=0.0, atol=0.02 * np.abs(given).max())
-        assert (c[1:] > 0.0).all()  # nothing tells the spring of joint 1, which no weight turns
+        assert (c[1:] > 0.0).all()  # the spring of joint 1 is not determined, because weight applies no torque to it
 
 
 def test_unnamed_forms_do_not_replace_named_effects() -> None:
-    """Two waves and an offset: three parts, held against every form, keep their names."""
+    """Two waves and an offset are compared with every unnamed form, and are still named."""
     parts = (wave(3, 4.0, 30.0, 10.0), wave(5, 3.0, 40.0, 0.0))
     found = diagnose_recording(
         measure(delta=lambda q: sum((p(q) for p in parts), np.radians(0.01) * unit(2) + 0 * q), noise=NOISE)

@@ -1,4 +1,4 @@
-"""Arms without stated masses: the effect of weight in a load test is left open."""
+"""Arms without stated masses: the effect of weight in a load test is a free unknown."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DOWN = np.array([0.0, 0.0, -9.80665])
 
 @cache
 def heavy():  # type: ignore[no-untyped-def]
-    """An arm, its springs, a plan of loads, and the file's model of it."""
+    """Return an arm, its springs, a load plan, and the robot model of the file."""
     a = arm(CELL)
     cell = load_cell(CELLS / CELL)
     plan = plan_load_tests(a, np.random.default_rng(4), poses=20, loads=2)
@@ -48,7 +48,7 @@ def heavy():  # type: ignore[no-untyped-def]
 
 
 def test_weight_columns_equal_the_nonlinear_equilibrium() -> None:
-    """The weight's own part of every displacement, by an arm that stands where it really stands."""
+    """Reference: the contribution of weight to every displacement, from the nonlinear equilibrium."""
     a, k, plan, robot, T, _ = heavy()
     bare = replace(a, mass=0.0 * a.mass)
     own = compute_displacements(a, HiddenEffects(k), plan) - compute_displacements(bare, HiddenEffects(k), plan)
@@ -61,9 +61,9 @@ def test_weight_columns_equal_the_nonlinear_equilibrium() -> None:
     A = columns.reshape(own.size, -1)
     x = np.linalg.lstsq(A, own.ravel(), rcond=1e-8)[0]
     left = own.ravel() - A @ x
-    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(own**2))  # wrist and second order
+    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(own**2))  # wrist masses and second-order terms
     upper_arm = np.linalg.norm(x[[n for n, u in enumerate(unknowns) if u.location == "link:2"]])
-    borne = a.mass[2:].sum() * 1.05 + a.mass[1] * 0.5  # kg·m, the upper arm is 1.05 m long
+    borne = a.mass[2:].sum() * 1.05 + a.mass[1] * 0.5  # kg·m; the upper arm is 1.05 m long
     assert 0.5 * borne < upper_arm < 2.0 * borne
 
 
@@ -89,7 +89,7 @@ def test_unknown_weight_is_not_named_a_compensator() -> None:
     effects, untestable, left = found(DOWN)
     assert "gravity_compensator" in untestable
     assert set(effects) <= {"geometric_stiffness"}
-    assert left < 0.5 * found(None)[2]  # what the columns hold comes back in every repeat
+    assert left < 0.5 * found(None)[2]  # the effect described by the columns repeats in all replicates
     known = load_test_channel.build_load_test_problem(r, tests, robot, T, masses)
     assert any(h.effect == "gravity_compensator" for h in known[1].hypotheses)
 
@@ -104,7 +104,7 @@ def test_tool_mass_alone_gives_no_arm_weight(tmp_path) -> None:  # type: ignore[
 
 
 def without_mass(name: str, at: Path, *links: int) -> Cell:
-    """A cell whose URDF states no mass of these links."""
+    """Return a cell whose URDF states no mass of these links."""
     bare = at / f"{name}_{links}"
     shutil.copytree(CELLS / name, bare, ignore=shutil.ignore_patterns("recordings"))
     urdf = (bare / "robot.urdf").read_text(encoding="utf-8")
@@ -120,7 +120,8 @@ def without_mass(name: str, at: Path, *links: int) -> Cell:
 
 @pytest.mark.parametrize("links", [(2,), (2, 3)])
 def test_poses_use_the_stated_weight(tmp_path: Path, links: tuple[int, ...]) -> None:
-    """An arm that really has no mass there is sound: the weight of all else, tool included, still bends it."""
+    """An arm that really has no mass in these links is consistent: the weight of all other links and the tool still
+    deflects it."""
     cell = without_mass(poses.CELL.name, tmp_path, *links)
     stated = read_stated_masses(cell)
     assert stated is not None
@@ -130,13 +131,14 @@ def test_poses_use_the_stated_weight(tmp_path: Path, links: tuple[int, ...]) -> 
         cell, r, selection_pipeline.DiagnosisOptions(max_effects=3), [], accept=(), seed=0
     ).diagnosis
     assert (d.verdict, d.findings) == ("consistent", ())
-    assert d.heldout_after < 0.02  # mm; 4.6 with all weight dropped for link 3
+    assert d.heldout_after < 0.02  # mm; 4.6 mm if all weight is dropped with link 3
     named = f"link{'s' if len(links) > 1 else ''} {' and '.join(map(str, links))}"
     assert [n for n in d.notes if "no mass of" in n] == [
         f"the URDF has no mass of {named}, whose own weight is not modelled; all that is stated is"
     ]
     assert not [n for n in d.notes if "no masses" in n]
-    for effect in ("gravity_compensator", "payload"):  # wrist and tool alone do not make an arm weigh in poses either
+    # the masses of wrist and tool alone are not enough for these effects, also in poses
+    for effect in ("gravity_compensator", "payload"):
         why = [u.reason for u in d.untestable if u.effect == effect]
         assert any(named in w for w in why) == (links == (2, 3)), (effect, why)
 
@@ -152,7 +154,8 @@ def test_load_tests_leave_link_weight_open(tmp_path: Path, links: tuple[int, ...
     tests = build_load_test_experiment(r, robot, T)
 
     def built(m: RobotMasses | None, down: np.ndarray | None) -> tuple[set[str], float, list[str]]:
-        """What is open, what least squares leave (m), and why no balancer is looked for."""
+        """Return the links with free weight, the least-squares residual (m), and the reason why no balancer is
+        tested."""
         problem, tried, _ = load_test_channel.build_load_test_problem(r, tests, robot, T, m, 1.0 / k, down=down)
         size = np.array([u.prior or 1.0 for u in problem.unknowns])
         A = (problem.base * size).reshape(problem.y.size, -1)
@@ -170,6 +173,6 @@ def test_load_tests_leave_link_weight_open(tmp_path: Path, links: tuple[int, ...
     assert why == [f"the URDF has no mass of link {links[0]}, whose weight stiffens joints like a balancer does"]
     shut, nothing, whole = built(known, None)[1], built(None, DOWN), built(masses, DOWN)
     assert left < 0.5 * shut
-    assert left < nothing[1]  # what is stated is known better than what is fitted
+    assert left < nothing[1]  # stated masses are more accurate than fitted ones
     assert nothing[2] == ["the URDF has no mass of links 2 and 3, whose weight stiffens joints like a balancer does"]
     assert (whole[0], whole[2]) == (set(), [])
