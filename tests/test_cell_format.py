@@ -107,7 +107,7 @@ def expect(message: str, *parts: str) -> None:
         assert part in message, f"{part!r} is not in: {message}"
 
 
-# what loads ---------------------------------------------------------------------------------------------------
+# accepted input ------------------------------------------------------------------------------------------------
 
 
 def test_all_quantities_are_converted_to_si(folder: Path) -> None:
@@ -151,7 +151,7 @@ def test_position_limits_narrow_those_of_the_urdf(folder: Path) -> None:
     change(folder, ("limits:\n", "limits:\n    position_deg: [[-90, 90]," + "[-171.887, 171.89]," * 5 + "]\n"))
     limits = load_cell(folder).limits
     np.testing.assert_allclose(limits.upper[0], np.pi / 2)
-    np.testing.assert_allclose(limits.upper[1], 3.0)  # 171.89° exceeds 3 rad by rounding: the URDF's holds
+    np.testing.assert_allclose(limits.upper[1], 3.0)  # 171.89° exceeds 3 rad by rounding: the URDF limit applies
 
 
 def test_undriven_joints_and_unsearched_turns_are_reported(folder: Path) -> None:
@@ -160,7 +160,8 @@ def test_undriven_joints_and_unsearched_turns_are_reported(folder: Path) -> None
     change(folder, ("limits:\n", "limits:\n    position_deg: [" + "[-90, 90]," * 5 + "[-720, 720]]\n"))
     cell = load_cell(folder)
     np.testing.assert_allclose(cell.limits.upper[5], 4 * np.pi)
-    assert not [w for w in cell.warnings if "continuous" in w]  # it has the range that the warning would ask for
+    # the position limits replace the range that the warning would request
+    assert not [w for w in cell.warnings if "continuous" in w]
     expect(" ".join(cell.notes), "joints grip", "of the range of a6 the planner uses -540 to 540 deg")
 
 
@@ -182,7 +183,7 @@ def test_allowed_contacts_are_pairs_of_names_or_a_file(folder: Path) -> None:
     expect(refusal(folder), "ignore_pairs", "no such file: robot.srdf")
     (folder / "robot.srdf").write_text('<robot><disable_collisions link1="l6" link2="l1"/></robot>')
     cell = load_cell(folder)
-    assert cell.may_touch == ()  # l1 has no body
+    assert cell.may_touch == ()  # l1 has no collision body
     assert "robot.srdf" in {f.name for f in cell.files}
 
 
@@ -215,7 +216,8 @@ def test_rail_and_positioner_follow_the_arm_in_listed_order(folder: Path) -> Non
     np.testing.assert_allclose(cell.limits.velocity[6:], [np.radians(50), 0.8])
     np.testing.assert_allclose(cell.home, np.radians([0, -90, 90, 0, 10, 0]))
     np.testing.assert_allclose(cell.limits.upper[6:], [3.0, 4.0])
-    np.testing.assert_allclose(cell.T_world_base[:3, 3], [0, 0, 0.5])  # pose: the root's; the rail at zero lies 0.3 up
+    # pose is that of the robot root; the rail at zero is 0.3 m higher
+    np.testing.assert_allclose(cell.T_world_base[:3, 3], [0, 0, 0.5])
     change(folder, ("home_deg: [0, -90, 90, 0, 10, 0, 45, 1500]", "home_deg: [0, -90, 90, 0, 10, 0]"))
     np.testing.assert_allclose(load_cell(folder).external_home, 0)
     change(folder, ("[turn, rail]", "[turn]"))
@@ -255,8 +257,8 @@ def robot_cell(source: Path, tmp_path: Path) -> Cell:
 def test_published_robot_descriptions_load(name: str, tmp_path: Path) -> None:
     cell = robot_cell(robot_folder(name, meshes=True), tmp_path)
     assert len(cell.arm_joints) == 6
-    assert sum(f.suffix == ".stl" for f in cell.files) == 7  # every collision mesh, no picture
-    assert len(cell.packages) == 1  # found beside the URDF
+    assert sum(f.suffix == ".stl" for f in cell.files) == 7  # every collision mesh, no visual mesh
+    assert len(cell.packages) == 1  # found next to the URDF
 
 
 @pytest.mark.parametrize("cell", sorted((ROOT / "cells").glob("*/cell.yaml")), ids=lambda p: p.parent.name)
@@ -264,7 +266,7 @@ def test_shipped_cells_load_without_a_warning(cell: Path) -> None:
     assert load_cell(cell).warnings == ()
 
 
-# what is refused: schema --------------------------------------------------------------------------------------
+# refused input: schema -----------------------------------------------------------------------------------------
 
 SCHEMA = [
     ("mass_kg", "mas_kg", ["line 15: tool.mas_kg", "unknown key 'mas_kg'", "did you mean 'mass_kg'?"]),
@@ -330,7 +332,7 @@ def test_missing_and_empty_and_binary_files(folder: Path, tmp_path: Path) -> Non
     expect(refusal(folder), "is not UTF-8")
 
 
-# what is refused: joints --------------------------------------------------------------------------------------
+# refused input: joints -----------------------------------------------------------------------------------------
 
 JOINTS = [
     ("base_link: base", "base_link: bas", ["robot.base_link", "'bas' is not in robot.urdf", "did you mean 'base'?"]),
@@ -408,7 +410,7 @@ def test_urdf_refusals(folder: Path, text: str, parts: list[str]) -> None:
 
 
 def build_mimic_arm(*more: str, mimic: str = '<mimic joint="a2" multiplier="-1" offset="0.1"/>', body: str = "") -> str:
-    """The arm with a joint on axis 3 that follows axis 2."""
+    """Return the arm with an additional mimic joint on axis 3 that follows axis 2."""
     knee = joint("m3", "l2", "knee", limit='<limit lower="-2" upper="3.2" velocity="0" effort="0"/>' + mimic)
     text = urdf(f'<link name="knee">{body}</link>', knee, *more)
     return text.replace(
@@ -421,13 +423,14 @@ def test_mimic_joint_is_read_and_narrows_the_range_of_its_source(folder: Path) -
     cell = load_cell(folder)
     assert [(m.joint, m.source, m.multiplier, m.offset) for m in cell.mimics] == [("m3", "a2", -1.0, 0.1)]
     assert cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
-    np.testing.assert_allclose(cell.limits.lower[:3], [-3, -3, -3])  # −q + 0.1 ≤ 3.2 holds from −3.1 on
+    np.testing.assert_allclose(cell.limits.lower[:3], [-3, -3, -3])  # −q + 0.1 ≤ 3.2 holds for q ≥ −3.1
     np.testing.assert_allclose(cell.limits.upper[:3], [3, 2.1, 3])
     expect(" ".join(cell.notes), "'m3', which follows 'a2', narrows that one to -171.9 to 120.3 deg")
 
 
 def test_mimic_joint_limits_the_speed_of_its_source(folder: Path) -> None:
-    """The follower turns as fast as the multiplier says: what its own drive train cannot, the leading joint may not."""
+    """The mimic joint turns with the multiplier times the source velocity, so its velocity limit also limits the
+    source joint."""
     free = load_cell(folder).limits.velocity[1]
     text = build_mimic_arm(mimic='<mimic joint="a2" multiplier="-2"/>')
     slow = text.replace('upper="3.2" velocity="0"', 'upper="3.2" velocity="0.5"')
@@ -468,7 +471,8 @@ def test_unsupported_mimic_joints_are_refused_by_name(folder: Path, text: str, p
 
 
 def test_mimic_joints_outside_the_chain_narrow_their_source_and_are_left_out(folder: Path) -> None:
-    """By their own range; a rod that slides does, too. Before, such a joint was refused."""
+    """Mimic joints outside the chain, revolute or prismatic, narrow the range of their source; before, they were
+    refused."""
     for kind in ("revolute", "prismatic"):
         limit = '<limit lower="0" upper="2" velocity="9" effort="0"/><mimic joint="a3"/>'
         text = urdf(f'<link name="rod">{BODY}</link>', joint("r", "l1", "rod", kind, limit))
@@ -478,7 +482,7 @@ def test_mimic_joints_outside_the_chain_narrow_their_source_and_are_left_out(fol
         assert sum("bodies of rod are left out" in w for w in cell.warnings) == 1
 
 
-# what is refused: files ---------------------------------------------------------------------------------------
+# refused input: files ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -545,7 +549,7 @@ def test_mesh_in_mm_is_answered_with_the_scale(folder: Path) -> None:
     change(folder, ("scale: 1e-3", "scale: 1e-9"))
     output = refusal(folder)
     expect(output, "spindle.stl is only 0.0002 mm wide")
-    assert "would work" not in output  # 0.2 mm would be refused next
+    assert "would work" not in output  # 0.2 mm would be refused next, so no value is suggested
 
 
 def test_mesh_of_an_unsupported_type_is_refused(folder: Path) -> None:
@@ -586,7 +590,7 @@ def test_stiffness_refusals(tmp_path: Path, text: str, parts: list[str]) -> None
 @given(seed=st.integers(0, 2**32 - 1))
 def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(6, 4)) * 1e-8  # rank 4: round-off makes eigenvalues slightly negative
+    root = rng.normal(size=(6, 4)) * 1e-8  # rank 4: rounding makes eigenvalues slightly negative
     grid = StiffnessGrid(rng.normal(size=3), 0.3, (2, 1, 2), rng.uniform(1e5, 1e7, (4, 6)), rng.uniform(0, 1e5, (4, 6)))
     term = StiffnessTerm("link_compliance", "link:4", {"c": np.float64(1e-7), "n": [1, 2]})
     before = ArmStiffness(joints=rng.uniform(1e5, 1e7, 6), covariance=root @ root.T, grid=grid, terms=(term,))
@@ -600,10 +604,11 @@ def test_stiffness_round_trip(seed: int, tmp_path_factory: pytest.TempPathFactor
     assert grid.std is not None
     assert after.grid.std is not None
     np.testing.assert_array_equal(after.grid.std, grid.std)
-    np.testing.assert_allclose(after.grid.origin, grid.origin, rtol=1e-15)  # mm ↔ m rounds once each way
+    # the mm ↔ m conversion rounds once in each direction
+    np.testing.assert_allclose(after.grid.origin, grid.origin, rtol=1e-15)
     assert after.grid.shape == grid.shape
     assert after.terms[0].parameters == {"c": 1e-7, "n": [1, 2]}
-    # a YAML 1.1 reader takes every number for a number, too
+    # a YAML 1.1 reader also reads every number as a number
     assert other_yaml.safe_load(file.read_text())["terms"][0]["parameters"]["c"] == 1e-7
 
 

@@ -80,14 +80,15 @@ ODD = [
 def test_unusual_values_cause_a_warning(folder: Path, old: str, new: str, part: str) -> None:
     replace_in_file(folder, old, new)
     if "3000 kg" in part:
-        replace_in_file(folder, "stiffness: stiffness.yaml\n", "")  # which such a tool would bend
+        # that mass would be refused for the deflection of these springs
+        replace_in_file(folder, "stiffness: stiffness.yaml\n", "")
     if "6 s" in part:
         replace_in_file(folder, SPEED, "[50, 50, 50, 100, 100, 150]")
     assert any(part in w for w in load_cell(folder).warnings), load_cell(folder).warnings
 
 
 def test_speeds_equal_to_the_urdf_numbers_cause_a_warning(folder: Path) -> None:
-    """A small arm's wrist is quicker than 7 rad/s: what tells rad/s then is that the URDF has them so."""
+    """A small arm's wrist can exceed 7 rad/s: values equal to those of the URDF show that the unit is rad/s."""
     robot = folder / "robot.urdf"
     robot.write_text(re.sub(r'velocity="[^"]*"', 'velocity="8.5"', robot.read_text()))
     replace_in_file(folder, SPEED, "[7.2, 7.2, 7.2, 8.5, 8.5, 8.5]")

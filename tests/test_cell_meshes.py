@@ -44,7 +44,7 @@ FOLDED = export_mesh(
         [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2], [2, 1, 0], [0, 1, 3], [3, 1, 0]], process=False
     ),
 )
-DAMAGES = [  # suffix, content, what the refusal says
+DAMAGES = [  # suffix, content, words of the refusal
     ("stl", b"", ["is empty"]),
     ("stl", STL[:-1], ["is cut", "counts 12 triangles, which take 684 bytes, and it holds 683"]),
     ("stl", STL[:100], ["is cut", "12 triangles"]),
@@ -73,7 +73,8 @@ DAMAGES = [  # suffix, content, what the refusal says
     ("ply", ASCII_PLY.replace(b"vertex 8", b"vertex 99999999999"), ["is cut", "99999999999 vertices"]),
     ("off", OFF[:-20], ["is cut", "8 vertices and 12 faces"]),
     ("off", b"8 12 0\n", ["does not begin with OFF"]),
-    ("ply", ASCII_PLY.replace(b"\n3 1 3 0", b"\n3 1 3 0.5"), ["found the face"]),  # ends coal's process
+    # otherwise aborts the process in coal
+    ("ply", ASCII_PLY.replace(b"\n3 1 3 0", b"\n3 1 3 0.5"), ["found the face"]),
     ("ply", ASCII_PLY.replace(b"list uchar int", b"list float int"), ["is damaged in its line"]),
     ("ply", PLY.replace(b"\x03\x01\0\0\0", b"\x0b\x01\0\0\0", 1), ["not all triangles"]),
     ("off", OFF.replace(b"\n3 1 3 0", b"\n3 1 3 8"), ["found the face"]),
@@ -195,7 +196,7 @@ def test_mesh_that_is_a_pipe_or_a_folder_is_refused(folder: Path) -> None:
 
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero", "../outside.mtl", "link.mtl", "."])
 def test_material_libraries_outside_the_folder_are_not_opened(name: str, tmp_path: Path) -> None:
-    """The importer of the verifier opens what an OBJ names, and would wait for a pipe without end."""
+    """The verifier's importer opens the material library named in an OBJ, and would wait endlessly for a pipe."""
     folder = tmp_path / "meshes"
     folder.mkdir()
     os.mkfifo(folder / "pipe")
@@ -222,9 +223,11 @@ def obj_of(points: list[list[float]], faces: list[list[int]], more: str = "") ->
 
 
 def prism(first: int) -> str:
-    """An L of height 1, its two ends begun at a corner. A fan from there keeps to the L or holds more than it.
+    """Build an L-shaped prism of height 1, with both ends starting at corner ``first``: a fan from there either stays
+    within the L or exceeds it.
 
-    The planner then keeps farther away than it must; the verifier's library cuts ears.
+    In the second case the planner keeps a larger distance than necessary; the verifier's library triangulates by ear
+    clipping.
     """
     points = [[x, y, z] for z in (0, 1) for x, y in ELL]
     ring = [(k + first) % 6 for k in range(6)]

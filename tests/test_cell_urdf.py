@@ -27,7 +27,7 @@ def test_intact_cell_has_every_body_and_mass(folder: Path) -> None:
 
 
 BOX, MESH = '<box size="0.2 0.2 0.3"/>', '<mesh filename="link.stl"/>'
-DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal says beside file and line
+DAMAGES = [  # text in the file, its replacement (once), words of the refusal in addition to file and line
     ('value="190"', 'value="190,0"', ["mass of link 'l1'", "'190,0'", "decimal points"]),
     ('value="190"', 'value="nan"', ["mass of link 'l1'", "'nan'", "finite"]),
     ('value="190"', 'value="1e400"', ["'1e400'", "finite"]),
@@ -107,7 +107,8 @@ DAMAGES = [  # what stands in the file, what it becomes (once), what the refusal
 def test_damages_are_refused_with_file_and_line(folder: Path, old: str, new: str, parts: list[str]) -> None:
     text = urdf()
     line = text[: text.index(old)].count("\n") + 1
-    if old in ("<inertial>", "<collision>", "<visual>", '<link name="l1">', '<joint name="a1"'):  # the end goes along
+    # also replace the end tag
+    if old in ("<inertial>", "<collision>", "<visual>", '<link name="l1">', '<joint name="a1"'):
         tag, becomes = old.strip("<>").split()[0], new.strip("<>").split()[0]
         if tag != becomes:
             at = text.index(old)
@@ -115,13 +116,13 @@ def test_damages_are_refused_with_file_and_line(folder: Path, old: str, new: str
             text = text[:end] + f"</{becomes}>" + text[end + len(tag) + 3 :]
     (folder / "robot.urdf").write_text(text.replace(old, new, 1))
     if "is given twice, first" in parts[0]:
-        line = 10  # of the second link of that name
+        line = 10  # line of the second link with this name
     elif "lower < upper" in parts:
-        line = 4  # a range is judged where the cell names the URDF
+        line = 4  # ranges are checked where the cell refers to the URDF
     elif "has no <geometry>" in parts[0]:
-        line = 6  # of the body
+        line = 6  # line of the body
     elif old == "</robot>":
-        line = 96  # the file ends there
+        line = 96  # end of the file
     read_refusal_message(folder, "robot.urdf", f"line {line}", *parts)
 
 
@@ -201,7 +202,8 @@ def test_link_with_visual_geometry_only_is_named(folder: Path) -> None:
 
 
 def test_robot_model_counts_its_bodies(folder: Path) -> None:
-    """Whatever the strict reader lets through: a body that the model's own parser drops is not lost."""
+    """The robot model compares its body count with the strict reader, so that a body dropped by its own parser is
+    detected."""
     cell = load_cell(folder)
     replace_in_file(folder, BOX, '<capsule radius="0.1" length="0.3"/>', "robot.urdf", 1)
     with pytest.raises(InputError, match=r"robot\.urdf: describes 6 collision bodies, of which the robot model has 5"):

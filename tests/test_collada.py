@@ -48,7 +48,8 @@ def write_collada(folder: Path, faces: str = "triangles", text: str = TEXT) -> P
 
 @pytest.mark.parametrize("faces", sorted(FACES))
 def test_node_transforms_place_triangles_in_metres(faces: str, tmp_path: Path) -> None:
-    """Turned by 90° about z, doubled and shifted; shifted alone. The unit counts, the axis that is up does not."""
+    """Two nodes: rotated by 90° about z, scaled by 2 and shifted; and shifted only. The unit applies, the up axis
+    does not."""
     found = read_collada(write_collada(tmp_path, faces)).corners
     assert found.shape == (8 if faces == "triangles" else 6, 3, 3)
     first, second = np.split(found, 2)

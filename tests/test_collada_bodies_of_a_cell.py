@@ -39,7 +39,7 @@ def write_cell(
 
 
 def compute_corners(shape: CollisionShape) -> tuple[np.ndarray, np.ndarray]:
-    """Corners in the parent's frame as the planner and as the verifier see them, sorted."""
+    """Return the sorted corners in the parent frame as read by the planner and by the verifier."""
     T = shape.T_parent_shape
     mine, _ = triangulate_shape(shape)
     other = np.array(load_mesh(Path(str(shape.mesh)), np.full(3, shape.size[0])).vertices())
@@ -50,7 +50,7 @@ def compute_corners(shape: CollisionShape) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("unit", sorted(UNITS))
 def test_unit_and_up_axis_of_the_file_apply(unit: str, up: str, tmp_path: Path) -> None:
     name, metre = UNITS[unit]
-    size = 0.5 / metre  # half a metre
+    size = 0.5 / metre  # half a metre in file units
     head = f'<unit name="{name}" meter="{metre}"/><up_axis>{up}</up_axis>'
     moves = f"<translate>{size} {2 * size} {3 * size}</translate><scale>{size} {size} {size}</scale>"
     cell = load_cell(write_cell(tmp_path, cube(asset=head, nodes=node(moves))))

@@ -1,6 +1,6 @@
 """COLLADA files in the URDF of a handwritten cell, read by planner and verifier.
 
-The unit of the file holds. Its upward axis does not: as in RViz and MoveIt the coordinates are those of the link.
+The unit of the file applies. Its up axis does not: as in RViz and MoveIt, coordinates are those of the link frame.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ COLLISION = '<collision><origin xyz="0.1 0 0.2"/><geometry><mesh filename="part.
 
 
 def write_robot_mesh(folder: Path, text: str, scale: str = "") -> Path:
-    """A cell whose second link has a COLLADA body in place of its own."""
+    """Write a cell in which a COLLADA mesh replaces the collision body of the second link."""
     cell = write_cell(folder, text, "{name: box, box_mm: [10, 10, 10], xyz_mm: [2500, 0, 0]}")
     robot = cell / "robot.urdf"
     urdf = robot.read_text()
@@ -37,7 +37,7 @@ def write_robot_mesh(folder: Path, text: str, scale: str = "") -> Path:
 
 
 def list_corners(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the body in the frame of its collision element, m, as planner and verifier read them."""
+    """Return the corners (m) of the body in the frame of its collision element, as read by planner and verifier."""
     cell = load_cell(folder)
     mine = next(body.shape for body in load_chain(cell)[1] if str(body.shape.mesh).endswith("part.dae"))
     assert Path(str(mine.mesh)) in cell.files
@@ -50,7 +50,7 @@ def list_corners(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("unit", sorted(UNITS))
 def test_unit_applies_and_up_axis_does_not(unit: str, up: str, tmp_path: Path) -> None:
     name, metre = UNITS[unit]
-    size = 0.1 / metre  # a tenth of a metre
+    size = 0.1 / metre  # 0.1 m in file units
     head = f'<unit name="{name}" meter="{metre}"/><up_axis>{up}</up_axis>'
     moves = f"<translate>{size} {2 * size} {3 * size}</translate><scale>{size} {size} {size}</scale>"
     folder = write_robot_mesh(tmp_path, cube(asset=head, nodes=node(moves)))

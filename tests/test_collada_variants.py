@@ -1,7 +1,7 @@
-"""COLLADA variants of exporters: triangles, area and box equal those counted by hand.
+"""COLLADA variants of exporters: number of triangles, area and bounding box equal hand-calculated values.
 
-What a file holds is a unit cube, a plane L of six corners, or a strip; each is written in many ways. The verifier's own
-library reads each file too and must see the same body.
+A file contains a unit cube, a plane L with six corners, or a strip, each in many notations. The verifier's own library
+also reads each file and must give the same body.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from machopt.verification.motion.collision.original_meshes import load_mesh
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 TRIANGLES = [[q[0], q[k], q[k + 1]] for q in QUADS for k in (1, 2)]
-L = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]], float)  # area 3, from corner 5 no fan
+# area 3; a fan from corner 5 does not triangulate it
+L = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]], float)
 ELL = [5, 0, 1, 2, 3, 4]
 XMLNS = ' xmlns="http://www.collada.org/2005/11/COLLADASchema"'
 
@@ -89,7 +90,7 @@ def build_polygons(tag: str, rows: list[list[int]]) -> str:
 
 
 def with_inputs() -> str:
-    """The corner is the third of four indices."""
+    """The vertex index is the third of four indices."""
     index = np.stack([np.zeros(36, int), np.arange(36) % 6, np.ravel(TRIANGLES), np.zeros(36, int)], axis=1)
     inputs = (
         '<input semantic="NORMAL" source="#n" offset="1"/><input semantic="TEXCOORD" source="#n" offset="0" set="0"/>'
@@ -104,7 +105,7 @@ def node(moves: str, inside: str = '<instance_geometry url="#g"/>') -> str:
 
 
 def grid(n: int) -> str:
-    """n × n squares of one by one, as triangles: a large file."""
+    """Return n × n unit squares as triangles: a large file."""
     x, y = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
     points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3).astype(float)
     a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
@@ -304,7 +305,7 @@ def test_variant_has_the_triangles_counted_by_hand(name: str, tmp_path: Path) ->
     assert area(found.corners) == pytest.approx(surface, rel=1e-6)
     points = found.corners.reshape(-1, 3)
     np.testing.assert_allclose([points.min(0), points.max(0)], box, atol=1e-6 * np.max(box))
-    if name not in ("lights_and_cameras",):  # a reference to nothing ends the other library's reading
+    if name not in ("lights_and_cameras",):  # an undefined reference stops the other library
         other = load_with_second_library(file, found.counts.metre, build_error)
         compare_bodies(file.name, other, points, np.arange(3 * count).reshape(-1, 3), build_error)
         copy = tmp_path / "a.dae.stl"
@@ -374,7 +375,8 @@ def test_content_that_would_be_dropped_or_moved_is_refused(name: str, tmp_path: 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_any_simple_polygon_is_triangulated_to_its_area(seed: int) -> None:
-    """Star-shaped about a point that is no corner, in a random plane, begun anywhere and run through either way."""
+    """Star-shaped polygons about an interior point, in a random plane, with any first corner and in either
+    direction."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(4, 40))
     angle = np.sort(rng.random(n)) * 2 * np.pi
@@ -405,7 +407,8 @@ def test_unused_axis_causes_a_note(axis: str, notes: int, tmp_path: Path) -> Non
 
 
 def test_copy_with_missing_triangles_is_refused(tmp_path: Path) -> None:
-    """Planner and verifier do not read the same copy: the original lies beside it and is an input of the cell."""
+    """Planner and verifier read different copies: the original is stored next to the STL copy and is also an input
+    of the cell."""
     done = run_init(InitRequest(robot=robot_with_mesh(tmp_path), out=tmp_path / "cell"))
     copy = done.folder / "a.dae.stl"
     assert (done.folder / "a.dae").read_bytes() == (tmp_path / "a.dae").read_bytes()
@@ -420,4 +423,4 @@ def test_copy_with_missing_triangles_is_refused(tmp_path: Path) -> None:
     copy.write_bytes(build_binary_stl(whole[:8]))
     with pytest.raises(InputError, match=r"a\.dae is read differently"):
         load_cell(done.folder, allow_external=True)
-    assert load_mesh(copy, np.full(3, 0.2)).num_tris == 12  # the verifier's own
+    assert load_mesh(copy, np.full(3, 0.2)).num_tris == 12  # the verifier's own copy

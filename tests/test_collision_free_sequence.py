@@ -1,4 +1,4 @@
-"""Search for a collision-free sequence against exhaustive search."""
+"""Search for a collision-free sequence, compared with exhaustive search."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ OPTIONS = PlanOptions(
 def plan_leaning_spindle(
     folder: FilePath, rows: Rows, obstacles: tuple[CollisionShape, ...], options: PlanOptions = OPTIONS
 ) -> Plan:
-    """The small cell with its spindle at 45° to the flange, so that turning about the tool moves the whole arm."""
+    """Plan for the small cell with its spindle at 45° to the flange, so that rotation about the tool axis moves the
+    whole arm."""
     tool = small_cell(folder).tool
     lean = pose(0.1, 0, 0.25, np.pi / 4)
     tool = replace(
@@ -58,7 +59,7 @@ def plan_leaning_spindle(
 
 
 def build_crowded_job(seed: int) -> tuple[Rows, tuple[CollisionShape, ...]]:
-    """A short pass over the block between posts that stand round it at random, some in the way at every rotation."""
+    """Build a short pass over the block between random posts, some of which collide at every rotation."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(3, 6))
     start = np.array([rng.uniform(-0.15, 0.0), rng.uniform(-0.1, 0.1), 0.02])
@@ -82,7 +83,8 @@ def build_crowded_job(seed: int) -> tuple[Rows, tuple[CollisionShape, ...]]:
 
 
 def rods(seed: int) -> tuple[Rows, tuple[CollisionShape, ...]]:
-    """The same between thin rods, which the arm may pass on either side, not through: poses are free, ways not."""
+    """Build a short pass between thin rods that the arm can pass on either side: poses are free, motions between
+    them collide."""
     rng = np.random.default_rng(seed)
     start = np.array([rng.uniform(-0.15, 0.0), rng.uniform(-0.1, 0.1), 0.02])
     a = rng.uniform(-np.pi, np.pi)
@@ -106,9 +108,11 @@ def rods(seed: int) -> tuple[Rows, tuple[CollisionShape, ...]]:
 
 
 def reachable(p: Plan) -> list[int]:
-    """How many vertices of each station some sequence from the first one leads to: every pose and every way looked at.
+    """Count the vertices of each station that some sequence from the first station reaches, with every pose and edge
+    checked.
 
-    Vertices by their own pose, ways by their own motion, straight between the two; nothing is struck out for another.
+    Vertices are checked at their own pose and edges along their own linear joint motion; no exclusion is transferred to
+    another vertex or edge.
     """
     c: CandidateGrid = enumerate_candidates(p.path, p.setup.arm, p.options)
     model, path = p.setup.collision, p.path
@@ -144,16 +148,17 @@ def reachable(p: Plan) -> list[int]:
 
 
 def agrees(rows: Rows, obstacles: tuple[CollisionShape, ...], folder: FilePath) -> Plan:
-    """The planner's answer is that of trying everything, and where there is none it says where."""
+    """Check that the planner finds a sequence if exhaustive search finds one, and otherwise states the station where
+    none continues."""
     p = plan_leaning_spindle(folder, rows, obstacles)
     counts = reachable(p)
     ok = bool((p.chosen.assignment.reason == InfeasibilityReason.OK).all()) and not p.breaks
     if p.chosen_from in ("jiao2022", "cam default"):
-        assert ok  # found between the grid's rotations
+        assert ok  # refined between the grid rotations
         return p
     assert ok == all(counts), (ok, counts, [b.text for b in p.breaks])
     if not ok:
-        first = counts.index(0)  # the first station nothing leads to: a point without an answer, or a break before it
+        first = counts.index(0)  # the first unreachable station: a point without a solution, or a break before it
         at = float(p.path.index[p.path.stations[first]])
         named = {float(p.path.index[k]) for k in p.missing} | {b.after for b in p.breaks}
         assert at in named
@@ -174,7 +179,7 @@ def test_feasibility_equals_that_of_exhaustive_search(seed: int, tmp_path: FileP
 
 @pytest.mark.parametrize("seed", [33, 41, 42])
 def test_single_colliding_edges_between_free_poses_are_excluded(seed: int, tmp_path: FilePath) -> None:
-    """Drawn so that a way collides between two free poses, and that a sequence breaks off."""
+    """Seeds for which an edge between two free poses collides, or no complete sequence exists."""
     p = agrees(*rods(seed), tmp_path)
     assert p.found is not None
     assert len(p.found.edges) or p.breaks
@@ -186,12 +191,12 @@ def test_single_colliding_edges_between_free_poses_are_excluded(seed: int, tmp_p
         touch = np.array([p.path.may_touch[p.path.stations[s - 1]]])
         assert not model.check_configurations(p.candidates.q[s - 1, r, b][None], touch).hit[
             0
-        ]  # not the pose's own fault
+        ]  # the pose itself is free
     assert_closed_by_themselves(p)
 
 
 def assert_closed_by_themselves(p: Plan) -> None:
-    """Of the ways that are closed in every turn each collides, or has no pose, on its own way."""
+    """Check that each edge excluded in every turn collides, or has no IK solution, along its own motion."""
     assert p.found is not None
     s, R = p.setup, len(p.candidates.phi)
     checker = PathCollisionChecker.build(p.path, s.arm, s.robot, s.collision, p.options)
@@ -225,7 +230,8 @@ def test_only_colliding_edges_are_excluded(seed: int, tmp_path: FilePath) -> Non
 
 @pytest.mark.parametrize("seed", [4, 33])
 def test_sequence_chosen_in_segments_has_the_bound_of_a_whole_choice(seed: int, tmp_path: FilePath) -> None:
-    """On what is left of the grid the whole path is chosen once more; its bound holds for the answer that stands."""
+    """The whole path is optimized once more on the remaining grid; its bound must also hold for the result of the
+    segments."""
     p = plan_leaning_spindle(tmp_path, *(rods(seed) if seed > 30 else build_crowded_job(seed)))
     assert p.found is not None
     velocity = p.setup.cell.limits.velocity[:6]
@@ -243,7 +249,7 @@ def test_lookahead_excludes_edges_of_the_same_pair_around_a_contact(tmp_path: Fi
     touch = p.path.may_touch[p.path.stations]
     s, r, b = np.nonzero(usable)
     found = model.check_configurations(c.q[s, r, b], touch[s])
-    pair = np.bincount(found.pair[found.hit]).argmax()  # what most collisions are between
+    pair = np.bincount(found.pair[found.hit]).argmax()  # the pair with most collisions
     alike = model.check_single_pairs(c.q[s, r, b], np.full(len(s), pair))
     assert alike[found.pair == pair].all()
     assert not alike[~found.hit].any() or model.pairs[pair].unless_cutting
@@ -261,9 +267,9 @@ def test_lookahead_excludes_edges_of_the_same_pair_around_a_contact(tmp_path: Fi
     struck = usable & ~c.feasible.any(axis=3)
     assert 1 < struck.sum() <= alike.sum()
     assert looked < usable.sum()
-    assert not struck[s[~alike], r[~alike], b[~alike]].any()  # only what touches by itself
+    assert not struck[s[~alike], r[~alike], b[~alike]].any()  # only vertices that are in contact are excluded
     out = np.argwhere(struck)
-    for k in out:  # and nothing around it is left that touches alike
+    for k in out:  # no vertex next to an excluded one is in contact with the same pair
         for n in out[np.abs(out - k).sum(axis=1) == 1]:
             assert ahead.pairs[tuple(n)] == pair
     ring = np.array([v for v in np.argwhere(c.feasible.any(axis=3)) if (np.abs(out - v).sum(axis=1) == 1).any()])
@@ -280,7 +286,7 @@ def test_map_marks_checked_edges_and_checks_the_rest_on_request(tmp_path: FilePa
     )
     assert 0 < some.looked_at < whole.looked_at
     assert some.open == none.open > whole.open
-    np.testing.assert_array_equal(p.candidates.feasible, before)  # a picture only
+    np.testing.assert_array_equal(p.candidates.feasible, before)  # the map does not change the candidates
     model, c = p.setup.collision, whole.candidates
     assert model is not None
     cut = p.path.counted[p.path.stations]
@@ -292,7 +298,8 @@ def test_map_marks_checked_edges_and_checks_the_rest_on_request(tmp_path: FilePa
 
 
 def test_equal_stiffness_prefers_distance_with_a_clearance_weight(tmp_path: FilePath) -> None:
-    """A post beside the tool; with the price of nearness the plan keeps farther away, and is told by the same J."""
+    """A post next to the tool: with a clearance weight the plan keeps a larger distance, and both are reported with
+    the same J."""
     post = (
         CollisionShape(
             name="post", kind="box", size=(0.08, 0.08, 0.4), mesh=None, T_parent_shape=pose(1.5, 0.42, 0.82)

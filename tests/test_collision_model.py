@@ -1,4 +1,4 @@
-"""Collision model against coal (an independent library) and against brute force."""
+"""Collision model, compared with coal (an independent library) and with exhaustive sampling."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
 from machopt.kinematics.urdf_loading import load_chain
 
-ROUND = 0.0022  # the prisms that stand for cylinders are up to 0.22 % larger; spheres up to 0.7 %
+ROUND = 0.0022  # the prisms that replace cylinders are up to 0.22 % larger; spheres up to 0.7 %
 
 
 def model_of(cell: Cell, clearance: float = 0.0) -> CollisionModel:
@@ -44,7 +44,7 @@ def coal_shape(shape: CollisionShape) -> coal.CollisionGeometry:
 
 
 def coal_distances(cell: Cell, model: CollisionModel, q: np.ndarray) -> np.ndarray:
-    """(S, P) distances by coal with its own shapes; pairs with the cutter are left NaN."""
+    """Return the distances (S, P) computed by coal with its own shapes; pairs with the cutter are NaN."""
     robot, shapes = load_chain(cell)
     T_base_world = np.linalg.inv(cell.T_world_base)
     frames = {s.shape.name: (s.link, s.shape.T_parent_shape, s.shape) for s in shapes}
@@ -78,14 +78,14 @@ def model(folder: Path) -> CollisionModel:
 
 
 def agree(cell: Cell, model: CollisionModel, q: np.ndarray, band: float) -> None:
-    """Same contacts and same nearest distance as coal, outside ``band`` m around contact."""
+    """Check for the same contacts and the same minimum distance as coal, except within ``band`` m of contact."""
     theirs = np.nanmin(coal_distances(cell, model, q), axis=1)
     free_of_cutter = model_of(replace(cell, tool=replace(cell.tool, cutter=None)))
     cutting = np.ones(len(q), bool)
     hit = free_of_cutter.check_configurations(q, cutting).hit
     near = free_of_cutter.find_nearest_pair(q, cutting).distance
     clear = np.abs(theirs) > band
-    assert 0.05 < hit.mean() < 0.95  # the comparison sees both cases
+    assert 0.05 < hit.mean() < 0.95  # both cases occur in the comparison
     np.testing.assert_array_equal(hit[clear], theirs[clear] <= 0)
     free = (theirs > band) & (theirs < 0.49)
     np.testing.assert_allclose(near[free], theirs[free], atol=band)
@@ -111,7 +111,7 @@ def test_agrees_with_coal_on_a_real_robot(folder: Path, name: str) -> None:
 
 def test_bound_is_the_distance_of_covering_spheres_from_the_box(model: CollisionModel) -> None:
     stack = model.stack
-    rows = MotionRows(stack, random_q(model, 300))  # more than one block
+    rows = MotionRows(stack, random_q(model, 300))  # more than one block of rows
     for p, (i, j) in enumerate(stack.index):
         ball, boxed = (stack.bodies[k] for k in ((i, j) if stack.flip[p] else (j, i)))
         T = [np.eye(4) if body.link == 0 else rows.poses[:, body.link] for body in (ball, boxed)]
@@ -127,7 +127,7 @@ def test_bounds_never_exceed_the_distance_nor_the_motion(folder: Path, model: Co
     exact = coal_distances(small_cell(folder), model, q)
     bound = MotionRows(model.stack, q).bound
     assert (bound[~np.isnan(exact)] <= np.maximum(exact[~np.isnan(exact)], 0) + 1e-9).all()
-    # Motion: every vertex of the second body, seen from the first, at ten places of each joint step.
+    # Motion: every vertex of the second body in the frame of the first, at ten positions of each joint step.
     rng = np.random.default_rng(3)
     for start in q[:10]:
         end = start + rng.uniform(-0.06, 0.06, 6)
@@ -146,7 +146,7 @@ def test_bounds_never_exceed_the_distance_nor_the_motion(folder: Path, model: Co
 def test_clearance_from_carried_distances_equals_fresh_ones(folder: Path) -> None:
     model = model_of(small_cell(folder), clearance=0.03)
     a, b = random_q(model, 2, seed=5)
-    q = a + np.linspace(0, 1, 600)[:, None] * (b - a)  # neighbours: distances are carried along
+    q = a + np.linspace(0, 1, 600)[:, None] * (b - a)  # close configurations: distances are reused
     cutting = np.zeros(len(q), bool)
     together = model.check_configurations(q, cutting)
     alone = np.array([model.check_configurations(row[None], cutting[:1]).hit[0] for row in q])
@@ -160,7 +160,7 @@ def test_clearance_from_carried_distances_equals_fresh_ones(folder: Path) -> Non
 
 
 def test_contact_between_rows_is_found(folder: Path, model: CollisionModel) -> None:
-    """A thin plate that no row touches, against brute force at 2,000 places."""
+    """A thin plate in contact with no sampled row, compared with 2,000 sampled positions."""
     plate = CollisionShape(
         name="plate", kind="box", size=(0.6, 0.002, 0.6), mesh=None, T_parent_shape=pose(1.2, 0.0, 1.2)
     )
@@ -191,7 +191,7 @@ def test_motion_agrees_with_brute_force(model: CollisionModel, seed: int) -> Non
 
 
 def reach_pose(model: CollisionModel, cell: Cell, tip: tuple[float, float, float]) -> np.ndarray:
-    """Joint position with the TCP at ``tip`` (m, base_link), pointing down."""
+    """Return the joint position with the TCP at ``tip`` (m, base_link), pointing down."""
     from scipy.optimize import least_squares
 
     robot = model.stack.robot
@@ -205,20 +205,20 @@ def reach_pose(model: CollisionModel, cell: Cell, tip: tuple[float, float, float
 
 def test_cutter_may_touch_only_while_cutting(folder: Path, model: CollisionModel) -> None:
     cell = small_cell(folder)
-    depth = [0.02, 0.0, -0.00005, -0.00015, -0.03]  # m above the block's top at z = 0.6
+    depth = [0.02, 0.0, -0.00005, -0.00015, -0.03]  # m above the block's top at z = 0.6 m
     q = np.array([reach_pose(model, cell, (1.5, 0.1, 0.6 + d)) for d in depth])
     rapid, cut = np.zeros(5, bool), np.ones(5, bool)
     np.testing.assert_array_equal(model.check_configurations(q, rapid).hit, [False, False, False, True, True])
     assert not model.check_configurations(q, cut).hit.any()
-    drill = reach_pose(model, cell, (1.5, 0.1, 0.6 - 0.075))[None]  # 60 mm of cutter: the spindle is in the block
+    drill = reach_pose(model, cell, (1.5, 0.1, 0.6 - 0.075))[None]  # cutter length 60 mm: the spindle is in the block
     hit = model.check_configurations(drill, cut[:1])
     assert model.pairs[hit.pair[0]].name == "block ~ spindle"
-    # A wide clearance does not keep the cutter from starting a rapid move where it cut.
+    # A large clearance does not forbid a rapid move that starts in contact with the cut.
     wide = model_of(cell, clearance=0.02)
     assert not wide.check_configurations(q[1:2], rapid[:1]).hit.any()
     assert wide.check_configurations(
         np.array([reach_pose(model, cell, (1.5, 0.1, 0.54))]), cut[:1]
-    ).hit.all()  # spindle 10 mm off
+    ).hit.all()  # the spindle is 10 mm away
 
 
 def test_body_wholly_inside_another_is_a_contact(folder: Path, model: CollisionModel) -> None:
@@ -227,7 +227,7 @@ def test_body_wholly_inside_another_is_a_contact(folder: Path, model: CollisionM
     tip = model.stack.robot.compute_fk(q, cell.tool.T_flange_tcp)[:3, 3]
     speck = CollisionShape(
         name="speck", kind="sphere", size=(0.004,), mesh=None, T_parent_shape=pose(tip[0], tip[1], tip[2] + 0.2)
-    )  # within the spindle
+    )  # inside the spindle
     hidden = model_of(replace(cell, obstacles=(speck,)))
     assert hidden.check_configurations(q[None], np.zeros(1, bool)).hit.all()
     assert hidden.check_motion(q[None], np.zeros(1, bool), step=0.01).hit.all()
@@ -251,14 +251,14 @@ def test_inside_test_by_solid_angle() -> None:
     )
     assert is_point_inside(body, np.array([0.9, -0.9, 0.3]))
     assert not is_point_inside(body, np.array([1.1, 0, 0]))
-    assert not is_point_inside(replace(body, faces=f[:, ::-1]), np.zeros(3))  # a room with its normals inwards
-    assert not is_point_inside(replace(body, faces=f[1:]), np.zeros(3))  # open
+    assert not is_point_inside(replace(body, faces=f[:, ::-1]), np.zeros(3))  # inverted normals
+    assert not is_point_inside(replace(body, faces=f[1:]), np.zeros(3))  # open mesh
 
 
 def test_always_touching_pairs_are_computed(folder: Path, model: CollisionModel) -> None:
     names = {pair.name for pair in model.pairs}
     assert "base_link_0 ~ link_2_0" in names
-    assert "link_5_0 ~ cutter" in names  # the tool hangs on link 6
+    assert "link_5_0 ~ cutter" in names  # the tool is attached to link 6
     assert not any(f"link_{i}_0 ~ link_{i + 1}_0" in names for i in range(1, 6))
     assert not any(name.startswith("base_link_0") and ("table" in name or "block" in name) for name in names)
     assert not model.excluded

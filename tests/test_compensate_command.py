@@ -1,4 +1,4 @@
-"""``machopt optimize --compensate``: files, independent verification, detected damages."""
+"""``machopt optimize --compensate``: files, independent verification, detection of damaged files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> tuple[FilePath, FilePath, FilePath]:
-    """The corner on the KR500 with one long segment; toolpath, output without and with compensation."""
+    """The corner job on the KR500 with one long segment: toolpath, output without and with compensation."""
     folder = tmp_path_factory.mktemp("job")
     rows = [
         "-100,-60,40,0,0,1,rapid,,c",
@@ -59,33 +59,35 @@ def test_command_writes_the_shift_it_applies(job: tuple[FilePath, FilePath, File
     before, after = table(plain / "points.csv"), table(shifted / "points.csv")
     for a, b in zip(before, after, strict=True):
         assert [a[c] for c in ("x_mm", "y_mm", "z_mm", "i")] == [b[c] for c in ("x_mm", "y_mm", "z_mm", "i")]
-        assert float(a["gamma_deg"]) == pytest.approx(float(b["gamma_deg"]), abs=0.1)  # as driven: corners rounded
+        # rotation as executed, with rounded corners
+        assert float(a["gamma_deg"]) == pytest.approx(float(b["gamma_deg"]), abs=0.1)
     comp = np.array([[float(r[f"comp_d{c}_mm"]) for c in "xyz"] for r in after])
     size, bend = np.linalg.norm(comp, axis=1), np.array([float(r["deflection_mm"]) for r in after])
     cut = np.array([r["move"] == "cut" for r in after])
     assert cut.tolist() == [False, False, True, True, True, False]
-    np.testing.assert_allclose(size[3:5], bend[3:5], rtol=0.01)  # the rotation as driven is a little smoother
-    assert size[2] < bend[2]  # the corner, where the force turns
+    np.testing.assert_allclose(size[3:5], bend[3:5], rtol=0.01)  # the executed rotation is slightly smoother
+    assert size[2] < bend[2]  # the corner, where the force direction changes
     found = result(shifted)["compensation"]
     assert isinstance(found, dict)
     rows = np.array([[float(v) for v in r.values()] for r in table(shifted / "compensation.csv")])
     cutting = (rows[:, 0] > 1 + 1e-9) & (rows[:, 0] <= 4)
     assert found["max_mm"] == pytest.approx(np.linalg.norm(rows[cutting, 1:4], axis=1).max(), abs=1e-6)
     assert 0 < found["residual_mean_mm"] < 0.05 * found["uncompensated_mean_mm"]
-    assert found["residual_max_mm"] < 2 * found["max_mm"]  # the jump of the force at the corner, over 2 mm
+    assert found["residual_max_mm"] < 2 * found["max_mm"]  # the force changes direction within 2 mm at the corner
     report = (shifted / "report.html").read_text()
     assert "the commanded path is shifted by up to" in report
     assert "c-shift" in report
     assert "c-shift" not in (plain / "report.html").read_text()
     assert json.loads((shifted / "result.json").read_text())["options"]["compensate"] is True
-    # the program goes to the shifted points, and to those between that leave the line: 160 mm in eight pieces
+    # the program contains the shifted points and intermediate points where the path is not straight: 160 mm in eight
+    # pieces
     program = (shifted / "corner_csv.src").read_text()
     lin = np.array([[float(v) for v in m] for m in re.findall(r"LIN \{X (\S+?),Y (\S+?),Z (\S+?),", program)])
     corners = np.array([[float(r[c]) for c in ("x_mm", "y_mm", "z_mm")] for r in after]) + comp
     for target in corners[1:]:
         assert np.linalg.norm(lin - target, axis=1).min() < 2e-4  # four decimals
     assert len(lin) >= len(table(path)) - 1
-    # the feed is held as it was but at the corner, which is driven round a step of half a millimetre
+    # the feed is unchanged except at the corner, which becomes a step of half a millimetre
     assert result(shifted)["feed_held_share"] > result(plain)["feed_held_share"] - 0.05  # type: ignore[operator]
     assert found["length_mm"] in (5.0, 10.0, 20.0, 40.0)
     assert found["fade_mm"] in (5.0, 10.0, 20.0, 40.0)
@@ -94,7 +96,7 @@ def test_command_writes_the_shift_it_applies(job: tuple[FilePath, FilePath, File
 
 
 def test_page_and_result_show_the_same_mean_and_maximum(job: tuple[FilePath, FilePath, FilePath]) -> None:
-    """Over the length cut, from the objective itself, wherever it is shown."""
+    """Mean over the cutting length, from the objective, in every place where it is shown."""
     for out in job[1:]:
         found = result(out)
         chosen = found["objective"]["chosen"]  # type: ignore[index]
@@ -105,7 +107,7 @@ def test_page_and_result_show_the_same_mean_and_maximum(job: tuple[FilePath, Fil
             assert float(card[1]) == pytest.approx(1e3 * chosen[name] * found["index_scale"], abs=5.1e-4)
         gain = {g["over"]: g for g in found["objective"]["gain"]}["jiao2022"]  # type: ignore[index]
         other = found["objective"]["jiao2022"]["mean"]  # type: ignore[index]
-        # a shifted path is longer by some micrometres, and its weights with it
+        # a shifted path is some micrometres longer, which changes its weights
         exact = 1e-9 if out == job[1] else 1e-3
         assert gain["mean_percent"] == pytest.approx(100 * (1 - chosen["mean"] / other), rel=exact)
         assert gain["std_percent"] is None  # the shipped file states no covariance
@@ -126,7 +128,8 @@ def test_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, FilePa
     assert {"compensation smooth", "compensation bounded"} <= set(sound)
     assert checks(shifted, path, compensation_max=1e-4)["compensation bounded"] is False
     assert main(["verify", str(ROOT / "cells" / "kr500_milling"), str(path), str(shifted), "--quiet"]) == 0
-    assert checks(shifted, path, force=ProcessForce())["process force"] is None  # not stated here: said, not guessed
+    # the force is not stated here: the check is reported as not done
+    assert checks(shifted, path, force=ProcessForce())["process force"] is None
     assert checks(shifted, path, force=ProcessForce(travel=120, normal=-250, axial=80))["process force"] is False
     assert checks(shifted, path, force=ProcessForce(travel=120, normal=250, axial=90))["process force"] is False
 
@@ -149,7 +152,7 @@ def test_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, FilePa
     assert "points.csv and compensation.csv" in damaged("one", {"points.csv": "comp_dz_mm=x+0.001"})
     assert {"compensation", "process force"} <= damaged("weaker", {"compensation.csv": "fy_N=0.9*x"})
     assert "compensation smooth" in damaged("jump", {"compensation.csv": "dx_mm=x+0.3*round(abs(x)*1e4)%2"})
-    # the motion of the unshifted job with the tables of the shifted one
+    # motion of the uncompensated job with the tables of the compensated one
     out = tmp_path / "swapped"
     shutil.copytree(shifted, out)
     shutil.copy(plain / "trajectory.csv", out / "trajectory.csv")
@@ -159,7 +162,8 @@ def test_verification_recomputes_the_shift(job: tuple[FilePath, FilePath, FilePa
 
 
 def test_compliance_terms_enter_the_shift_and_its_verification(tmp_path: FilePath) -> None:
-    """irb6700 drilling with link 4 and the tool giving way: softer, shifted more, and verified by its own laws."""
+    """irb6700 drilling with compliance of link 4 and the tool: larger deflection and shift, verified by independent
+    formulas."""
     path = tmp_path / "holes.csv"
     holes = [
         f"{x},-120,{z},0,0,1,{move},{feed},h"
@@ -187,7 +191,7 @@ def test_compliance_terms_enter_the_shift_and_its_verification(tmp_path: FilePat
     assert compensation[1] == pytest.approx(1e3 * objective[1], rel=0.01)
     assert compensation[0] == pytest.approx(1e3 * objective[0], rel=0.01)
     states = {c["name"]: c for c in found["soft"]["verification"]["checks"]}  # type: ignore[index,call-overload]
-    assert states["compensation"]["passed"] is True  # every term is computed a second time
+    assert states["compensation"]["passed"] is True  # the verifier computes every term independently
     assert states["path"]["passed"] is True
 
 
@@ -205,12 +209,12 @@ def test_job_infeasible_after_the_shift_ends_as_infeasible(
     assert all("the shift against the deflection is refused: it is" in r for r in reasons)
     assert [p["point"] for p in found["infeasible_points"]] == [1, 2, 3, 4, 5]  # type: ignore[attr-defined]
     assert all("mm, more than compensation_max_mm 2" in r for r in reasons[:4])
-    assert "mm per mm of path, more than 0.1" in reasons[4]  # the way out, over which the shift would fade
+    assert "mm per mm of path, more than 0.1" in reasons[4]  # along the retract move, in which the shift fades out
     assert not (out / "trajectory.csv").exists()
 
 
 def test_rotation_is_chosen_that_allows_the_shift_to_be_driven(tmp_path: FilePath) -> None:
-    """The stiffest rotation is one at which the deflection turns too quickly; the one beside it is taken, and said."""
+    """At the stiffest rotation the deflection changes too quickly; the adjacent rotation is chosen and reported."""
     u = np.linspace(0.0, 1.0, 15)
     t, b = 0.4 * np.sin(2 * np.pi * u), 0.6 * np.cos(12 * u)
     axis = np.column_stack([np.sin(t) * np.cos(b), np.sin(b) * np.cos(t), np.cos(t) * np.cos(b)])
@@ -233,7 +237,7 @@ def test_rotation_is_chosen_that_allows_the_shift_to_be_driven(tmp_path: FilePat
 
 @pytest.mark.slow
 def test_pecked_holes_have_a_stated_residual(tmp_path: FilePath) -> None:
-    """Each peck is one move with force, between moves without."""
+    """Each peck is one cutting move with force, between moves without force."""
     rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"]
     for x in (-150, -50):
         rows += [f"{x},-200,{z},0,0,1,rapid," for z in (40, 25)]
@@ -250,7 +254,7 @@ def test_pecked_holes_have_a_stated_residual(tmp_path: FilePath) -> None:
 
 
 def plan_pecks(folder: FilePath, rows: list[str], strength: tuple[float, float]) -> dict[str, float]:
-    """Compensate a pecked hole through two layers; ``strength``: kc1 of the upper and the lower one, N/mm²."""
+    """Compensate a pecked hole through two layers; ``strength``: kc1 of the upper and the lower layer, N/mm²."""
     (folder / "pecks.csv").write_text("x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n" + "\n".join(rows) + "\n")
     materials = ""
     for name, kc1 in zip(("upper", "lower"), strength, strict=True):
@@ -270,7 +274,7 @@ def plan_pecks(folder: FilePath, rows: list[str], strength: tuple[float, float])
 
 
 def list_pecks(tops: tuple[float, float]) -> list[str]:
-    """Cuts of the three strokes and the moves at feed between them, to a height after each."""
+    """Return the cuts of the three pecks and the feed moves between them, with a retract height after each."""
     rows = []
     for z, top in zip((16, 8), tops, strict=True):
         rows += [f"-150,-200,{z},0,0,1,cut,420", f"-150,-200,{top},0,0,1,retract,3000"]
@@ -280,7 +284,7 @@ def list_pecks(tops: tuple[float, float]) -> list[str]:
 
 @pytest.mark.slow
 def test_pecks_of_different_thrust_are_fully_corrected(tmp_path: FilePath) -> None:
-    """The shift changes in the air between the pecks and holds in the cuts, also on the long way out."""
+    """The shift changes in the air between the pecks and is constant in the cuts, also with long retract moves."""
     rows = [f"-150,-200,{z},0,0,1,rapid," for z in (40, 25)]
     found = plan_pecks(tmp_path, [*rows, *list_pecks((25, 25))], (800, 2000))
     assert found["uncompensated_mean_mm"] > 1.0
@@ -289,13 +293,14 @@ def test_pecks_of_different_thrust_are_fully_corrected(tmp_path: FilePath) -> No
 
 @pytest.mark.slow
 def test_fade_length_grows_only_where_the_shift_fades(tmp_path: FilePath, capsys: pytest.CaptureFixture[str]) -> None:
-    """Between the last two pecks the shift turns too quickly; a longer fade would only cost the approach its ramp."""
+    """Between the last two pecks the shift changes too quickly; a longer fade would only remove the ramp of the
+    approach."""
     rows = [f"-150,-200,{z},0,0,1,rapid," for z in (60, 45)] + ["-150,-200,20,0,0,1,approach,3000"]
     found = plan_pecks(tmp_path, [*rows, *list_pecks((25, 14))], (100, 1300))
     assert (found["length_mm"], found["fade_mm"]) == (10.0, 20.0)
     first = [r for r in table(tmp_path / "out" / "compensation.csv") if float(r["point"]) == 1.0]
     assert len(first) == 1
-    assert all(float(first[0][f"d{c}_mm"]) == 0.0 for c in "xyz")  # the approach of 28 mm begins unshifted
+    assert all(float(first[0][f"d{c}_mm"]) == 0.0 for c in "xyz")  # the approach of 28 mm starts without shift
     file = tmp_path / "out" / "result.json"
     text = file.read_text(encoding="utf-8")
     for name in ("length_mm", "fade_mm"):

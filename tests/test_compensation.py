@@ -1,4 +1,4 @@
-"""Compensated path: the deflected tool is at the programmed place; reasons where no shift is possible."""
+"""Compensated path: the deflected tool is at the programmed position; reasons where no shift is possible."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
 
 
 def corner() -> Rows:
-    """Down, along x, round a sharp corner, along y, up; then a hole drilled straight from a rapid move."""
+    """Return a path down, along x, around a sharp corner, along y and up; then a hole drilled directly after a rapid
+    move."""
     rows: Rows = [((-0.1, -0.1, 0.06), UP, R), ((-0.1, -0.1, 0.01), UP, A)]
     rows += [((-0.1 + 0.05 * k, -0.1, 0.01), UP, C) for k in range(1, 4)]
     rows += [((0.05, -0.1 + 0.05 * k, 0.01), UP, C) for k in range(1, 3)]
@@ -57,14 +58,15 @@ def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Plan]:
 
 
 def straight_on(p: Plan) -> np.ndarray:
-    """Planning points of cuts farther than the length of a turn from the corner."""
+    """Return the planning points of cuts farther from the corner than the blending length of the force."""
     assert p.compensation is not None
     at = int(np.flatnonzero(p.path.index == 4)[0])
     return np.flatnonzero(p.path.counted & (np.abs(p.path.s - p.path.s[at]) > 1.01 * p.compensation.length))
 
 
 def compute_loaded_tips(p: Plan, rows: np.ndarray, stiffness: ArmStiffness) -> np.ndarray:
-    """(n, 3) where the tip is, in the workpiece frame, in equilibrium with the force: joint springs at full length."""
+    """Return the TCP (n, 3) in the workpiece frame in static equilibrium with the force, with the nonlinear
+    joint-spring model."""
     robot, tool, T = p.setup.robot, p.setup.arm.T_flange_tcp, p.setup.arm.machine.T_base_workpiece_zero
     nominal = p.path.position if p.compensation is None else p.path.position - p.compensation.offset
     k = compute_joint_stiffness(stiffness, nominal[rows] @ T[:3, :3].T + T[:3, 3]).k
@@ -76,17 +78,17 @@ def compute_loaded_tips(p: Plan, rows: np.ndarray, stiffness: ArmStiffness) -> n
     return np.asarray((robot.compute_fk(q, tool)[:, :3, 3] - T[:3, 3]) @ T[:3, :3])
 
 
-# --- the shift itself ----------------------------------------------------------------------------------------
+# --- shift -------------------------------------------------------------------------------------------------------
 
 
 def test_deflected_tool_is_at_the_programmed_position(bent: tuple[Plan, Plan]) -> None:
-    """With the nonlinear equilibrium of the springs, which the planner's linear deflection knows nothing of."""
+    """Reference: the nonlinear equilibrium of the joint springs; the planner uses a linear deflection."""
     before, after = bent
     rows = straight_on(after)
     d = np.linalg.norm(compute_loaded_tips(before, rows, ArmStiffness(joints=K)) - before.path.position[rows], axis=1)
     left = np.linalg.norm(compute_loaded_tips(after, rows, ArmStiffness(joints=K)) - before.path.position[rows], axis=1)
     assert d.min() > 5e-4
-    # second order: |f| L/k of the deflection, 450 N · 2.5 m / 4e5 N·m = 0.3 %
+    # second-order error: |f| L/k of the deflection, 450 N · 2.5 m / 4e5 N·m = 0.3 %
     assert (left < 0.005 * d).all()
     assert after.compensation is not None
     np.testing.assert_allclose(np.linalg.norm(after.compensation.offset[rows], axis=1), d, rtol=0.01)
@@ -98,7 +100,8 @@ def test_deflected_tool_is_at_the_programmed_position(bent: tuple[Plan, Plan]) -
 
 
 def test_shift_does_not_change_the_load_directions(bent: tuple[Plan, Plan]) -> None:
-    """The force acts along the programmed moves: a shift that fades would turn them by up to six degrees."""
+    """The force acts along the programmed moves; with shifted moves a fading shift would rotate it by up to six
+    degrees."""
     before, after = bent
     assert np.linalg.norm(after.path.position - before.path.position, axis=1).max() > 5e-4
     for path in (after.path, join_plans([ToolSegmentPlan(p, 0, "") for p in (after, before)]).path):
@@ -117,18 +120,19 @@ def test_shift_fades_along_approach_and_retract_without_jumps(bent: tuple[Plan, 
     at = {float(k): n for n, k in enumerate(path.index)}
     assert size[at[0.0]] == 0.0
     assert size[at[7.0]] == 0.0
-    np.testing.assert_allclose(offset[at[1.0]], offset[at[2.0]], rtol=0.1, atol=2e-5)  # the cut begins fully shifted
+    # the cut starts with the full shift
+    np.testing.assert_allclose(offset[at[1.0]], offset[at[2.0]], rtol=0.1, atol=2e-5)
     away = np.where(path.s < path.s[at[1.0]], path.s[at[1.0]] - path.s, path.s - path.s[at[6.0]])
     air = (path.run == 0) & ((path.index < 1) | (path.index > 6))
-    assert (size[air & (away >= length)] == 0).all()  # nothing is cut there
+    assert (size[air & (away >= length)] == 0).all()  # no cutting there
     for n in np.flatnonzero(air & (away < length)):
         full = size[at[1.0] if path.index[n] < 1 else at[6.0]]
         assert size[n] == pytest.approx((1 - away[n] / length) * full, rel=0.05)
-    # the hole is drilled from where the rapid move ends: that end is shifted, so that the drill goes in straight
+    # the hole starts at the end of the rapid move: that end is shifted, so that the drill enters straight
     np.testing.assert_allclose(offset[at[8.0]], offset[at[9.0]], rtol=0.05, atol=2e-5)
     steep = compute_offset_slope(path, offset)
     assert steep.max() <= STEEPEST
-    # the stated bound: the greatest shift over either length, and what the pose adds
+    # stated bound: the largest shift over either length, plus the change of the pose
     most = float(np.linalg.norm(np.diff(offset[[at[4.0] - 1, at[4.0]]], axis=0)))
     assert most < size.max()
     assert steep.max() <= 1.2 * size.max() * (1 / after.compensation.length + 1 / length)
@@ -147,7 +151,7 @@ def test_refinement_changes_no_choice(tmp_path: FilePath) -> None:
         np.testing.assert_array_equal(b.assignment.reason[rows], a.assignment.reason)
         np.testing.assert_allclose(b.cost[rows], a.cost, rtol=1e-12)
         if np.isfinite(a.objective.total):
-            # the corner's own force counted for half the 17 mm before it, and now for half of a millimetre
+            # the force at the corner was weighted with half of the 17 mm before it, and now with half a millimetre
             assert b.objective.mean == pytest.approx(a.objective.mean, rel=0.05)
             low, high = a.assignment.phi[rows.searchsorted(new) - 1], a.assignment.phi[rows.searchsorted(new)]
             assert (np.minimum(low, high) - 1e-12 <= b.assignment.phi[new]).all()
@@ -168,7 +172,7 @@ def test_residual_is_second_order_on_lines_and_half_the_force_turn_at_a_corner(
     found = compute_residual(after)
     assert found is not None
     assert compute_residual(before) is None
-    at = int(np.flatnonzero(before.path.index == 4)[0])  # the corner: along x comes in, along y goes out
+    at = int(np.flatnonzero(before.path.index == 4)[0])  # the corner: along x before it, along y after it
     d = before.directions
     T = before.setup.arm.machine.T_base_workpiece_zero[:3, :3]
     elastic = before.setup.elasticity.evaluate(after.chosen.assignment.q[[at]], d.k[[at]])
@@ -180,7 +184,7 @@ def test_residual_is_second_order_on_lines_and_half_the_force_turn_at_a_corner(
 
 
 def test_inclined_plunge_shifts_like_an_upright_one(tmp_path: FilePath) -> None:
-    """The sideways part of a plunge that leans by a few degrees does not turn the force; nor does it make a jump."""
+    """The lateral component of a plunge inclined by a few degrees neither rotates the force nor makes it jump."""
     force = ProcessForce(travel=120.0, normal=250.0, axial=80.0)
     found = {}
     for lean in (0.0, 0.5, 1.0, 1.5, 3.0, 5.0):
@@ -195,11 +199,11 @@ def test_inclined_plunge_shifts_like_an_upright_one(tmp_path: FilePath) -> None:
         upright = found[0.0][: entry + 1]
         np.testing.assert_allclose(found[lean][entry], upright[-1], atol=0.55 * size)
     step = [np.linalg.norm(found[b][1] - found[a][1]) for a, b in ((0.0, 0.5), (0.5, 1.0), (1.0, 1.5))]
-    assert max(step) < 0.06 * size  # w(sin 1.5° / sin 10°) = 6 %: nothing happens at any one angle
+    assert max(step) < 0.06 * size  # w(sin 1.5° / sin 10°) = 6 %: no jump at any angle
 
 
 def recompute_force(job: Toolpath, index: np.ndarray, force: ProcessForce, lengths: tuple[float, float]) -> np.ndarray:
-    """By the verification's own law: (P, 3) N, for the lengths to turn and to fade."""
+    """Compute the force (P, 3) in N with the verifier's formula, for the blending and the fading length."""
     share = compute_engaged_share(job, index, lengths[1])
     return np.asarray(share[:, None] * compute_mean_force(job, index, force, lengths[0]))
 
@@ -207,7 +211,8 @@ def recompute_force(job: Toolpath, index: np.ndarray, force: ProcessForce, lengt
 @settings(max_examples=scale_example_count(60), deadline=None, derandomize=not NIGHTLY)
 @given(st.integers(0, 10_000), st.sampled_from([0.005, 0.01, 0.02]), st.sampled_from([0.005, 0.01, 0.02, 0.04]))
 def test_compensated_force_never_jumps(seed: int, length: float, fade: float) -> None:
-    """Random paths with leaning plunges, corners, reversals, links, rapid moves: the stated Lipschitz bound holds."""
+    """Random paths with inclined plunges, corners, reversals, links and rapid moves: the stated Lipschitz bound
+    holds."""
     rng = np.random.default_rng(seed)
     rows: Rows = []
     position = np.zeros(3)
@@ -232,9 +237,9 @@ def test_compensated_force_never_jumps(seed: int, length: float, fade: float) ->
     joined = path.run[1:] == path.run[:-1]
     way = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
     change = np.linalg.norm(np.diff(f, axis=0), axis=1)
-    grain = 2 * size / 128  # the mean over a window is taken at 128 places
+    grain = 2 * size / 128  # the mean over a window is computed at 128 positions
     assert (change[joined] <= size * (1 / length + 1 / fade) * way[joined] + grain).all()
-    # nothing at ends that are only come from or gone to, where that way has room for the change
+    # zero force at ends without cutting, where the move is long enough for the change
     for first, last in path.runs:
         ways = way[first:last]
         cuts = np.flatnonzero((path.move[first + 1 : last + 1] == C) & (ways > 0))
@@ -246,11 +251,12 @@ def test_compensated_force_never_jumps(seed: int, length: float, fade: float) ->
         if ways[cuts[-1] + 1 :].sum() >= fade and cuts[-1] + 1 < len(ways):
             assert not f[last].any()
     theirs = recompute_force(toolpath(rows), path.index, force, (length, fade))
-    assert np.linalg.norm(f - theirs, axis=1).max(initial=0.0) <= FORCE_TOLERANCE * size  # the second law agrees
+    # the verifier's formula agrees
+    assert np.linalg.norm(f - theirs, axis=1).max(initial=0.0) <= FORCE_TOLERANCE * size
 
 
 def test_short_approach_leaves_the_whole_shift_in_the_hole() -> None:
-    """Approach and retract move shorter than the change of the shift: the cut has all of it."""
+    """Approach and retract moves shorter than the fading length: the whole cut has the full shift."""
     force = ProcessForce(travel=0.0, normal=0.0, axial=200.0)
     for above in (0.001, 0.004, 0.009, 0.03):
         rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, above), UP, R), ((0, 0, 0.0), UP, A), ((0, 0, -0.01), UP, C)]
@@ -264,9 +270,11 @@ def test_short_approach_leaves_the_whole_shift_in_the_hole() -> None:
 
 
 def test_compensation_on_a_simulated_truth_improves_as_in_jiao2022() -> None:
-    """Truth: eqs. 39 and 40 in their two cubes. Uncompensated, with one set of constants (eq. 38), with the grid.
+    """True model: Eqs. 39 and 40 with their two cubes. Compared: no compensation, one set of constants (Eq. 38), and
+    the grid.
 
-    The paper measures 0.287 mm, 0.120 mm with one set and 0.057 mm with 128 cells; here the truth has two.
+    The paper measures 0.287 mm without compensation, 0.120 mm with one set and 0.057 mm with 128 cells; the true model
+    here has two cells.
     """
     p = plan_case("kr500 force")
     truth = load_stiffness(ROOT / "cells" / "kr500_milling" / "stiffness_two_grid.yaml")
@@ -286,12 +294,12 @@ def test_compensation_on_a_simulated_truth_improves_as_in_jiao2022() -> None:
     none, constant, grid = error(None), error(ArmStiffness(joints=truth.joints)), error(truth)
     assert constant < 0.6 * none  # the paper: 0.42
     assert grid < 0.01 * none
-    # an identification that is 5 % off in every joint leaves 5 %
+    # an identification error of 5 % in every joint leaves 5 % of the error
     off = replace(truth, grid=replace(truth.grid, joints=1.05 * truth.grid.joints))
-    assert error(off) == pytest.approx(0.05 / 1.05 * none, rel=0.08)  # and what is left where the path turns
+    assert error(off) == pytest.approx(0.05 / 1.05 * none, rel=0.08)  # plus the remainder at changes of direction
 
 
-# --- what cannot be shifted ----------------------------------------------------------------------------------
+# --- impossible shifts -------------------------------------------------------------------------------------------
 
 
 LARGE = 100.0  # m: no shift is refused for its size
@@ -307,7 +315,7 @@ def soften_plan(p: Plan, factor: float) -> Plan:
 
 def test_points_without_a_shift_state_the_reason(bent: tuple[Plan, Plan], tmp_path: FilePath) -> None:
     before, after = bent
-    far = shift_path(soften_plan(before, 3000.0), 1000.0)  # metres, over a length that leaves none too steep
+    far = shift_path(soften_plan(before, 3000.0), 1000.0)  # shifts of metres, over a length that avoids the slope limit
     assert len(far.missing) > 0
     assert far.compensation is not None
     texts = explain_points(far)
@@ -316,7 +324,7 @@ def test_points_without_a_shift_state_the_reason(bent: tuple[Plan, Plan], tmp_pa
         assert "possible as programmed, but not with the compensation of" in texts[int(n)]
     assert any("out of reach" in t or "same branch" in t for t in texts.values())
     assert not np.isfinite(far.chosen.objective.total)
-    # a joint whose limit lies between where it is and where the shift takes it
+    # a joint limit between the programmed and the shifted position
     n = int(np.flatnonzero(before.path.counted)[2])
     q, moved = before.chosen.assignment.q[n], after.chosen.assignment.q[n]
     joint = int(np.abs(moved - q).argmax())
@@ -344,13 +352,13 @@ def test_too_large_shift_is_refused_with_point_and_values(bent: tuple[Plan, Plan
     n = int(size.argmax())
     text = explain_points(small)[n]
     assert f"it is {1e3 * size[n]:.3f} mm, more than compensation_max_mm {1e3 * most:g}" in text
-    steep = shift_path(before, 0.001)  # over a millimetre
+    steep = shift_path(before, 0.001)  # over a length of one millimetre
     texts = explain_points(steep)
     assert any("mm per mm of path, more than 0.1" in t for t in texts.values())
 
 
 def test_colliding_shift_is_reported(tmp_path: FilePath) -> None:
-    """The drill is pushed back by 60 mm, so the spindle would be driven that much deeper, into the block."""
+    """The drill deflects by 60 mm, so that the compensated spindle would be that much deeper, in the block."""
     rows: Rows = [((0, 0, 0.06), UP, R), ((0, 0, 0.02), UP, A), ((0, 0, 0.0), UP, C), ((0, 0, 0.06), UP, BACK)]
     p = small_job(tmp_path, rows, PlanOptions(force=ProcessForce(axial=400.0), rotation_step=np.radians(30.0)))
     assert len(p.missing) == 0
@@ -360,7 +368,7 @@ def test_colliding_shift_is_reported(tmp_path: FilePath) -> None:
     deep = shift_path(soften_plan(p, 0.08 / float(np.linalg.norm(d))), 0.02)
     texts = explain_points(deep)
     assert any("block" in t and "with the compensation of" in t for t in texts.values()), texts
-    assert not compensate_plan(p, toolpath(rows)).missing.size  # a tenth of a millimetre does not
+    assert not compensate_plan(p, toolpath(rows)).missing.size  # a shift of a tenth of a millimetre does not collide
 
 
 def test_points_missing_before_remain_unchanged(tmp_path: FilePath) -> None:
@@ -372,7 +380,7 @@ def test_points_missing_before_remain_unchanged(tmp_path: FilePath) -> None:
     nothing = small_job(tmp_path, rows[-2:], replace(FREE, force=FORCE, rotation_step=np.radians(30.0)))
     assert len(compensate_plan(nothing, toolpath(rows[-2:])).missing) == len(
         nothing.missing
-    )  # not a single answer, and still a plan
+    )  # no solution at any point still gives a plan
 
 
 def test_no_compensation_without_a_force(tmp_path: FilePath, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""Bands of rotations closed by a contact along a whole cut are excluded together."""
+"""Bands of rotations in contact along a whole cut are excluded together."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ BOXES = """
 
 
 def test_swings_over_a_closed_band_are_checked_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cobot that asks for 12 mm of clearance along one pass; round by round this had no end after a minute."""
+    """A cobot with 12 mm required clearance along one pass; when excluded one at a time, the search did not end
+    within a minute."""
     monkeypatch.setattr(collision_free_search, "ROUNDS", 60)
     folder = shutil.copytree(ROOT / "cells" / "cutting_cobot", tmp_path / "cell")
     text = (folder / "cell.yaml").read_text()
@@ -58,7 +59,7 @@ def test_swings_over_a_closed_band_are_checked_together(tmp_path: Path, monkeypa
 
 
 class Bands:
-    """A checker of machines whose first joint is their rotation, and whose pairs touch in bands (rad) of it."""
+    """A checker stub: the first joint is the rotation, and each pair is in contact in bands (rad) of it."""
 
     def __init__(self, *bands: tuple[tuple[float, float], ...]) -> None:
         self.bands, self.model, self.step, self.asked = bands, self, 0.01, 0
@@ -86,7 +87,7 @@ class Bands:
 
 
 def build_banded_tracker(checker: Bands, stations: int, rotations: int = 36) -> ExclusionTracker:
-    """Strikes over a cut all along which the bands stand, in one branch and turn."""
+    """Build a tracker for a cut with the bands at all stations, in one branch and turn."""
     S, R = stations, rotations
     phi: Array = np.asarray(np.arange(R) * (2 * np.pi / R) - np.pi, float)
     q = np.zeros((S, R, 1, 6))
@@ -115,7 +116,7 @@ def build_banded_tracker(checker: Bands, stations: int, rotations: int = 36) -> 
 
 
 def build_swing(strikes: ExclusionTracker, s: int, before: float, here: float) -> SequenceChoice:
-    """A sequence that stands at one rotation (deg) up to a station, and at another from there on."""
+    """Return a sequence with one rotation (deg) before a station and another one from there on."""
     S, phi = len(strikes.candidates.q), np.degrees(strikes.candidates.phi)
     r = np.where(np.arange(S) < s, np.argmin(np.abs(phi - before)), np.argmin(np.abs(phi - here))).astype(np.int32)
     nothing = np.zeros(S, np.int32)
@@ -134,7 +135,7 @@ def add_contacts(strikes: ExclusionTracker, choice: SequenceChoice, *stations: i
 
 
 def list_crossing_rotations(strikes: ExclusionTracker, degrees: float) -> list[set[int]]:
-    """Rotations that ways closed into each station come from, of the ways that turn upwards past an angle."""
+    """Return for each station the source rotations of excluded edges that increase past an angle."""
     phi, out = np.degrees(strikes.candidates.phi), [set[int]() for _ in strikes.candidates.q]
     for s, u, v in strikes.edges.closed:
         if phi[u] < degrees < phi[v] <= phi[u] + 90.0:
@@ -143,7 +144,7 @@ def list_crossing_rotations(strikes: ExclusionTracker, degrees: float) -> list[s
 
 
 def test_first_contact_of_the_chosen_way_is_searched() -> None:
-    """Below the band stands another one, which ways a little aside touch first."""
+    """Below the band there is another one, which slightly different edges touch first."""
     checker = Bands(((np.radians(2.0), np.radians(8.0)),), ((np.radians(-48.0), np.radians(-42.0)),))
     strikes = build_banded_tracker(checker, 12)
     add_contacts(strikes, build_swing(strikes, 5, -40.0, 20.0), 5)
@@ -153,7 +154,7 @@ def test_first_contact_of_the_chosen_way_is_searched() -> None:
 
 @pytest.mark.parametrize("gap", [4.0, 30.0])
 def test_way_with_two_contacts_closes_swings_over_either(gap: float) -> None:
-    """Midway between its two bands nothing touches."""
+    """Between the two bands there is no contact."""
     low, high = (tuple(np.radians([at - 2.0, at + 2.0])) for at in (-gap / 2 - 3.0, gap / 2 + 3.0))
     checker = Bands(((low[0], low[1]), (high[0], high[1])))
     strikes = build_banded_tracker(checker, 12)
@@ -163,7 +164,7 @@ def test_way_with_two_contacts_closes_swings_over_either(gap: float) -> None:
 
 
 def test_closed_bands_are_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However many swings over one band are held against it, its ways are looked at once, and merged once a round."""
+    """Many swings over one band: its edges are checked once and merged once per iteration."""
     merges: list[int] = []
     plus_closed = ForbiddenTransitions.plus_closed
 

@@ -17,7 +17,7 @@ S, R, B = 30, 12, 2
 
 @dataclass
 class Bodies:
-    """Touches where it is told to; the joints of a vertex are its indices."""
+    """A stub with contacts at given vertices; the joint values of a vertex are its indices."""
 
     truth: Bools  # (P, S, R, B)
     asked: list[tuple[int, int, int, int]] = field(default_factory=list)
@@ -45,8 +45,8 @@ def ahead_of(truth: Bools, may_touch: Bools | None = None) -> ContactLookahead:
 
 def block(pair: int = 0) -> Bools:
     truth = np.zeros((2, S, R, B), bool)
-    truth[pair, 5:15, [11, 0, 1, 2], 0] = True  # across the seam of the rotation
-    truth[pair, 25:28, 6, 0] = True  # another one, that nothing leads to
+    truth[pair, 5:15, [11, 0, 1, 2], 0] = True  # across the 0°/360° limit of the rotation
+    truth[pair, 25:28, 6, 0] = True  # a second contact region that is not connected to the first
     return truth
 
 
@@ -67,21 +67,22 @@ def test_every_contact_around_a_contact_is_excluded_and_nothing_else() -> None:
     assert (ahead.candidates.reason[gone] == InfeasibilityReason.COLLIDING).all()
     assert (ahead.pairs[~gone] == -1).all()
     requested = ahead.model.asked  # type: ignore[attr-defined]
-    assert len(set(requested)) == len(requested)  # nothing twice
+    assert len(set(requested)) == len(requested)  # no vertex is checked twice
 
 
 def test_nothing_is_checked_without_a_contact() -> None:
     ahead = ahead_of(block())
     none = np.zeros(0, np.intp)
-    assert ahead.look(none, none.astype(np.int32), 100) == 0  # and it warns of nothing, as --map-collisions full did
+    # and no vertex is checked without a contact, as --map-collisions full would do
+    assert ahead.look(none, none.astype(np.int32), 100) == 0
     assert ahead.candidates.feasible.all()
 
 
 def test_no_ring_starts_beyond_the_budget() -> None:
-    """The next round goes on from where this one ended, with a larger one."""
+    """The next call continues from the end of this one, with a larger budget."""
     ahead = ahead_of(np.ones((2, S, R, B), bool))
     looked = start_lookahead(ahead, 15, 6, 0, 0, 20)
-    widest = 4 * R + 2 * S  # a ring around one vertex is no longer than that
+    widest = 4 * R + 2 * S  # maximum length of a ring around one vertex
     assert 20 <= looked < 20 + widest
     assert (~ahead.candidates.feasible).sum() == looked + 1
     assert start_lookahead(ahead_of(np.ones((2, S, R, B), bool)), 15, 6, 0, 0, 10_000) == S * R * B - 1

@@ -30,7 +30,7 @@ def bodies_of(cell: Cell) -> CellBodies:
 
 
 def scale_mesh(folder: Path, by: float) -> None:
-    """Make the tool's mesh larger, in its binary STL."""
+    """Scale the tool's mesh in its binary STL file."""
     file = next(f for f in folder.rglob("tool.stl"))
     data = bytearray(file.read_bytes())
     facets = np.frombuffer(data, np.dtype([("numbers", "<f4", 12), ("colour", "<u2")]), offset=84)
@@ -73,7 +73,7 @@ def test_oldest_result_is_dropped_first_and_no_file_stores_none(tmp_path: Path) 
 
 
 def test_cell_of_the_same_content_has_the_same_bodies(folder: Path) -> None:
-    """Wherever it lies, and whatever program, stiffness and process it names."""
+    """The bodies do not depend on the folder, program, stiffness or process of the cell."""
     given, copied = load_cell(CELL), load_cell(folder)
     assert bodies_of(given) is bodies_of(replace(copied, stiffness=None, process=None))
 
@@ -100,7 +100,8 @@ def test_changed_cell_has_new_bodies(folder: Path, change: str) -> None:
 
 
 def test_cached_model_measures_like_a_new_one(folder: Path) -> None:
-    """What one job measured does not show in the next: distances are bounded by those measured before."""
+    """Distances measured by one job bound later distances of the same model; they must not change the results of the
+    next job."""
     cell = load_cell(folder)
     robot, shapes = load_chain(cell)
     q = cell.home + np.linspace(0.0, 1.0, 40)[:, None] * np.array([0.4, 0.5, -0.4, 0.8, 0.3, 1.0])
@@ -130,7 +131,7 @@ def test_pairs_equal_a_fresh_selection(folder: Path) -> None:
 
 
 def test_meshes_come_from_the_current_package_folder(folder: Path) -> None:
-    """Two copies of one package: when the first is gone, nothing refers to it."""
+    """Two copies of one package: after the first is deleted, no path refers to it."""
     urdf = next(folder.rglob("*.urdf"))
     urdf.write_text(urdf.read_text().replace('filename="meshes/link', 'filename="package://arm/meshes/link'))
     text = (folder / "cell.yaml").read_text()

@@ -47,7 +47,7 @@ MOVING = replace(OPTIONS, rotation_step=np.radians(15.0))
 
 
 def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
-    """What the search by grids comes to."""
+    """Return the result of the grid search."""
     axes = resolve_axis_options(cell, options)
     request = SearchRequest(
         cell=cell, toolpath=path, options=options, axes=axes, clock=StageTimings(), before=None, scale=None
@@ -58,7 +58,7 @@ def by_grids(cell: Cell, path: Toolpath, options: PlanOptions) -> Plan:
 def plan_by_grids(
     folder: FilePath, path: Toolpath, options: PlanOptions, **kind: bool
 ) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...]]:
-    """What the search by grids comes to."""
+    """Return the result of the grid search, the operation groups and the external axis options."""
     cell = replace(external_cell(folder, **kind), stiffness=K)
     axes = resolve_axis_options(cell, options)
     plan = by_grids(cell, path, options)
@@ -66,7 +66,7 @@ def plan_by_grids(
 
 
 def build_weaving_slot() -> Toolpath:
-    """A slot along the rail that goes to and fro across it."""
+    """Return a slot along the rail with a lateral oscillation."""
     y = np.linspace(-0.6, 0.6, 20)
     rows: Rows = [((0.0, y[0], 0.05), UP, MoveKind.RAPID)]
     rows += [((0.25 * float(np.sin(7.0 * v)), float(v), 0.0), UP, MoveKind.CUT) for v in y]
@@ -77,7 +77,7 @@ def build_weaving_slot() -> Toolpath:
 def along(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath]:
-    """A slot that weaves, cut along a rail that moves."""
+    """An oscillating slot, planned with a moving rail."""
     path = build_weaving_slot()
     return (*plan_by_grids(tmp_path_factory.mktemp("rail"), path, MOVING, rail=True), path)
 
@@ -85,7 +85,8 @@ def along(
 def test_model_agrees_with_j_to_second_order(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
 ) -> None:
-    """Half the step, a quarter of what is wrong: joints are lines in z, and their steps have no kink nearby."""
+    """Half the step gives a quarter of the error: the joints are linear in z, and the step terms have no kink
+    nearby."""
     plan, groups, axes, _ = along
     r = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     rows = r.rows
@@ -93,7 +94,7 @@ def test_model_agrees_with_j_to_second_order(
     assert here is not None
     a, x = plan.chosen.assignment, plan.setup.in_rad(plan.path, plan.chosen.assignment.q)
     velocity, scale = plan.setup.velocity, plan.scores.scale
-    costs = AssignmentCosts(cost=plan.chosen.cost, q=x, phi=a.phi)  # its terms alone
+    costs = AssignmentCosts(cost=plan.chosen.cost, q=x, phi=a.phi)  # its own terms only
     own = compute_objective(plan.path, costs, scale, velocity, plan.options)
     assert here.merit == pytest.approx(own.total, rel=1e-9)  # every planning point is a station
     local = r._build_local_model(here)
@@ -117,7 +118,7 @@ def test_infinite_margins_leave_the_model_unchanged(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Arms with an offset wrist have theirs at infinity: all of their stations were held where they stood."""
+    """Arms with an offset wrist have an infinite margin; all of their stations were kept fixed."""
     plan, groups, axes, _ = along
     r = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     rows = r.rows
@@ -142,7 +143,7 @@ def test_infinite_margins_leave_the_model_unchanged(
 
 
 def small_problem(seed: int) -> tuple[LocalModel, TransitionTerms, OffsetBounds]:
-    """Three stations, two offsets each, everything convex."""
+    """Build three stations with two offsets each; the problem is convex."""
     rng = np.random.default_rng(seed)
     n, d, k = 3, 2, 3
     half = rng.normal(size=(2, n, d, d))
@@ -174,7 +175,7 @@ def small_problem(seed: int) -> tuple[LocalModel, TransitionTerms, OffsetBounds]
 
 
 @given(st.integers(0, 10**6))
-@example(35)  # its worst index falls below zero, where the model was flat for whoever looked at its value
+@example(35)  # its worst-case index becomes negative, where an evaluation of the model value was flat
 @settings(max_examples=scale_example_count(12), deadline=None)
 def test_minimum_of_the_model_against_many_others(seed: int) -> None:
     local, steps, bounds = small_problem(seed)
@@ -197,11 +198,11 @@ def test_minimum_of_the_model_against_many_others(seed: int) -> None:
 @given(st.integers(0, 10**6), st.integers(1, 3), st.integers(0, 3))
 @settings(max_examples=scale_example_count(12), deadline=None)
 def test_bordered_band_matrix_is_solved_like_the_dense_one(seed: int, d: int, shared: int) -> None:
-    """Against the dense matrix MᵀKM, coefficients in any order, none to three of them everywhere."""
+    """Reference: the dense matrix MᵀKM, with coefficients in any order and zero to three of them in every station."""
     rng = np.random.default_rng(seed)
     n, own = 7, 5 * d
     M = np.zeros((n * d, own + shared))
-    for k in range(own):  # each touches two stations that follow one another
+    for k in range(own):  # each coefficient affects two consecutive stations
         first = int(rng.integers(n - 1)) * d
         M[first : first + 2 * d, k] = rng.normal(size=2 * d)
     M[:, own:] = rng.normal(size=(n * d, shared))
@@ -223,7 +224,8 @@ def test_bordered_band_matrix_is_solved_like_the_dense_one(seed: int, d: int, sh
 
 
 def test_fixed_joints_have_one_coefficient_per_operation(tmp_path: FilePath) -> None:
-    """A slot moves, a hole does not; a joint that keeps a value for an operation has one coefficient for it."""
+    """The external joint moves in a slot and not in a hole; a joint that is constant in an operation has one
+    coefficient for it."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = separate_operations(toolpath([*slots(0.0), *slots(0.3)]))
     options = replace(
@@ -284,7 +286,7 @@ def test_refinement_never_makes_a_plan_worse(tmp_path: FilePath, y: float, half:
     max_examples=scale_example_count(3), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_refined_moving_plan_is_no_worse_than_a_standing_one(tmp_path: FilePath, y: float, half: float) -> None:
-    """Each refined, as they are exported: the travel weighs three times, so that standing is a rival."""
+    """Both plans are refined and exported; the travel weight of 3 makes the standing plan competitive."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = toolpath(slots(y, y + half))
     plans = [
@@ -303,7 +305,7 @@ def test_second_trust_region_makes_no_plan_worse(tmp_path: FilePath, monkeypatch
     cell, path = replace(external_cell(tmp_path, rail=True), stiffness=K), build_weaving_slot()
     monkeypatch.setattr(
         refinement_restarts, "LEAPS", (0, 0)
-    )  # a leap from the better of two plans may be the shorter one
+    )  # a perturbation from the better of two plans may give a smaller improvement
     found, scales = [], set()
     for widths in coarse_to_fine_search.TRUSTS, coarse_to_fine_search.TRUSTS[:1], ():
         monkeypatch.setattr(coarse_to_fine_search, "TRUSTS", widths)
@@ -331,7 +333,7 @@ def test_plan_far_from_the_best_is_not_planned_again(
 def test_written_plan_is_no_worse_than_any_with_a_fixed_external_joint(
     tmp_path: FilePath, kind: dict[str, bool], joint: str, values: tuple[float, ...]
 ) -> None:
-    """By the files of the command, whose J have a unit of their own each: the indices are put into the first one's."""
+    """With the files of the command: each J has its own unit, so the indices are converted to the unit of the first."""
     folder = external_folder(tmp_path, **kind)
     slot = [f"{x},{y},-1,0,0,1,cut,2000" for x, y in zip((0, 30, -20, 40, 10), range(-150, 151, 75), strict=True)]
     rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min", "0,-150,60,0,0,1,rapid,", *slot, "10,150,60,0,0,1,retract,3000"]

@@ -57,8 +57,8 @@ from machopt.verification.motion.stiffness import spring_terms
 
 ROOT = Path(__file__).resolve().parent.parent
 SCALE = JointLoadRange(max_torque=1000.0, compliance=1e-6, min_angle=-1.0, max_angle=2.0)
-SAMPLED = replace(SCALE, is_motion=True)  # of a motion: some laws are offered there alone
-TORQUES = np.linspace(-990.0, 990.0, 36)  # off the corners of all curves that are tried
+SAMPLED = replace(SCALE, is_motion=True)  # scale of a motion: some laws exist for motions only
+TORQUES = np.linspace(-990.0, 990.0, 36)  # avoids the kinks of all tested curves
 ANGLES = np.linspace(-0.9, 1.9, 36)
 OWN, PAIRED = (
     [pytest.param(e, law, id=f"{e.name} {law.name}") for e in some for law in e.joint_laws]
@@ -68,7 +68,7 @@ LAWS = [*OWN, *PAIRED]
 
 
 def choose_coefficients(law: JointLaw, sign: float = 1.0) -> tuple[Array, Array]:
-    """Coefficients that make twists of about 0.1 mrad, and a shape of the law's own grid."""
+    """Return coefficients that give twists of about 0.1 mrad, and a shape from the law's own grid."""
     shape = np.array((law.grid(SCALE) or law.grid(SAMPLED))[-1])
     size = np.abs(law.columns(shape, JointLoading(TORQUES, ANGLES))).max(axis=0)
     return sign * 1e-4 / size * np.arange(1.0, len(size) + 1.0), shape
@@ -76,7 +76,7 @@ def choose_coefficients(law: JointLaw, sign: float = 1.0) -> tuple[Array, Array]
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_tangent_equals_finite_differences(effect: Effect, law: JointLaw) -> None:
-    """Central differences; of what remembers far out, where the slope no longer grows."""
+    """Central differences; for laws with memory at large torque, where the slope is constant."""
     _, shape = choose_coefficients(law)
     at = 1e5 * np.sign(TORQUES) + TORQUES if law.has_memory else TORQUES
     step = 1e-3
@@ -88,7 +88,8 @@ def test_tangent_equals_finite_differences(effect: Effect, law: JointLaw) -> Non
 
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_batches_equal_single_states_and_histories_can_be_split(effect: Effect, law: JointLaw) -> None:
-    """A state by itself, in a row of others, and as the first of a history that has settled: the same number."""
+    """A single state, the same state in an array, and the same state at the start of a settled history give the same
+    value."""
     _, shape = choose_coefficients(law)
     whole = law.columns(shape, JointLoading(TORQUES, ANGLES))
     for n in range(0, len(TORQUES), 9):
@@ -103,7 +104,7 @@ def test_batches_equal_single_states_and_histories_can_be_split(effect: Effect, 
 
 
 def test_path_in_pieces_equals_the_whole_path() -> None:
-    """Up, back past zero and up again, with points between or without, whatever the drag does on the way."""
+    """Loading, unloading past zero and reloading, with and without intermediate points, for several values of β."""
     corners = np.array([0.0, 900.0, -300.0, -250.0, 1000.0, 0.0])
     fine = np.concatenate([np.linspace(a, b, 8)[:-1] for a, b in itertools.pairwise(corners)] + [corners[-1:]])
     for beta in (0.3, 0.5, 0.65, 1.0):
@@ -116,7 +117,7 @@ def test_path_in_pieces_equals_the_whole_path() -> None:
 
 
 def test_closed_backlash_does_not_grow_with_the_load() -> None:
-    """Beyond the threshold the branches run side by side; a play's own part the further the more is loaded."""
+    """Above the threshold the branches are parallel; those of a play operator keep separating with the load."""
     law = hysteresis.SaturatedPlay()
     shape = np.array([80.0, 150.0])
     opened = []
@@ -133,12 +134,12 @@ def test_closed_backlash_does_not_grow_with_the_load() -> None:
     assert opened[1] == pytest.approx(opened[0], rel=1e-9)
     width = law.sizes(np.array([1e-4]), shape, JointLoadRange(max_torque=2000.0))["width"].value
     assert width * np.pi / 10800.0 == pytest.approx(1e-4 * opened[0], rel=1e-9)
-    # a motion has other laws for it
+    # motions use other laws for this
     assert not law.grid(JointLoadRange(max_torque=1000.0, is_motion=True))
 
 
 def test_creep_before_a_session_is_complete_and_later_depends_on_time_only() -> None:
-    """An arm that stood under its weight moves no more when a test begins; no cycle starts it afresh."""
+    """An arm that rested under its weight no longer creeps when a test starts; a new cycle does not reset the creep."""
     r, _ = load_test()
     r = replace(r, recording=replace(r.recording, time=np.cumsum(np.full(len(r), 20.0))))
     for session in range(2):
@@ -153,7 +154,8 @@ def test_creep_before_a_session_is_complete_and_later_depends_on_time_only() -> 
 
 
 def test_reset_memory_is_preloaded_by_weight_in_each_cycle() -> None:
-    """As on arrival, but before every cycle; where a visit is one cycle the two are one and tried once."""
+    """Same as memory "arrival", but before every cycle; if each visit is one cycle, both are equal and only one is
+    tried."""
     r, _ = load_test()
     each, arrival = build_load_history(r, "approach"), build_load_history(r, "arrival")
     assert np.array_equal(np.flatnonzero(each.segment_start), np.unique(each.unloaded_states))
@@ -172,7 +174,7 @@ def test_sizes_grow_with_the_coefficients(effect: Effect, law: JointLaw) -> None
         JointLoadRange(max_torque=1000.0, compliance=None, min_angle=-1.0, max_angle=2.0, is_motion=True),
     ):
         if scale.is_motion and not law.grid(scale):
-            continue  # not offered there
+            continue  # not offered for motions
         one, two = (next(iter(law.sizes(k * values, shape, scale).values())) for k in (1.0, 2.0))
         assert two.value == pytest.approx(2.0 * one.value, rel=1e-12)
         assert one.value > 0.0
@@ -181,7 +183,8 @@ def test_sizes_grow_with_the_coefficients(effect: Effect, law: JointLaw) -> None
 
 @pytest.mark.parametrize(("effect", "law"), OWN)
 def test_law_stays_within_its_stated_bounds(effect: Effect, law: JointLaw) -> None:
-    """Its slope, of either sign of its coefficients where a file may have both; and what it says is reached."""
+    """The slope stays within the stated bounds, with either sign of the coefficients where a file allows both, and
+    reaches them."""
     for sign in (1.0, -1.0):
         if sign < 0.0 and all(p.lower_limit >= 0.0 for p in law.coefficients):
             continue
@@ -193,10 +196,10 @@ def test_law_stays_within_its_stated_bounds(effect: Effect, law: JointLaw) -> No
             continue
         tau, q = np.meshgrid(np.r_[TORQUES, 0.0, 1e5], np.linspace(SCALE.min_angle, SCALE.max_angle, 3001))
         slopes = law.tangent(shape, JointLoading(tau, q)) @ values
-        if law.has_memory:  # a rising load meets less than a lasting one
+        if law.has_memory:  # an increasing load has a lower slope than a constant one
             up, down = (law.columns(shape, JointLoading(tau + s, q)) @ values for s in (5e-4, -5e-4))
             slopes = np.minimum(slopes, (up - down) / 1e-3)
-        # 1e-5: the least lies between the angles that are looked at, there and here
+        # 1e-5: the minimum lies between the sampled angles, in both calculations
         assert min(0.0, slopes.min()) == pytest.approx(least, abs=1e-5 * np.abs(slopes).max())
 
 
@@ -205,7 +208,7 @@ def test_law_stays_within_its_stated_bounds(effect: Effect, law: JointLaw) -> No
 def test_files_preserve_law_coefficients_shape_and_memory(
     effect: Effect, law: JointLaw, zero: bool, tmp_path: Path
 ) -> None:
-    """Through stiffness.yaml: law, coefficients (zeros too), shape, and what the gear remembers."""
+    """stiffness.yaml preserves law, coefficients (also zeros), shape and memory."""
     values, shape = choose_coefficients(law)
     values = 0.0 * values if zero else values
     memory = "arrival" if law.has_memory else ""
@@ -251,7 +254,7 @@ UNLOADED = [pytest.param(e, law, id=e.name) for e, law in registry.list_angle_ef
 
 
 def choose_branch_coefficients(law: JointAngleLaw) -> tuple[Array, Array]:
-    """Some coefficients of about 0.1 mrad, of two branches where a law has several."""
+    """Return coefficients of about 0.1 mrad, with two branches where a law has several."""
     shape = np.array([3.0, 40.5][: 2 * len(law.shape)])
     count = law.columns(shape, ANGLES).shape[-1]
     return 1e-4 * np.arange(1.0, count + 1.0), shape
@@ -259,7 +262,8 @@ def choose_branch_coefficients(law: JointAngleLaw) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize(("effect", "law"), UNLOADED)
 def test_joint_angle_errors_have_derivatives_and_bounds(effect: Effect, law: JointAngleLaw) -> None:
-    """Central differences, order by order; batches are singles; the steepest is met within a wave and never passed."""
+    """Derivatives equal central differences; batches equal single values; the maximum slope is reached within a wave
+    and never exceeded."""
     values, shape = choose_branch_coefficients(law)
     step = 1e-4
     for order in range(3):
@@ -316,7 +320,8 @@ def test_kinematics_yaml_preserves_everything_and_verify_agrees(
     ],
 )
 def test_parallel_springs_have_their_slope_and_verify_agrees(effect: Effect, law: ParallelTorqueLaw) -> None:
-    """Central differences; batches are singles; of the one that files state, the verifier's stiffness, zeros too."""
+    """Slopes equal central differences; batches equal single values; for the law that files contain, the verifier's
+    stiffness agrees, also with zeros."""
     step = 1e-4
     for shape in (np.array(s) for s in law.grid()[:: max(len(law.grid()) // 5, 1)]):
         up, down = (law.torque(shape, ANGLES + s * step) for s in (1.0, -1.0))
@@ -339,7 +344,7 @@ def test_parallel_springs_have_their_slope_and_verify_agrees(effect: Effect, law
 
 
 def test_one_word_may_mean_an_elastic_and_a_kinematic_effect() -> None:
-    """Two effects, each in its own file; a third of the same word in the same file is refused."""
+    """Two effects with the same word in different files; a third one with the same word in the same file is refused."""
     elastic, kinematic = joint_coupling.ELASTIC, joint_coupling.KINEMATIC
     assert elastic.name != kinematic.name
     assert elastic.file_word == kinematic.file_word == "joint_coupling"
@@ -361,7 +366,7 @@ def test_words_and_places_are_valid() -> None:
 
 
 def test_unknown_time_is_assumed_as_the_time_constant() -> None:
-    """A lone reading: what share of the pause its load took nobody knows; here one time constant."""
+    """A single reading: the duration of its load relative to the pause is unknown; one time constant is assumed."""
     first, torque = np.array([1, 0], np.int64), np.array([0.0, 1.0])
     for constant in (2.0, 30.0):
         assert creep.filter_first_order(torque, np.array([5.0, np.nan]), first, constant)[1] == pytest.approx(
@@ -373,12 +378,12 @@ def test_unknown_time_is_assumed_as_the_time_constant() -> None:
     assert x == pytest.approx([1.0, np.exp(-20.0 / 30.0), np.exp(-50.0 / 30.0)])
 
 
-# --- a toy --------------------------------------------------------------------------------------------------
+# --- example effect -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Saturating(JointLawDefaults):
-    """φ = a τ₀ tanh(τ/τ₀), a law that the catalogue has not."""
+    """φ = a τ₀ tanh(τ/τ₀), a law that is not in the catalogue."""
 
     name = "tanh"
     equation = "φ = c τ + a τ₀ tanh(τ/τ₀)"
@@ -421,7 +426,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> Effect:
 
 
 def load_test() -> tuple[StaticReadings, ArmStiffness]:
-    """Twelve poses, four loads at each, two sessions."""
+    """Twelve poses with four loads each, in two sessions."""
     cell = load_cell(ROOT / "cells" / "kr240_drilling")
     robot, tool, masses = load_robot(cell), cell.tool.T_flange_tcp, load_masses(cell)
     assert cell.stiffness is not None
@@ -453,7 +458,8 @@ def load_test() -> tuple[StaticReadings, ArmStiffness]:
 
 
 def build_posed_problem(r: StaticReadings, beyond: Array) -> DiagnosisProblem:
-    """The load test with its joints' springs, something beyond them (N, 6) m, rad, and noise of 5 µm and 5 µrad."""
+    """Build the load test with joint springs, an additional displacement ``beyond`` (N, 6) m, rad, and noise of 5 µm
+    and 5 µrad."""
     base = r.state.J * r.load_torque[:, None, :]
     rows = np.arange(1, len(r) + 1)
     return DiagnosisProblem(
@@ -480,7 +486,8 @@ def build_posed_problem(r: StaticReadings, beyond: Array) -> DiagnosisProblem:
 
 
 def test_written_law_explains_what_diagnose_fitted_for_every_memory() -> None:
-    """Every law at a joint that load tests offer, in every memory: finding → file → the same displacement."""
+    """For every law of a joint in load tests and every memory, the written finding gives the same displacement as
+    the fit."""
     r, _ = load_test()
     r = replace(r, recording=replace(r.recording, time=np.cumsum(np.linspace(5.0, 40.0, len(r)))))
     observed = set()
@@ -499,7 +506,7 @@ def test_written_law_explains_what_diagnose_fitted_for_every_memory() -> None:
             assert left == (other,)
             np.testing.assert_allclose(moved, columns @ x, rtol=1e-9, atol=1e-16)
             observed.add((h.effect, term.parameters["memory"]))
-    at_once = {("joint_creep", m) for m in ("cycle", "approach")}  # what fades by the clock forgets nothing at once
+    at_once = {("joint_creep", m) for m in ("cycle", "approach")}  # creep decays with time and is not reset by a cycle
     assert observed == {(e, m) for e in ("joint_hysteresis", "joint_creep") for m in MEMORIES} - at_once
     creep_term = StiffnessTerm(
         "joint_creep", "joint:3", {"extra_rad_per_Nm": 1e-7, "time_constant_s": 9.0, "memory": "visit"}
@@ -509,7 +516,8 @@ def test_written_law_explains_what_diagnose_fitted_for_every_memory() -> None:
 
 
 def test_effect_is_added_by_one_file_and_one_line(toy: Effect, tmp_path: Path) -> None:
-    """Found by diagnose with its limit, written to stiffness.yaml, read by the planner, then nothing is left."""
+    """The effect is found by diagnose with its detection limit, written to stiffness.yaml and read by the planner;
+    then nothing is left."""
     r, cell = load_test()
     tried = load_test_channel.build_load_test_catalogue(r, None)
     found = [h for h in tried.hypotheses if h.effect == toy.name]
@@ -536,7 +544,7 @@ def test_effect_is_added_by_one_file_and_one_line(toy: Effect, tmp_path: Path) -
     axis = np.tile([0.0, 0.0, 1.0], (len(r), 1))
     assert (
         with_toy.compute_compliance_along(axis) >= without.compute_compliance_along(axis)
-    ).all()  # what optimize and map weigh
+    ).all()  # value used by optimize and map
     again = selection_pipeline.diagnose_problem(
         replace(problem, y=problem.y - more), catalogue, selection_pipeline.DiagnosisOptions(), np.random.default_rng(0)
     )

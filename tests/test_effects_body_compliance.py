@@ -41,7 +41,7 @@ LAWS = [pytest.param(e, law, id=f"{e.name} {law.name}") for e in registry.select
 
 
 def arm(cell: str = CELLS[0]) -> tuple[Robot, Array, ArmState, Array]:
-    """Robot, tool, seven postures, a wrench at each."""
+    """Return robot, tool, seven postures and a wrench at each."""
     loaded = load_cell(ROOT / "cells" / cell)
     robot, tool = load_robot(loaded), loaded.tool.T_flange_tcp
     rng = np.random.default_rng(0)
@@ -54,7 +54,7 @@ def arm(cell: str = CELLS[0]) -> tuple[Robot, Array, ArmState, Array]:
 
 
 def build_body_spring(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, where: str) -> BodySpring | None:
-    """A law at a place with coefficients of the size of an arm's; None where the body makes no such thing."""
+    """Build a law at a location with coefficients of typical size; None if the law does not exist for this body."""
     place = locate_spring(robot, tool, where)
     grid = law.grid(place.shape)
     if not grid:
@@ -62,25 +62,26 @@ def build_body_spring(robot: Robot, tool: Array, effect: Effect, law: BodyLaw, w
     shape = np.array(grid[-1])
     C = law.matrices(shape, place.shape)
     values = 1e-8 * np.arange(1.0, len(C) + 1.0) / np.abs(C).max(axis=(1, 2))
-    if not law.bounded:  # a matrix that is positive
+    if not law.bounded:  # a positive definite matrix
         A = np.random.default_rng(1).normal(size=(6, 6))
         values = 1e-9 * np.array([(A @ A.T)[i, j] for i, j in getattr(law, "pairs", body_compliance_laws.ALL_ENTRIES)])
     elif len(values) > 2 and law.coefficients[2].key == "both":
-        values[2] *= 0.1  # what couples shift and tilt is less than either
+        values[2] *= 0.1  # the coupling of shift and tilt is smaller than either
     return build_spring(effect.file_word, place, law, values, shape)
 
 
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize(("effect", "law"), LAWS)
 def test_law_is_symmetric_and_batches_equal_single_states(effect: Effect, law: BodyLaw, cell: str) -> None:
-    """Maxwell; and a state by itself, in a row of others, gives the same twist, linear in the wrench."""
+    """The matrices are symmetric (Maxwell), single states equal batches, and the twist is linear in the wrench."""
     robot, tool, state, wrench = arm(cell)
     observed = 0
     for where in (place for place in effect.places if is_on_arm(place, 6)):
         one = build_body_spring(robot, tool, effect, law, where)
         if one is None:
             continue
-        np.testing.assert_allclose(one.basis, one.basis.transpose(0, 2, 1), atol=1e-15)  # m² beside a lever of 1 m
+        # m², relative to a lever of 1 m
+        np.testing.assert_allclose(one.basis, one.basis.transpose(0, 2, 1), atol=1e-15)
         whole = one.compute_response(state, wrench)
         lone = robot.compute_state(state.q[3:4], tool, bodies=True)
         np.testing.assert_allclose(one.compute_response(lone, wrench[3:4])[0], whole[3], rtol=1e-12, atol=1e-12)
@@ -107,7 +108,8 @@ def test_sizes_grow_with_the_coefficients(effect: Effect, law: BodyLaw) -> None:
 def test_files_preserve_everything_and_the_verifier_agrees(
     effect: Effect, law: BodyLaw, zero: bool, tmp_path: Path
 ) -> None:
-    """Through stiffness.yaml: the same twist by the planner's law and by the verifier's; zeros stay zeros."""
+    """Written to stiffness.yaml and read, the planner's and the verifier's laws give the same twist; zeros remain
+    zeros."""
     robot, tool, state, wrench = arm()
     one = next(
         (m for where in effect.places if (m := build_body_spring(robot, tool, effect, law, where)) is not None), None
@@ -125,7 +127,7 @@ def test_files_preserve_everything_and_the_verifier_agrees(
     assert state.R_bodies is not None
     assert state.p_bodies is not None
     ((body, S, C),) = spring_terms.build_body_springs([read], robot.point, robot.T_base_flange_zero, tool)
-    for n in range(len(wrench)):  # the verifier's matrix, carried here by hand
+    for n in range(len(wrench)):  # the verifier's matrix, transformed explicitly here
         R, p = state.R_bodies[n, body], state.p_bodies[n, body]
         G = np.eye(6)
         G[:3, 3:] = -skew_matrix(state.T_base_tool[n, :3, 3] - R @ S[:3, 3] - p)
@@ -136,7 +138,7 @@ def test_files_preserve_everything_and_the_verifier_agrees(
 
 
 def test_distributed_weight_counts_where_the_law_requires() -> None:
-    """A beam sags under its own; what is no beam leaves it to whoever counts weights at its end."""
+    """A beam bends under its own distributed weight; other bodies only under point weights at their end."""
     robot, tool, state, _ = arm()
     own_weight = [(np.array([0.0, 0.0, -500.0]), 0.5)]
     for effect in registry.select_body_effects():
@@ -156,7 +158,7 @@ def test_two_equal_bending_planes_are_one_beam() -> None:
 
 
 def test_beam_by_sections_agrees_with_published_tables() -> None:
-    """Loaded at its end and beyond it: the matrices carried there; its own weight W alone: W L³/8EI and W L²/6EI."""
+    """Load at the end and beyond it: transformed matrices; own weight W only: W L³/8EI and W L²/6EI."""
     L, (x, y, z) = 0.8, np.eye(3)
     body = CompliantBody(axes=np.eye(3), length=L)
     axes = [np.tile(n, (7, 1)) for n in (z, -y, x)]
@@ -194,13 +196,13 @@ def test_uniform_tube_without_shear_is_a_beam() -> None:
     assert sags[0] is not None
     assert sags[1] is not None
     np.testing.assert_allclose(sags[0], sags[1], rtol=3e-3, atol=1e-12)  # the weight ends between two sections
-    assert np.isfinite(tapered_tube.TAPERED.matrices(np.full(2, np.nan), body)).all()  # a file without the two numbers
+    # also for a file without the two shape numbers
+    assert np.isfinite(tapered_tube.TAPERED.matrices(np.full(2, np.nan), body)).all()
 
 
 def test_tube_bending_and_shear_agree_with_closed_forms() -> None:
-    """A radius of 1.5 at the root and 0.75 at the end: ∫ u^k (r_mid/r)³ du by closed forms; its own weight W shears it
-    by Φ L²/EI · W L/2.
-    """
+    """Radius 1.5 at the root and 0.75 at the end: ∫ u^k (r_mid/r)³ du in closed form; the own weight W adds a shear
+    deflection of Φ L²/EI · W L/2."""
     L, root, end, middle = 0.8, 1.5, 0.75, 1.125
     body, slope = CompliantBody(axes=np.eye(3), length=L), (root - end) / L
     about_z, about_y, twisted = tapered_tube.TAPERED.matrices(np.array([end / root, 0.0]), body)
@@ -224,9 +226,8 @@ def test_tube_bending_and_shear_agree_with_closed_forms() -> None:
 
 
 def test_link_shapes_include_a_tapered_casting() -> None:
-    """Of the second judge's link, which tapers, shears and is flatter one way, uniform beams leave several times what
-    the tapering ones leave.
-    """
+    """For the tapered, shear-compliant and asymmetric link of the energy benchmark, uniform beams leave several
+    times the residual of tapered ones."""
     sys.path.append(str(ROOT / "benchmarks" / "diagnosis_energy_benchmark"))
     import body_compliance as foreign
 
@@ -238,7 +239,7 @@ def test_link_shapes_include_a_tapered_casting() -> None:
         size = np.outer(scale, scale)
         X = (law.matrices(shape, CompliantBody(axes=np.eye(3), length=L)) * size).reshape(len(law.coefficients), -1).T
         y = (truth * size)[np.ix_(range(6), range(6))]
-        y[0, 0] = 0.0  # no law here stretches
+        y[0, 0] = 0.0  # no law here has axial compliance
         rest = y.ravel() - X @ np.linalg.lstsq(X, y.ravel(), rcond=None)[0]
         return float(np.linalg.norm(rest) / np.linalg.norm(y))
 
@@ -246,12 +247,12 @@ def test_link_shapes_include_a_tapered_casting() -> None:
     assert 4.0 * min(left(tapered_tube.TAPERED, s) for s in grid) < left(uniform_beam_law.TWO_PLANES, NONE)
 
 
-# --- a toy --------------------------------------------------------------------------------------------------
+# --- example effect -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Sheared(uniform_beam_law.BodyLawDefaults):
-    """The far end of a body shifts with the force across it, and does not turn."""
+    """The far end of a body translates with the lateral force and does not rotate."""
 
     name = "shears"
     equation = "d = c (I − x xᵀ) f, x along the body"
@@ -279,7 +280,8 @@ TOY = Effect(
 
 
 def test_body_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Found by diagnose with its limit, written to stiffness.yaml, read by the planner, then nothing is left."""
+    """The effect is found by diagnose with its detection limit, written to stiffness.yaml and read by the planner;
+    then nothing is left."""
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, TOY)))
     r, cell = load_test()
     found = [h for h in structural_compliance.build_structure_hypotheses(r) if h.effect == TOY.name]
@@ -308,7 +310,7 @@ def test_body_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.Monke
     axis = np.tile([0.0, 0.0, 1.0], (len(r), 1))
     assert (
         with_toy.compute_compliance_along(axis) >= without.compute_compliance_along(axis)
-    ).all()  # what optimize and map weigh
+    ).all()  # value used by optimize and map
     again = selection_pipeline.diagnose_problem(
         replace(problem, y=problem.y - more),
         HypothesisCatalogue(tuple(tried)),
@@ -321,7 +323,7 @@ def test_body_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.Monke
     assert np.isnan(
         build_fitted_term(TOY.name, "link:2", r.robot, r.T_flange_tcp).values
     ).all()  # EFFECT@LOCATION of identify
-    assert TOY.name not in spring_terms.KNOWN_EFFECTS  # so its check says that it did not check it
+    assert TOY.name not in spring_terms.KNOWN_EFFECTS  # so the verifier reports that it did not check it
 
 
 def test_user_defined_body_is_accepted_and_an_invalid_one_named() -> None:
@@ -348,10 +350,10 @@ class Broken(Sheared):
 def test_nearest_valid_body_uses_the_metric_of_the_readings() -> None:
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     rng = np.random.default_rng(5)
-    C = np.diag([2e-8, 3e-8, -1e-8])  # gives way against the load along z
+    C = np.diag([2e-8, 3e-8, -1e-8])  # negative compliance along z
     C[0, 1] = C[1, 0] = 1e-8
     values = np.array([C[i, j] for i, j in pairs])
-    shown = rng.normal(size=(40, 6)) * [1.0, 1.0, 30.0, 1.0, 1.0, 1.0]  # what couples x with z is shown best
+    shown = rng.normal(size=(40, 6)) * [1.0, 1.0, 30.0, 1.0, 1.0, 1.0]  # the coupling of x with z is observed best
     metric = shown.T @ shown
 
     def cost(x: Array) -> float:
@@ -368,7 +370,7 @@ def test_nearest_valid_body_uses_the_metric_of_the_readings() -> None:
     w, V = np.linalg.eigh(C)
     plain = (V * np.maximum(w, 0.0)) @ V.T
     assert cost(near) <= cost(np.array([plain[i, j] for i, j in pairs]))
-    for _ in range(50):  # no other one nearby is nearer
+    for _ in range(50):  # no matrix in the neighborhood is closer
         L = np.linalg.cholesky(matrix(near) + 1e-12 * np.eye(3)) + 1e-6 * rng.normal(size=(3, 3))
         assert cost(np.array([(L @ L.T)[i, j] for i, j in pairs])) > cost(near) * (1 - 1e-6)
     possible = np.array([3e-8, 0.0, 0.0, 2e-8, 0.0, 1e-8])
@@ -377,17 +379,18 @@ def test_nearest_valid_body_uses_the_metric_of_the_readings() -> None:
 
 @pytest.mark.parametrize("readings", [1.0, 1e10, 1e20, 1e40])
 def test_nearest_valid_body_does_not_depend_on_the_scale_of_the_readings(readings: float) -> None:
-    """Of [[1, 5], [5, 1]] it is all 7/3; the distance to it was beyond the range of numbers."""
+    """For [[1, 5], [5, 1]] all entries of the result are 7/3; the squared distance exceeded the range of
+    floating-point numbers."""
     pairs = ((0, 0), (0, 1), (1, 1))
     near = find_nearest_semidefinite(np.array([1.0, 5.0, 1.0]), pairs, readings * np.eye(3))
     np.testing.assert_allclose(near, 7.0 / 3.0, rtol=1e-8)
 
 
 def test_unobserved_directions_get_the_minimum_compliance_of_their_coupling() -> None:
-    """A tool pulled through its tip shows shift and the tilt that comes with it, never a tilt by a moment."""
+    """A tool pulled at its tip shows the shift and its coupled tilt, never a tilt caused by a moment."""
     pairs, metric = ((0, 0), (1, 1), (0, 1)), np.diag([2e15, 3e-18, 2e14])
     shift, both = 4e-7, 6e-6
-    for tilt in (0.0, 9e8):  # anything fits
+    for tilt in (0.0, 9e8):  # any tilt fits the readings
         near = find_nearest_semidefinite(np.array([shift, tilt, both]), pairs, metric)
         np.testing.assert_allclose(near[[0, 2]], [shift, both], rtol=1e-6)
         assert near[1] == pytest.approx(both**2 / shift, rel=1e-3)

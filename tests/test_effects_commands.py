@@ -1,4 +1,4 @@
-"""One effect file in every command: found, written, planned with, mapped."""
+"""One user effect file in every command: diagnosis, output file, planning, map."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from machopt.measurement.identification.fitting.loaded_equilibrium import Loaded
 from machopt.measurement.recording import write_recording
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
-BEND, HALF = 2e-6, 0.3  # rad/(N·m) more at no torque; of the largest torque at the joint
+BEND, HALF = 2e-6, 0.3  # rad/(N·m), additional compliance at zero torque; share of the largest torque at the joint
 QUIET = ["--quiet", "-o"]
 PATH = (
     "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n"
@@ -38,7 +38,8 @@ PATH = (
 
 
 def load_test(jelly: Path) -> Recording:
-    """Twenty poses, two loads of up to 300 N and back, twice, 5 µm, µrad of noise; joint 3 gives as the file says."""
+    """Simulate twenty poses with loads of up to 300 N applied and removed, in two sessions, with noise of 5 µm and 5
+    µrad; joint 3 follows the user's law."""
     cell = load_cell(CELL)
     robot, tool, masses = load_robot(cell), cell.tool.T_flange_tcp, load_masses(cell)
     assert cell.stiffness is not None
@@ -82,7 +83,7 @@ def test_one_effect_file_goes_through_every_command(tmp_path: Path) -> None:
     assert main(["diagnose", str(CELL), str(rec), "--effects", str(jelly), *QUIET, str(out)]) == 0
     result = json.loads((out / "diagnosis.json").read_text())
     named = [(f["effect"], f["location"]) for f in result["findings"] if f["effect"] != "geometric_stiffness"]
-    assert named == [("joint_jelly", "joint:3")]  # K_C is counted in any case, and named where it is worth it
+    assert named == [("joint_jelly", "joint:3")]  # K_C is always fitted, and named where significant
     assert {"joint:1", "joint:2"} <= {x["location"] for x in result["detection_limits"] if x["effect"] == "joint_jelly"}
     assert "jelly of joint 3" in result["sentence"]
     page = (out / "report.html").read_text()
@@ -102,7 +103,7 @@ def test_one_effect_file_goes_through_every_command(tmp_path: Path) -> None:
     assert main(["optimize", str(cell), str(path), *mine, *wanted, *QUIET, str(tmp_path / "plan")]) == 0
     grid = ["--step", "700", "--collision", "none"]
     assert main(["map", str(cell), *mine, *grid, *QUIET, str(tmp_path / "map")]) == 0
-    assert main(["map", str(cell), "--step", "700", *QUIET, str(tmp_path / "unknown")]) == 2  # without its file
+    assert main(["map", str(cell), "--step", "700", *QUIET, str(tmp_path / "unknown")]) == 2  # without its effect file
 
     known = [str(cell), str(rec), "--effects", str(jelly), *QUIET, str(tmp_path / "again")]
     assert main(["diagnose", *known]) == 0
@@ -154,7 +155,7 @@ EFFECTS = [
 
 @pytest.fixture
 def scaled(tmp_path: Path) -> tuple[Path, Path]:
-    """A cell whose kinematics.yaml holds an effect of the user's own, and its file."""
+    """Write a cell whose kinematics.yaml contains a user-defined effect, and the effect file."""
     scale, cell = tmp_path / "scale.py", tmp_path / "cell"
     scale.write_text(SCALE)
     shutil.copytree(CELL, cell)
@@ -181,14 +182,15 @@ def test_inspecting_commands_know_user_effects(
         assert "encoder_scale" not in message.err
         assert f"--effects runs the code in {scale} with your rights" in message.err
         assert "cannot_be_planned" not in json.loads(message.out)
-    assert "encoder_scale" not in registry.EFFECTS  # nothing of it stays
+    assert "encoder_scale" not in registry.EFFECTS  # the user effect is removed again
     assert main(["inspect", str(path), "--effects", str(scale)]) == 2
     assert "--effects: found a toolpath and no cell" in capsys.readouterr().err
     assert Cell.load(cell, effects=[scale]).validate() == ()
 
 
 def test_user_joint_angle_effect_is_found_in_motions(tmp_path: Path) -> None:
-    """Link-side encoders name it, the tip is searched for it; what the channel refits is said to be taken up."""
+    """Link-side encoders identify it and TCP readings search for it; an effect that the channel refits is reported
+    as absorbed."""
     scale = tmp_path / "scale.py"
     scale.write_text(SCALE)
     rng, bench = np.random.default_rng(6), arm(tmp_path)
@@ -226,7 +228,7 @@ def test_user_joint_angle_effect_is_found_in_motions(tmp_path: Path) -> None:
 
 
 def simulate_tracked_poses() -> Recording:
-    """Forty poses, twice, as a tracker sees them, 10 µm of noise; joint 1 turns 2 ‰ more than its encoder says."""
+    """Simulate forty poses measured twice by a tracker, noise 10 µm; joint 1 turns 2 ‰ more than its encoder shows."""
     cell = load_cell(CELL)
     robot, tool = load_robot(cell), cell.tool.T_flange_tcp
     assert cell.stiffness is not None
@@ -247,7 +249,7 @@ def simulate_tracked_poses() -> Recording:
 
 @pytest.mark.slow
 def test_kinematic_effect_file_goes_through_every_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Diagnosed, written to kinematics.yaml, driven and verified with, mapped, and then known."""
+    """The effect is found, written to kinematics.yaml, used by optimize, verify and map, and then known to diagnose."""
     scale, cell, rec, out = (tmp_path / n for n in ("scale.py", "cell", "rec", "out"))
     scale.write_text(SCALE)
     write_recording(rec, simulate_tracked_poses())
@@ -280,10 +282,10 @@ def test_kinematic_effect_file_goes_through_every_command(tmp_path: Path, capsys
     assert main(["verify", str(cell), str(path), str(tmp_path / "plan"), *mine]) == 0
     printed = capsys.readouterr().out
     assert "encoder_scale at joint:1 NOT checked" in printed
-    assert "no independent formula for 'encoder_scale'" in printed  # and why
+    assert "no independent formula for 'encoder_scale'" in printed  # with the reason
     grid = ["--step", "700", "--collision", "none"]
     assert main(["map", str(cell), *mine, *grid, *QUIET, str(tmp_path / "map")]) == 0
-    assert main(["map", str(cell), *grid, *QUIET, str(tmp_path / "unknown")]) == 2  # without its file
+    assert main(["map", str(cell), *grid, *QUIET, str(tmp_path / "unknown")]) == 2  # without its effect file
     assert "'encoder_scale'" in (message := capsys.readouterr().err)
     assert "where its file is given" in message
 

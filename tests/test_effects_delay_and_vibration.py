@@ -43,7 +43,7 @@ RATE = 100.0  # Hz
 
 
 def wave(late: float) -> Array:
-    """(N, 2) of a channel at 100 Hz."""
+    """Return the signals (N, 2) of a channel at 100 Hz, delayed by ``late`` s."""
     t = np.arange(200) / RATE - late
     return np.stack([np.sin(3.0 * t), np.cos(5.0 * t)], axis=1)
 
@@ -69,7 +69,7 @@ def test_delayed_channel_equals_its_column_times_the_delay(effect: Effect, law: 
             assert columns.shape == (200, 2, len(law.coefficients))
             one, two = (law.sizes(np.array([k * 4e-3]), shape, whole) for k in (1.0, 2.0))
             assert next(iter(two.values())).value == pytest.approx(2.0 * next(iter(one.values())).value)
-            share = not len(shape)  # of what the encoders say, which is the whole of it
+            share = not len(shape)  # the coefficient is a share of the change that the encoders show, here all of it
             late = 4e-3 if best or share else 1e-4
             x = np.array([1.0 if share else late])
             exact = 1e-12 if (best and shape.any()) or share else 2e-2
@@ -98,13 +98,13 @@ def test_spring_without_inertia_deflects_immediately(effect: Effect, law: Vibrat
         k, x = law.stiffness(shape, whole), law.deflection(shape, whole)
         assert x[0] == pytest.approx(load[0] / k, abs=1e-15)
         assert x[150] == pytest.approx(load[150] / k)
-        # the stiffness that a shape means is of all samples; a segment for itself swings as within the whole
+        # the stiffness of a shape refers to all samples; a single segment vibrates as within the whole
         same = replace(whole, inertia=inertia[::-1].copy())
         assert law.stiffness(shape, same) == pytest.approx(k)
         one, two = (law.sizes(c * 1e-6, shape, whole) for c in (1.0, 2.0))
         assert next(iter(two.values())).value == pytest.approx(2.0 * next(iter(one.values())).value)
     stiff = law.deflection(np.array([30.0, 0.9]), whole) * law.stiffness(np.array([30.0, 0.9]), whole)
-    np.testing.assert_allclose(stiff, load, atol=5.0)  # N·m: half a step of 10 ms behind
+    np.testing.assert_allclose(stiff, load, atol=5.0)  # N·m: a lag of half a step of 10 ms
     assert not law.grid(1.0)
     assert not law.grid(1.0, lambda s: 1.0)
     assert effect.note
@@ -117,12 +117,12 @@ def test_search_finds_a_peak_between_the_bands() -> None:
     assert found[-1] == pytest.approx((7.3, 0.045), rel=0.01)
 
 
-# --- toys -----------------------------------------------------------------------------------------------------
+# --- example effects ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Stuttering(ChannelDelay):
-    """A clock that is late where the channel moves, twice as much as stated."""
+    """A clock delay that acts where the channel changes, with twice the stated size."""
 
     name = "stutters"
     coefficients = (LawParameter(key="late_ms", unit="s", factor=1e-3),)
@@ -136,7 +136,7 @@ class Stuttering(ChannelDelay):
 
 @dataclass(frozen=True)
 class Limps(JointVibration):
-    """A spring that only ever swings at one frequency, given by its softness."""
+    """A spring that vibrates at one fixed frequency, with its compliance as the coefficient."""
 
     name = "limps"
     coefficients = (LawParameter(key="limp", unit=COMPLIANCE, lower_limit=0.0),)
@@ -151,7 +151,7 @@ class Limps(JointVibration):
 def test_delay_and_vibration_are_added_by_one_file_and_one_line(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Offered by every channel that has a clock or a spring."""
+    """The effects are offered in every channel that has a clock or a spring."""
     clock = replace(registry.EFFECTS["time_skew"], name="stutter", delay_laws=(Stuttering(),))
     limp = replace(registry.EFFECTS["joint_elasticity"], name="limp", vibration_laws=(Limps(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, clock, limp)))

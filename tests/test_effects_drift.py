@@ -41,7 +41,7 @@ def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: Dr
         for shape in (np.array(s) for s in law.grid(whole)):
             columns = law.columns(shape, whole)
             assert columns.shape == (7, 6, len(law.coefficients))
-            # the longest session is what an even drift is per unit of: the last reading stays
+            # a linear drift is scaled by the longest session: the last reading must remain
             part = replace(
                 whole,
                 time_since_start=None if whole.time_since_start is None else whole.time_since_start[3:],
@@ -67,7 +67,7 @@ def test_reference_reading_gives_the_difference() -> None:
     earlier = replace(apart, time_since_start=whole.unloaded_time_since_start)
     for law in (law for e in registry.select_drift_effects() for law in e.drift_laws):
         for shape in (np.array(s) for s in law.grid(whole)):
-            if law.shape:  # an even drift is per the longest of its own times
+            if law.shape:  # a linear drift is scaled by the longest of its own times
                 difference = law.columns(shape, apart) - law.columns(shape, earlier)
                 np.testing.assert_allclose(law.columns(shape, whole), difference, rtol=1e-9, atol=1e-12)
 
@@ -88,7 +88,7 @@ def test_unobservable_laws_are_not_offered() -> None:
 
 
 class Sinks:
-    """The floor gives way straight down."""
+    """The floor sinks vertically."""
 
     words = "the floor sinks"
     penalty = 0.0

@@ -49,7 +49,7 @@ def test_law_has_a_column_per_coefficient_and_growing_sizes(law: FrictionLaw) ->
         part = replace(build_friction_state(150), warmth=lambda T: whole.warmth(T)[:150])
         np.testing.assert_allclose(
             law.columns(shape, part), columns[:150], rtol=1e-14
-        )  # what comes later changes nothing
+        )  # later samples have no influence
         values = np.arange(1.0, len(law.coefficients) + 1.0)
         one, two = (next(iter(law.sizes(k * values, shape, whole).values())) for k in (1.0, 2.0))
         assert two.value == pytest.approx(2.0 * one.value, rel=1e-12)
@@ -72,7 +72,7 @@ def test_unobservable_laws_are_not_offered() -> None:
 
 @dataclass(frozen=True)
 class Sticky(friction.CurvedViscousFriction):
-    """A torque with the cube of speed."""
+    """A friction torque proportional to the cube of the velocity."""
 
     name = "churns"
     equation = "τ_f += d₃ q̇³"
@@ -86,7 +86,7 @@ class Sticky(friction.CurvedViscousFriction):
 
 
 def test_friction_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Offered at every joint that moves; its column is the law at the speeds of the motion."""
+    """The effect is offered at every moving joint; its column is the law at the velocities of the motion."""
     toy = replace(friction.EFFECT, name="joint_churning", friction_laws=(Sticky(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     cell = arm(tmp_path, 2, tool=5.0)

@@ -50,7 +50,8 @@ def test_law_has_columns_of_its_joints_and_growing_sizes(effect: registry.Effect
 
 @pytest.mark.parametrize("forward", [True, False])
 def test_joint_and_motor_torques_have_equal_power(forward: bool) -> None:
-    """A motor that turns by φ = q_j ± κ q_i gives τ_j φ̇; told by joints or by motors, q̇ᵀτ or φ̇ᵀτ is the same power."""
+    """A motor with φ = q_j ± κ q_i and torque τ_j: the powers q̇ᵀτ (joint torques) and φ̇ᵀτ (motor torques) are
+    equal."""
     whole, ratio = build_motor_loading(2), 0.4 if forward else -0.4
     F = np.array([5.0, 2.0, 0.7])
     turns = np.stack([whole.speed[:, 0], whole.speed[:, 1] + ratio * whole.speed[:, 0]], axis=1)
@@ -65,7 +66,7 @@ def test_joint_and_motor_torques_have_equal_power(forward: bool) -> None:
 
 @dataclass(frozen=True)
 class Bent(drive_gain.DriveGainError):
-    """A drive whose constant falls with the current."""
+    """A drive whose torque constant decreases with the current."""
 
     name = "saturates"
     equation = "τ recorded = τ (1 + g τ²)"
@@ -79,7 +80,8 @@ class Bent(drive_gain.DriveGainError):
 
 
 def test_motor_torque_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Offered at every joint that moves, in its own coordinate; a gain of the load besides, too."""
+    """The effect is offered at every moving joint, in its own coordinate, with and without a common gain of the
+    load."""
     toy = replace(
         registry.EFFECTS["units"], name="saturation", places=JOINTS, preferred_places=(), motor_laws=(Bent(),)
     )
@@ -101,7 +103,8 @@ def test_motor_torque_effect_is_added_by_one_file_and_one_line(monkeypatch: pyte
 
 @pytest.mark.parametrize("share", [0.12, -0.12])
 def test_wrong_drive_gain_is_named_at_its_joint(tmp_path: Path, share: float) -> None:
-    """Neither as a payload, nor as a link's mass, nor as friction: these are told by the other joints too."""
+    """It is named neither payload, nor link mass, nor friction, because these also change the torques of other
+    joints."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 11)
     tau[:, 1] *= 1.0 + share
     found = diagnose_recording(build_motion_recording(t, q, v, tau + 1.0 * rng.normal(size=q.shape)), cell, "torque")[0]
@@ -111,7 +114,8 @@ def test_wrong_drive_gain_is_named_at_its_joint(tmp_path: Path, share: float) ->
 
 
 def diagnose_coupled_motors(tmp_path: Path, *, by_motors: bool) -> DiagnosisResult:
-    """Motor 6 turns with half of joint 5; rigid bodies and friction by power, not by the catalogue's columns."""
+    """Diagnose an arm whose motor 6 turns with half of joint 5; rigid-body and friction torques follow from power,
+    not from catalogue columns."""
     rng = np.random.default_rng(13)
     cell = arm(tmp_path, 6, tool=5.0)
     t, q, v, a = build_fourier_motion(6, rng, periods=4)
@@ -126,7 +130,7 @@ def diagnose_coupled_motors(tmp_path: Path, *, by_motors: bool) -> DiagnosisResu
 
 @pytest.mark.parametrize("by_motors", [True, False])
 def test_coupled_wrist_motors_are_named(tmp_path: Path, by_motors: bool) -> None:
-    """They came out as friction and ripple of the other joint, or as nothing that has a name."""
+    """Before, they were named friction and transmission error of the other joint, or were not named."""
     found = diagnose_coupled_motors(tmp_path, by_motors=by_motors)
     assert [(f.effect, f.location) for f in found.findings] == [("joint_coupling", "joint:5-6")]
     assert found.findings[0].law.endswith("torques of motors" if by_motors else "torques of joints")
@@ -138,7 +142,7 @@ def test_coupled_wrist_motors_are_named(tmp_path: Path, by_motors: bool) -> None
 
 @pytest.mark.parametrize(("over", "leaps"), [(0.003, False), (None, True)])
 def test_interval_of_a_gear_ratio_depends_on_the_friction_reversal(over: float | None, leaps: bool) -> None:
-    """Its interval is wider of leaps; it was as wide of friction that turns over smoothly."""
+    """With abrupt reversals the interval is wider; it was as wide with smooth friction reversals."""
     rng, n, ratio = np.random.default_rng(2), 4000, 0.5
     t = np.arange(n) / 250.0
     speed = np.stack([np.sin(1.3 * t), np.sin(2.1 * t + 0.3)], axis=1) * (0.05, 0.04)
@@ -167,7 +171,8 @@ def in_amperes(recording: Recording, gains: Array) -> Recording:
 
 
 def test_currents_of_unknown_gain_are_fitted_with_all_other_parameters(tmp_path: Path) -> None:
-    """0.01 to 0.3 A per N·m: the arm's masses say which; a soft reversal at joint 2 is still found there."""
+    """Gains of 3.5 to 80 N·m/A are determined by the masses of the arm; smooth friction reversal at joint 2 is still
+    found."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
     gains = np.array([3.5, 80.0, 11.0])
     quiet = build_motion_recording(t, q, v, tau + rng.normal(size=q.shape))
@@ -193,7 +198,7 @@ def test_currents_against_the_masses_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stuck", [0.0, 1.5])
 def test_constant_current_is_refused(tmp_path: Path, stuck: float) -> None:
-    """It was a division by zero, or a gain of 1e16."""
+    """A constant current caused a division by zero, or a gain of 1e16."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 12)
     recording = in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
     assert recording.current is not None
@@ -203,7 +208,7 @@ def test_constant_current_is_refused(tmp_path: Path, stuck: float) -> None:
 
 
 def test_joint_without_gravity_torque_has_no_known_drive_gain(tmp_path: Path) -> None:
-    """Its gain is not known, so nothing is named there; the others are read all the same."""
+    """Its gain is unknown, so no effect of it is tested; the other joints are evaluated."""
     rng, cell, t, q, v, tau = shaken(tmp_path, 3, 14)
     recording = in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), np.array([3.0, 8.0, 4.0]))
     assert recording.current is not None

@@ -23,7 +23,7 @@ from machopt.numerics.array_types import Array
 
 @dataclass(frozen=True)
 class Hose:
-    """A hose wound about joint 1: τ = −k q."""
+    """A hose wound around joint 1: τ = −k q."""
 
     name = "hose"
     equation = "τ = −k q"
@@ -60,7 +60,7 @@ def test_parallel_spring_is_added_by_one_file_and_one_line(monkeypatch: pytest.M
     bent = -r.compliance[0] * r.state.q[:, :1] * r.state.J[:, :, 0]
     np.testing.assert_allclose(poses.columns(())[:, :, 0], bent, rtol=1e-14, atol=1e-20)
     assert loads.correction(np.array([50.0]), ()) == StiffnessTerm(toy.name, "joint:1", {"rate_Nm_per_rad": 50.0})
-    # a spring beside the gear: 1/(k + 1) in place of 1/k under load, and the lever arms at the bent rest
+    # a spring parallel to the gear: 1/(k + 1) instead of 1/k under load, and the levers at the deflected rest position
     rate, step, c = 1.0, 1e-4, r.compliance.copy()
     straight = c[0] * r.load_torque[:, 0]
     c[0] = 1.0 / (1.0 / c[0] + rate)
@@ -80,7 +80,7 @@ def test_parallel_spring_is_added_by_one_file_and_one_line(monkeypatch: pytest.M
 
 
 def bent_of(r: StaticReadings) -> Array:
-    """(N, 6) rad that the hose bends joint 1 by, per N·m/rad; minus."""
+    """Return the negative rotation (N, 6) in rad of joint 1 by the hose, per N·m/rad."""
     q = r.state.q
     out = np.zeros_like(q)
     out[:, 0] = r.compliance[0] * q[:, 0]

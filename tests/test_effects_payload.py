@@ -38,7 +38,7 @@ def test_sizes_grow_and_equal_those_of_the_load(effect: Effect, law: PayloadLaw)
     assert law.grid(whole) == ((),)
     one, two = (law.sizes(k * values, whole) for k in (1.0, 2.0))
     assert next(iter(two.values())).value == pytest.approx(2.0 * next(iter(one.values())).value)
-    # what it says of mass and moments about the flange's origin is what acts
+    # the stated mass and moments about the flange origin give the acting load
     output = {k: q.value for k, q in one.items()}
     mass, moment = output.get("mass", 0.0), np.array([output[f"moment_{a}"] for a in "xyz"])
     acting = whole.columns @ np.r_[mass, moment - mass * whole.reference_point]
@@ -53,14 +53,14 @@ def test_massless_payload_has_no_place() -> None:
 
 
 def build_both_channels() -> tuple[StaticReadings, MotionModel, RigidBodyDynamics]:
-    """An arm at rest, as a load test's state and as a motion that stands still."""
+    """Return an arm at rest, as load test readings and as a motion with zero velocity."""
     r, _ = load_test()
     dynamics = load_dynamics(load_cell(ROOT / "cells" / "kr240_drilling"))
     return r, cast("MotionModel", type("Still", (), {"dynamics": dynamics})), dynamics
 
 
 def test_load_tests_and_torques_show_the_same_payload() -> None:
-    """Weight through the springs, and what the joints' torques have to hold: J c (−τ)."""
+    """The weight acts through the springs in one channel and as joint torque in the other: J c (−τ)."""
     r, scene, dynamics = build_both_channels()
     still = np.zeros_like(r.state.q)
     torque, _, _ = dynamics.compute_regressors(r.state.q, still, still)
@@ -70,7 +70,7 @@ def test_load_tests_and_torques_show_the_same_payload() -> None:
         x = np.arange(1.0, one.columns(()).shape[2] + 1.0)
         two = next(h for h in moving if h.law == one.law)
         output = {k: q.value for k, q in one.quantities(x, ()).items()}
-        # the same load in both: mass and first moments about the flange's origin
+        # the same load in both channels: mass and first moments about the flange origin
         load = np.array([output.get("mass", 0.0), *(output[f"moment_{a}"] for a in "xyz")])
         fixed = torque @ np.r_[load[0], load[1:] - load[0] * dynamics.tool_com]
         np.testing.assert_allclose(
@@ -81,7 +81,7 @@ def test_load_tests_and_torques_show_the_same_payload() -> None:
 
 @dataclass(frozen=True)
 class Water(MassDeviation):
-    """A tank above the flange that fills: its centre is where the water stands."""
+    """A tank above the flange that fills with water: the center of mass is at the water."""
 
     name = "a tank that fills"
     coefficients = (LawParameter(key="filled_kg", unit="kg"),)
@@ -94,7 +94,7 @@ class Water(MassDeviation):
 
 
 def test_payload_effect_is_added_by_one_file_and_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seen in both channels."""
+    """The effect is offered in both channels."""
     toy = replace(registry.EFFECTS["payload"], name="tank", payload_laws=(Water(),))
     monkeypatch.setattr(registry, "EFFECTS", registry.build_registry((*registry.ALL_EFFECTS, toy)))
     r, scene, dynamics = build_both_channels()

@@ -37,7 +37,7 @@ def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: Re
         columns = law.columns(shape, whole)
         assert columns.shape == (5, 6, len(law.coefficients))
         some = [2, 3]
-        middle = whole.position.mean(axis=0)  # a frame turns about the middle of the points
+        middle = whole.position.mean(axis=0)  # a frame rotates about the center of the points
         at = np.stack([whole.position[2], 2.0 * middle - whole.position[2]])
         one = RecordedLoad(whole.wrench[some], whole.displacement[some], whole.axes[some], whole.tool[some], at)
         np.testing.assert_allclose(law.columns(shape, one)[0], columns[2], rtol=1e-14, atol=1e-15)
@@ -49,7 +49,8 @@ def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: Re
 
 
 def test_laws_equal_simulated_sensor_errors() -> None:
-    """Recorded by hand with a small error: what acts is recorded plus column times coefficient, to first order."""
+    """Simulated recordings with a small sensor error: the true value is recorded plus column times coefficient, to
+    first order."""
     s, size = build_recorded_load(), 1e-6
     effects = {(e.name, law.name): law for e in registry.select_record_effects() for law in e.record_laws}
     force, moment = s.wrench[:, :3], s.wrench[:, 3:]
@@ -83,12 +84,13 @@ def test_laws_equal_simulated_sensor_errors() -> None:
         found = s.wrench + size * effects[name].columns(np.array(shape), s)[:, :, k]
         np.testing.assert_allclose(found, truth, rtol=1e-12, err_msg=str(name))
     askew = effects["load_geometry", "pull askew"].columns(np.empty(0), s)[:, :3]
-    assert np.abs(np.einsum("nc,ncp->np", force, askew)).max() < 1e-9  # N²: it turns the pull and keeps its size
+    # N²: it rotates the force and keeps its magnitude
+    assert np.abs(np.einsum("nc,ncp->np", force, askew)).max() < 1e-9
 
 
 @dataclass(frozen=True)
 class Leaks:
-    """The vertical force reads more the larger the sideways one: a cell that is not square."""
+    """Crosstalk of a force sensor: the vertical reading increases with the lateral force."""
 
     name = "crosstalk"
     equation = "f_z recorded = f_z + x |f_xy|"
@@ -123,7 +125,7 @@ def test_sensor_error_is_added_by_one_file_and_one_line(monkeypatch: pytest.Monk
 
 
 def test_wrong_tool_length_moves_load_and_target_alike() -> None:
-    """Held against the arm's compliance at the other point: J there, the same force there."""
+    """Reference: the compliance of the arm at the displaced point, with the Jacobian and the force there."""
     r, _ = load_test()
     (h,) = (h for h in sensor_errors.build_load_test_sensor_hypotheses(r) if h.law == "TCP elsewhere in the tool")
     columns, step = h.columns(()), 1e-6

@@ -86,7 +86,7 @@ def test_effect_file_added_at_runtime_enters_diagnosis_and_plan(jelly: Path) -> 
     term = StiffnessTerm("joint_jelly", "joint:2", {"extra_rad_per_Nm": 1e-7, "half_way_Nm": 300.0})
     softer = ArmStiffness(joints=cell.joints, terms=(term,))
     loaded = user_effects.run_user_files((jelly,))
-    assert user_hypotheses.load_hypothesis_sources(loaded) == []  # no laws of one channel beside it
+    assert user_hypotheses.load_hypothesis_sources(loaded) == []  # no additional laws of a single channel
     with user_effects.activate_user_effects(loaded):
         assert "joint_jelly" in list_effects_and_locations()
         found = {
@@ -102,7 +102,7 @@ def test_effect_file_added_at_runtime_enters_diagnosis_and_plan(jelly: Path) -> 
             for s in (softer, ArmStiffness(joints=cell.joints))
         ]
         assert (along[0] > along[1]).any()  # m/N
-        with user_effects.activate_user_effects(loaded):  # once more is no second effect
+        with user_effects.activate_user_effects(loaded):  # a second activation adds no second effect
             assert "joint_jelly" in list_effects_and_locations()
     assert "joint_jelly" not in list_effects_and_locations()
     with pytest.raises(InputError, match=r"'joint_jelly' is not known.*--effects"):
@@ -213,7 +213,8 @@ def test_commands_forward_effect_files_and_report_their_execution(
         raise InputError("far enough")
 
     module, _, name = runs.rpartition(".")
-    monkeypatch.setattr(import_module(module), name, noted)  # by path: functions of like names hide packages
+    # by path, because functions with the same name hide packages
+    monkeypatch.setattr(import_module(module), name, noted)
     assert main([*words, "-o", "out", "--effects", "a.py", "--effects", "b.py"]) == 2
     assert requested[0].effects == (Path("a.py"), Path("b.py"))
     assert "--effects runs the code in a.py with your rights" in capsys.readouterr().err
@@ -230,7 +231,8 @@ def test_missing_effect_file_is_refused_first(tmp_path: Path) -> None:
 
 
 def test_identify_fits_a_user_law_with_a_stated_shape(jelly: Path) -> None:
-    """At one joint with its bend given, without noise: the number that made the readings."""
+    """For one joint with a given shape and no noise, the fit returns the coefficient that was used to simulate the
+    readings."""
     from simulated_load_tests import TRUE_K, cell, draw_load_tests
 
     e = draw_load_tests(np.random.default_rng(1), rotations=True, noise=0.0)
