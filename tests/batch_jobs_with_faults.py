@@ -12,8 +12,8 @@ from typing import Any
 from machopt.batch import job_process
 
 ROOT = Path(__file__).resolve().parents[1]
-JOBS, GATED = 15, 8  # each cell with each method; the jobs from the ninth on wait for the gate
-CELLS = {  # and a toolpath for each, with how many of its rows make a small job
+JOBS, GATED = 15, 8  # each cell with each method; the jobs from the ninth on wait for the gate file
+CELLS = {  # cell: (toolpath, number of its rows in a small job)
     "s420f_handling": ("castings", 4),
     "cutting_cobot": ("bone_tracks", 4),
     "irb6700_drilling": ("plate_holes", 4),
@@ -24,7 +24,7 @@ METHODS = ("global", "default", "jiao2022")
 
 
 def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
-    """Count that it ran, then crash, hang or do the real job; ``seed`` is its number."""
+    """Record that the job ran, then crash, hang or run the real job; ``seed`` is its number."""
     path, number = Path(job["request"]["toolpath"]), job["request"]["direct"]["seed"]
     place = path.parents[1]
     with (place / "ran" / f"{number:02d}").open("a", encoding="ascii") as file:
@@ -42,7 +42,7 @@ warm = job_process.warm
 
 
 def small_jobs(place: Path) -> Path:
-    """A list of fifteen jobs of five cells: a small toolpath each, various options, one crash and one hang."""
+    """Write a list of fifteen jobs with small toolpaths in four cells, with various options, one crash and one hang."""
     (place / "parts").mkdir()
     (place / "ran").mkdir()
     lines = ["machopt_batch: 1", "post: krl", "jobs:"]
@@ -54,7 +54,8 @@ def small_jobs(place: Path) -> Path:
         table = [line for line in text if not line.startswith("#")]
         (place / "parts" / f"{name}.csv").write_text("".join(table[: rows + 1]), encoding="utf-8")
         options = f"seed: {number}, method: {METHODS[number % 3]}, rotation_step_deg: 30, sample_ms: 50"
-        options += "" if number % 3 == 0 else ", collision: false"  # the slowest part of a small job
+        # collision checking takes most of the time of a small job
+        options += "" if number % 3 == 0 else ", collision: false"
         lines.append(
             f"  - {{cell: {ROOT / 'cells' / cell}, toolpath: parts/{name}.csv, options: {{{options}}}{limit}}}"
         )

@@ -13,13 +13,14 @@ from typing import Any
 from machopt.batch.request import BatchRequest
 
 OF_THE_CLOCK = {"timing.json", "timings.csv", "timings.js", "log.txt", ".lock", "manifest.json"}
-"""Files that say how long something took or where it broke, and their hashes; all others are the same in every run."""
+"""Files with times, places of interruption and hashes of such files; all other files are the same in every run."""
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "s420f_handling"
 
 
 def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
-    """Count that it ran, do what the file's comment says, write a result that depends on the file alone."""
+    """Record that the job ran, do what the comment in the file states, and write a result that depends on the file
+    only."""
     path = Path(job["request"]["toolpath"])
     words = path.read_text().splitlines()[0].removeprefix("#").split()
     count = path.parents[1] / "ran"
@@ -39,7 +40,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
     elif what == "raise":
         raise RuntimeError("the arm fell off")
     elif what == "hang":
-        while True:  # deaf to everything but SIGKILL, with a child of its own
+        while True:  # ignores all signals except SIGKILL and has a child process
             if os.fork() == 0:
                 time.sleep(1000)
             time.sleep(1000)
@@ -64,7 +65,7 @@ def run(job: Mapping[str, Any], out: Path) -> dict[str, object]:
 
 
 def folder_of(place: Path, **words: str) -> Path:
-    """A folder of toolpaths for batch_stub_jobs, and one in which they note that they ran."""
+    """Write a folder of toolpaths for batch_stub_jobs, and a folder in which the jobs record that they ran."""
     jobs = place / "jobs"
     jobs.mkdir(parents=True)
     (place / "ran").mkdir()
@@ -83,6 +84,6 @@ def times_run(place: Path) -> dict[str, int]:
 
 
 def contents(out: Path) -> dict[str, bytes]:
-    """Every file that is the same in every run; the batch's own manifest has the hashes of the others too."""
+    """Return every file that is the same in every run; the batch manifest contains hashes of the others, too."""
     files = [f for f in out.rglob("*") if f.is_file() and f.name not in OF_THE_CLOCK and f != out / "manifest.json"]
     return {str(f.relative_to(out)): f.read_bytes() for f in files}

@@ -1,7 +1,7 @@
 """Branch coverage by package from ``.coverage``; ``make coverage`` fails below FLOOR.
 
-Counted is what the tracer sees: not functions that numba compiles (they run as machine code; each is held against plain
-NumPy or brute force by a test of its own), and not what runs in processes that a test starts.
+The tracer does not count functions compiled by numba (each is compared with NumPy or exhaustive search by its own test)
+and code in processes that a test starts.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-FLOOR = {  # % of branches, by folder
+FLOOR = {  # minimum branch coverage in % by folder
     "planning": 90.0,
     "collision": 90.0,
     "dynamics": 90.0,
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[1] / "machopt"
 
 @dataclass(frozen=True)
 class BranchCount:
-    """Branches of a package, or of one file."""
+    """Number of branches of a package or a file."""
 
     name: str
     taken: int
@@ -38,17 +38,17 @@ class BranchCount:
 
     @property
     def share(self) -> float:
-        """In per cent."""
+        """Branch coverage in percent."""
         return 100.0 * self.taken / self.all if self.all else 100.0
 
 
 def package_of(file: str) -> str:
-    """The folder of FLOOR that holds a file, else its first folder."""
+    """Return the folder of FLOOR that contains the file, else its first folder."""
     return next((name for name in FLOOR if file.startswith(name + "/")), file.partition("/")[0])
 
 
 def sum_by_package(files: Iterable[BranchCount]) -> list[BranchCount]:
-    """Files, named by their path under machopt/, summed up by their package."""
+    """Sum the branches of files (named by their path under machopt/) by package."""
     sums: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
     for f in files:
         sums[package_of(f.name)][0] += f.taken
@@ -57,7 +57,7 @@ def sum_by_package(files: Iterable[BranchCount]) -> list[BranchCount]:
 
 
 def find_packages_below_floor(packages: Iterable[BranchCount]) -> list[str]:
-    """What falls below its floor, or was not counted at all though its folder is there."""
+    """Return messages for packages below their floor, and for existing packages that were not measured."""
     found = {p.name: p for p in packages}
     there = [name for name in FLOOR if name in found or (ROOT / name).is_dir()]
     missing = [f"{name} was not measured" for name in there if name not in found]
@@ -66,7 +66,7 @@ def find_packages_below_floor(packages: Iterable[BranchCount]) -> list[str]:
 
 
 def read_branch_counts() -> list[BranchCount]:
-    """Every file of machopt that coverage measured."""
+    """Return the branches of every file of machopt that coverage measured."""
     from coverage import Coverage
 
     data = Coverage(config_file=str(ROOT.parent / "pyproject.toml"))

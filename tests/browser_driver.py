@@ -1,6 +1,6 @@
-"""Debian's Chromium driven by Playwright: real pointer events, screenshots, sheets, console and requests.
+"""Debian's Chromium driven by Playwright: real pointer events, screenshots, stylesheets, console and requests.
 
-The browser is the system's own; Playwright's package brings the driver, and nothing is downloaded for it.
+The browser is the installed system browser; the Playwright package contains the driver, and nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 DRAWS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # WebGL without a graphics card
-OURS = ("willReadFrequently", "GPU stall due to ReadPixels")  # what the browser says of tests that read pixels back
-TIMEOUT = 90_000.0  # ms, for any one answer; a page takes two or three seconds
+OURS = ("willReadFrequently", "GPU stall due to ReadPixels")  # browser warnings about tests that read pixels back
+TIMEOUT = 90_000.0  # ms, for any single call; a page takes two or three seconds
 
 
 def program() -> str:
-    """The browser's file.
+    """Return the path of the browser.
 
     Raises:
-        pytest.skip.Exception: this machine has none, or Playwright is not installed; CI takes neither for an answer.
+        pytest.skip.Exception: no browser or no Playwright is installed (in CI the test fails instead).
     """
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if found is None:
@@ -42,7 +42,7 @@ def program() -> str:
 
 
 def skip_without_browser(what: str) -> None:
-    """Skip, or fail where CI runs."""
+    """Skip the test, or fail it in CI."""
     output = f"{what}: the pages' scripts are not exercised"
     if os.environ.get("CI"):
         pytest.fail(output)
@@ -50,7 +50,7 @@ def skip_without_browser(what: str) -> None:
 
 
 class Browser:
-    """One page of a browser that is started here and ended with the block; it belongs to the thread that began it."""
+    """One page of a browser that is started and stopped with the block; to be used in the thread that started it."""
 
     page: Page
 
@@ -69,7 +69,7 @@ class Browser:
             raise
         self.page.set_default_timeout(TIMEOUT)
         self.complaints: list[str] = []  # errors and warnings of the page
-        self.requests: list[str] = []  # addresses it asked for
+        self.requests: list[str] = []  # requested addresses
         self.page.on("pageerror", lambda e: self.complaints.append(str(e)))
         self.page.on("console", self._said)
         self.page.on("request", lambda r: self.requests.append(r.url))
@@ -84,23 +84,23 @@ class Browser:
             self._driver.stop()
 
     def open(self, place: str | Path) -> None:
-        """Go to an address or a file and wait until it is loaded and drawn."""
+        """Open an address or a file and wait until it is loaded and drawn."""
         self.page.goto(place.as_uri() if isinstance(place, Path) else place, wait_until="load")
         self._drawn()
 
     @contextmanager
     def loading(self) -> Iterator[None]:
-        """What is done in the block makes the page load again."""
+        """Wait for the page to load again after the actions in the block."""
         with self.page.expect_event("load"):
             yield
         self._drawn()
 
     def script(self, text: str) -> Any:
-        """The value of an expression on the page, awaited."""
+        """Return the value of an expression on the page, awaited."""
         return self.page.evaluate(text)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Press, move and release."""
+        """Press, move and release the mouse."""
         self.page.mouse.move(*start)
         self.page.mouse.down()
         self.page.mouse.move(*end, steps=6)

@@ -1,7 +1,7 @@
-"""Damaged cells, robots, meshes, stiffness files, recordings and options: refused, or sane in every number.
+"""Damaged cells, robots, meshes, stiffness files, recordings and options: refused, or valid in every number.
 
-Structured faults, as editors, exporters and people make them: a number that is wild or in another notation, a word
-misspelt, a line lost, doubled or moved, a file cut; byte noise is one among ten.
+The faults are typical of editors, exporters and users: a number with an extreme value or another notation, a misspelt
+word, a lost, duplicated or moved line, a truncated file; one in ten is a random byte.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from machopt.measurement.recording import load_recording
 from machopt.options.option_schema import OptionKeys
 from machopt.options.plan_option_reader import format_user_options, load_options
 
-HANG = 30.0  # s of computing for one small file
+HANG = 30.0  # s, limit of the processor time for one small file
 WILD = (
     "nan",
     "inf",
@@ -80,7 +80,7 @@ _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]{2,}")
 
 
 def damage_text(text: str, rng: random.Random) -> str:
-    """One to three faults in a text file."""
+    """Insert one to three faults into a text file."""
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         lines = text.split("\n")
         at, other = rng.randrange(len(lines)), rng.randrange(len(lines))
@@ -90,7 +90,7 @@ def damage_text(text: str, rng: random.Random) -> str:
             case 10 | 11 | 12:
                 text = replace_random_match(text, _NUMBER, rng, lambda number: change_number(number, rng))
             case 13:
-                tag = rng.choice(re.findall(r"</(\w+)>", text) or ["x"])  # a whole element
+                tag = rng.choice(re.findall(r"</(\w+)>", text) or ["x"])  # rename a whole element
                 text = re.sub(rf"(</?){tag}\b", rf"\g<1>{misspell_word(tag, rng)}", text, count=2)
             case 3 | 4:
                 text = replace_random_match(text, _WORD, rng, lambda word: misspell_word(word, rng))
@@ -113,7 +113,7 @@ def damage_text(text: str, rng: random.Random) -> str:
 
 
 def change_number(number: str, rng: random.Random) -> str:
-    """Another number: in other units, of the other sign, a little off."""
+    """Return another number: in other units, with another sign, or slightly different."""
     value = float(number) * rng.choice((1e3, 1e-3, 57.29577951308232, 0.017453292519943295, -1.0, 1.01, 2.0, 1e-6))
     return f"{value:.9g}"
 
@@ -141,7 +141,8 @@ def replace_random_match(text: str, pattern: re.Pattern[str], rng: random.Random
 
 
 def damaged_bytes(data: bytes, rng: random.Random) -> bytes:
-    """One to three faults in a mesh file: cut, longer, numbers wild, counts wrong, blocks lost or doubled."""
+    """Insert one to three faults into a mesh file: truncated, extended, extreme numbers, wrong counts, lost or
+    duplicated blocks."""
     out = bytearray(data)
     for _ in range(rng.choice((1, 1, 2, 3))):
         if not out:
@@ -150,7 +151,7 @@ def damaged_bytes(data: bytes, rng: random.Random) -> bytes:
         match rng.randrange(9):
             case 7 | 8 if (
                 len(out) >= 84 and len(out) == 84 + 50 * struct.unpack_from("<I", out, 80)[0]
-            ):  # triangles lost, and counted so
+            ):  # lost triangles, with the count adjusted
                 del out[84 : 84 + 50 * rng.randint(1, 8)]
                 out[80:84] = struct.pack("<I", (len(out) - 84) // 50)
             case 0:
@@ -172,11 +173,12 @@ def damaged_bytes(data: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
-# what holds for whatever is accepted --------------------------------------------------------------------------------
+# conditions for all accepted input ----------------------------------------------------------------------------------
 
 
 def sane_cell(folder: Path, *, model: bool = True) -> None:
-    """Load the cell; every number is finite and in its range, and planner and verifier have every body described."""
+    """Load the cell and check that every number is finite and in its range, and that planner and verifier have all
+    bodies."""
     cell = load_cell(folder)
     limits = cell.limits
     assert (limits.lower < limits.upper).all()
@@ -204,7 +206,7 @@ def sane_cell(folder: Path, *, model: bool = True) -> None:
 
 
 def sane_mesh(folder: Path) -> None:
-    """Planner and verifier load the same body from the file."""
+    """Check that planner and verifier load the same body from the file."""
     import coal
 
     from machopt.collision.bodies import build_cell_bodies
@@ -245,12 +247,12 @@ def sane_recording(recording: Recording) -> None:
 
 
 def sane_options(options: PlanOptions) -> None:
-    """They come back from what the user is shown of them."""
+    """Check that the options equal those read back from their displayed form."""
     assert 0.0 < options.rotation_step <= np.pi
     assert load_options(format_user_options(options)) == options
 
 
-# the formats ------------------------------------------------------------------------------------------------------
+# formats ----------------------------------------------------------------------------------------------------------
 
 STIFFNESS = """\
 machopt_stiffness: 1
@@ -306,7 +308,7 @@ def _meshes() -> list[tuple[str, bytes]]:
 
 
 class Case:
-    """The damaged versions of one format."""
+    """Damaged versions of one format."""
 
     def __init__(self, name: str, place: Path) -> None:
         self.name, self.folder = name, write_minimal_cell(place / name)
@@ -319,11 +321,11 @@ class Case:
             self.sound = {f: (self.folder / f).read_text() for f in ("cell.yaml", "robot.urdf")}
 
     def try_one(self, rng: random.Random) -> None:
-        """Write one damaged version, read it, and check what was read.
+        """Write one damaged version, read it, and check the result.
 
         Raises:
-            InputError: it was refused, as it may be.
-            Exception: anything else is a defect; the damaged file is left as it is.
+            InputError: the file was refused, which is permitted.
+            Exception: any other exception is a defect; the damaged file is kept.
         """
         match self.name:
             case "cell":
@@ -405,10 +407,10 @@ FORMATS = ("urdf", "mesh", "cell", "stiffness", "recording", "options")
 
 
 def run(case: Case, count: int, rng: random.Random) -> Counter[str]:
-    """Try ``count`` damaged versions: how many were read, how many refused.
+    """Try ``count`` damaged versions and return how many were read and how many were refused.
 
     Raises:
-        Exception: anything but a plain refusal.
+        Exception: any exception other than a refusal.
     """
     out: Counter[str] = Counter()
     for _ in range(count):

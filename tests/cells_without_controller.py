@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def without_controller(cell: Path) -> Path:
-    """Take ``controller:`` out of a copied cell.yaml."""
+    """Remove ``controller:`` from a copied cell.yaml."""
     file = cell / "cell.yaml"
     text = file.read_text(encoding="utf-8")
     file.write_text(re.sub(r"(?m)^controller:\n(?:[ #].*\n)*", "", text), encoding="utf-8")

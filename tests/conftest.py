@@ -1,7 +1,7 @@
-"""Shared fixtures of the test suite, and its order, property seeds and expected skips.
+"""Shared fixtures of the test suite, order of the tests, property seeds and expected skips.
 
-``--strict-skips`` (``make test``) fails the run where a test was skipped for a reason that is not in
-:data:`EXPECTED_SKIPS`: a package or a tool that went missing must not turn a proof into silence.
+``--strict-skips`` (``make test``) fails the run if a test was skipped for a reason that is not in
+:data:`EXPECTED_SKIPS`, so that a missing package or tool is noticed.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
-# One process a core runs the tests; a second BLAS thread in each would only wait actively for its partner: of the
-# processor time of the diagnoses that was two fifths. NumPy reads this when it is imported; whoever sets it is obeyed.
+# The tests run in one process per core. A second BLAS thread in each process only waits actively; it took two fifths of
+# the processor time of the diagnoses. NumPy reads this variable at import; a value set by the user has priority.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
@@ -32,21 +32,21 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 T = TypeVar("T")
 EXPECTED_SKIPS = (
-    r"(is|are) not here",  # the real data beside a development checkout
+    r"(is|are) not here",  # real data that are not in a development checkout
     r"is absent",
-    r"the pages' scripts are not exercised",  # no browser: not in CI, where tests/browser_driver.py fails
-    r"could not import 'eaik",  # a third independent solver, with thirty packages behind it: extra `compare`
+    r"the pages' scripts are not exercised",  # no browser; in CI tests/browser_driver.py fails instead
+    r"could not import 'eaik",  # a third independent solver with thirty dependencies: extra `compare`
     r"rs274 \(linuxcnc-uspace\) is not installed",
     r"POSIX signals",
     r"no symbolic links",
 )
-"""Patterns of reasons for which a test may be skipped; any other is a hole in the environment."""
+"""Patterns of permitted skip reasons; any other skip means that something is missing in the environment."""
 
-hypothesis.settings.register_profile(  # the same examples in every run, whatever the machine's load
+hypothesis.settings.register_profile(  # the same examples in every run, independent of the load
     "ci", derandomize=True, deadline=None, database=None, print_blob=True
 )
 hypothesis.settings.register_profile("dev", deadline=None)
-hypothesis.settings.register_profile(  # `make nightly`: other examples each time, and many; a failure prints its blob
+hypothesis.settings.register_profile(  # `make nightly`: new and many examples each time; a failure prints its blob
     "nightly", deadline=None, max_examples=scale_example_count(100), database=None, print_blob=True
 )
 PROFILE = os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev")
@@ -59,30 +59,30 @@ _longest_calls: defaultdict[str, float] = defaultdict(float)
 _begun = [0.0]
 PROCESSOR = "processor_s"
 SLOW = Path(__file__).with_name("slow_tests.txt")
-"""No part of `quick`: tests of which one case took LONG seconds of processor time or more when they were recorded
-(``--record-slow``), and modules that took LONG_MODULE seconds in all, their fixtures included."""
+"""Tests excluded from `quick`: tests with one case of LONG seconds of processor time or more when recorded
+(``--record-slow``), and modules with LONG_MODULE seconds in total, including fixtures."""
 LONG, LONG_MODULE = 0.15, 10.0
 PROOFS = Path(__file__).with_name("long_tests.txt")
-"""Proofs by their length: tests of which one case took LONG_TEST seconds or more, without fixtures, when they were
-recorded. Others carry the mark themselves."""
+"""Proof tests by duration: tests with one case of LONG_TEST seconds or more, without fixtures, when recorded. Other
+proof tests carry the mark in their module."""
 LONG_TEST = 5.0
 SECONDS = Path(__file__).with_name("module_durations.txt")
-"""What each module took of the processor when it was recorded, the longest first, from NOTED seconds on: the order of a
-run."""
+"""Recorded processor time of each module from NOTED seconds on, longest first; it determines the order of a run."""
 NOTED = 1.0
 
 
 def _function(nodeid: str) -> str:
-    """Without the parameters: all cases of a test are in one tier."""
+    """Return the test without its parameters: all cases of a test have the same mark."""
     return nodeid.partition("[")[0]
 
 
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
-    """A running cluster with two workers, as a lab would have one."""
+    """Start a Dask cluster with two workers."""
     from distributed import LocalCluster
 
-    pages = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}  # Dask opens its port 8787 without any, too
+    # without these options Dask opens port 8787 even without a dashboard
+    pages = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
     with LocalCluster(
         n_workers=2, threads_per_worker=1, scheduler_kwargs=pages, memory_limit=0, silence_logs=50
     ) as cluster:
@@ -91,7 +91,8 @@ def scheduler() -> Iterator[str]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _no_wait_for_the_disk() -> Iterator[None]:
-    """No test can see whether files would be there after a power failure; a twelfth of a short command is that wait."""
+    """Disable fsync: no test checks the state after a power failure, and fsync takes a twelfth of the time of a
+    short command."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda handle: None)
         yield
@@ -99,10 +100,11 @@ def _no_wait_for_the_disk() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def shared_result(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], T]], T]:
-    """``shared_result(key, make)``: what ``make(folder)`` returned, made once for all tests and processes of a run.
+    """``shared_result(key, make)``: return the result of ``make(folder)``, computed once for all tests and processes of
+    a run.
 
-    ``make`` writes into an empty folder of its own and returns something that can be pickled. Nobody writes into that
-    folder afterwards: a test that damages something copies it first.
+    ``make`` writes into its own empty folder and returns a picklable object. Nobody writes into that folder afterwards:
+    a test that damages files copies it first.
     """
     base = tmp_path_factory.getbasetemp()
     shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "shared"
@@ -112,7 +114,7 @@ def shared_result(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Ca
         place.mkdir(parents=True, exist_ok=True)
         with lock_exclusively(place / "lock"):
             if not (place / "result").exists():
-                shutil.rmtree(place / "folder", ignore_errors=True)  # left by a run of ``make`` that failed
+                shutil.rmtree(place / "folder", ignore_errors=True)  # remainder of a failed call of ``make``
                 (place / "folder").mkdir()
                 found = make(place / "folder")
                 (place / "result").write_bytes(pickle.dumps(found))
@@ -123,7 +125,8 @@ def shared_result(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Ca
 
 @pytest.fixture(scope="session")
 def damage_job(shared_result: Callable[[str, Callable[[Path], Job]], Job]) -> Callable[[str], Job]:
-    """``damage_job(name)``: a job of the package ``output_damage``, planned once. The test imports the part with it."""
+    """``damage_job(name)``: a job of the package ``output_damage``, planned once. The test imports the module that
+    defines it."""
     from output_damage.damage_case import JOBS
 
     return lambda name: shared_result(f"job of the damages: {name}", JOBS[name])
@@ -133,9 +136,10 @@ def damage_job(shared_result: Callable[[str, Callable[[Path], Job]], Job]) -> Ca
 def shipped_plan(
     shared_result: Callable[[str, Callable[[Path], tuple[int, Path]]], tuple[int, Path]],
 ) -> Callable[..., Path]:
-    """``shipped_plan(cell, toolpath, *options)``: OUT of ``machopt optimize``, made once for all tests and processes.
+    """``shipped_plan(cell, toolpath, *options)``: output folder of ``machopt optimize``, computed once for all tests
+    and processes.
 
-    ``cell`` and ``toolpath`` are names in cells/ and toolpaths/ or paths. Nobody writes into OUT.
+    ``cell`` and ``toolpath`` are names in cells/ and toolpaths/, or paths. Nobody writes into the folder.
     """
 
     def plan(cell: Path | str, toolpath: Path | str, *options: str) -> Path:
@@ -156,7 +160,7 @@ def shipped_plan(
 
 @contextlib.contextmanager
 def lock_exclusively(lock: Path) -> Iterator[None]:
-    """Of several test processes, one at a time."""
+    """Allow only one test process at a time to run the block."""
     import fcntl
 
     with lock.open("a") as handle:
@@ -174,7 +178,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """``make quick`` does not import modules of which it runs no test."""
+    """Do not import modules of which ``make quick`` runs no test."""
     if not config.getoption("markexpr").startswith("not slow"):
         return None
     known = SLOW.read_text(encoding="utf-8").split()
@@ -183,22 +187,22 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
-    """Every second process imports the modules from the last to the first: after a change of all of them, as in a new
-    checkout, two processes rewrite the assertions of half of them each and find what the other one stored."""
+    """Import the modules in reverse order in every second process: in a new checkout, two processes then rewrite the
+    assertions of half of the modules each and use the files that the other one stored."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
     if int(worker.removeprefix("gw")) % 2 == 0 or session.config.args != session.config.getini("testpaths"):
         return
     for file in sorted(Path(__file__).parent.glob("test_*.py"), reverse=True):
         if not pytest_ignore_collect(file, session.config):
-            with contextlib.suppress(Exception, pytest.skip.Exception):  # the collection tells it
+            with contextlib.suppress(Exception, pytest.skip.Exception):  # reported later by the collection
                 importlib.import_module(file.stem)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what took long when it was recorded, and put the longest modules first.
+    """Mark tests with a long recorded duration, and run the longest modules first.
 
-    The last module that two processes share out must be a short one, or one of them waits for the other. Durations of
-    new modules with slow tests are unknown; these come first.
+    The last module shared by two processes must be short, otherwise one process waits for the other. New modules with
+    slow tests have no recorded duration and come first.
     """
     known, proofs = (set(names.read_text(encoding="utf-8").split()) for names in (SLOW, PROOFS))
     for item in items:
@@ -213,7 +217,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def processor_seconds() -> float:
-    """User and system time of this process and of those that it started and waited for."""
+    """Return user and system time of this process and of the child processes that it waited for."""
     return sum(os.times()[:4])
 
 
@@ -225,7 +229,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """What this phase took: of the processor, for a busy machine makes every test long."""
+    """Record the processor time of each phase; on a busy machine the wall time of every test is long."""
     report = yield
     now = processor_seconds()
     report.user_properties.append((PROCESSOR, now - _begun[0]))
@@ -235,12 +239,12 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     _note_skip(report)
-    # the properties pile up from phase to phase of a test; the last one is this phase's
+    # the properties accumulate over the phases of a test; the last one belongs to this phase
     took = [seconds for name, seconds in report.user_properties if name == PROCESSOR][-1]
     assert isinstance(took, float)
     _seconds[report.nodeid.partition("::")[0]] += took
     _longest[_function(report.nodeid)] = max(_longest[_function(report.nodeid)], took)
-    if report.when == "call":  # a shared fixture is paid by the first test that needs it, whichever that is
+    if report.when == "call":  # the time of a shared fixture is counted for the first test that needs it
         _longest_calls[_function(report.nodeid)] = max(_longest_calls[_function(report.nodeid)], took)
 
 
@@ -251,12 +255,13 @@ def _note_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
 
 
 def unexpected_skips(skips: Counter[str]) -> Counter[str]:
-    """Those whose reason no pattern of :data:`EXPECTED_SKIPS` names."""
+    """Return the skips whose reason matches no pattern of :data:`EXPECTED_SKIPS`."""
     return Counter({why: n for why, n in skips.items() if not any(re.search(p, why) for p in EXPECTED_SKIPS)})
 
 
 def slow_list(known: Iterable[str], seconds: Mapping[str, float], longest: Mapping[str, float]) -> list[str]:
-    """The lines of SLOW: what ran by what it took now, the rest as it stands, none that is gone."""
+    """Return the lines of SLOW: new durations for tests that ran, other lines unchanged, without tests that no
+    longer exist."""
     retained = {n for n in known if n not in seconds and n not in longest and is_there(n)}
     modules = {name for name, took in seconds.items() if took >= LONG_MODULE}
     tests = retained | {n for n, took in longest.items() if took >= LONG}
@@ -264,7 +269,8 @@ def slow_list(known: Iterable[str], seconds: Mapping[str, float], longest: Mappi
 
 
 def list_long_tests(known: Iterable[str], longest: Mapping[str, float]) -> list[str]:
-    """Return the lines of PROOFS: what ran by its longest case now, the rest unchanged, none that is gone.
+    """Return the lines of PROOFS: new durations for tests that ran, other lines unchanged, without tests that no longer
+    exist.
 
     Args:
         known: lines of the file.
@@ -275,26 +281,27 @@ def list_long_tests(known: Iterable[str], longest: Mapping[str, float]) -> list[
 
 
 def is_there(name: str) -> bool:
-    """Whether a module, or a test of one, still has this name."""
+    """Return whether a module, or a test in it, still exists with this name."""
     file, _, test = name.partition("::")
     path = ROOT / file
     return path.exists() and (not test or f"def {test}(" in path.read_text(encoding="utf-8"))
 
 
 def seconds_of(text: str) -> dict[str, float]:
-    """Seconds by module, out of SECONDS."""
+    """Return seconds by module from the text of SECONDS."""
     return {name: float(took) for took, name in (line.split() for line in text.splitlines())}
 
 
 def seconds_list(known: Mapping[str, float], seconds: Mapping[str, float]) -> list[str]:
-    """The lines of SECONDS: modules that ran by what they took now, others as they stand, none that is gone."""
+    """Return the lines of SECONDS: new times for modules that ran, other lines unchanged, without modules that no
+    longer exist."""
     every = {n: s for n, s in {**known, **seconds}.items() if n in seconds or (ROOT / n).exists()}
     return [f"{s:6.1f} {n}" for n, s in sorted(every.items(), key=lambda of: (-of[1], of[0])) if s >= NOTED]
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     if session.config.getoption("--record-slow") and not hasattr(session.config, "workerinput"):
-        if "slow" not in session.config.getoption("markexpr"):  # else a module's own seconds are not whole
+        if "slow" not in session.config.getoption("markexpr"):  # without slow tests the time of a module is incomplete
             known = seconds_of(SECONDS.read_text(encoding="utf-8"))
             SECONDS.write_text("\n".join(seconds_list(known, _seconds)) + "\n", encoding="utf-8")
         lines = slow_list(SLOW.read_text(encoding="utf-8").split(), _seconds, _longest)
@@ -307,7 +314,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Skips that nobody expects, and where the time goes: the budget is a minute for `make quick`, ten for all."""
+    """Print unexpected skips and the slowest modules; the time limit is one minute for `make quick` and ten minutes
+    for all tests."""
     for why, n in sorted(unexpected_skips(_skips).items()):
         terminalreporter.write_line(f"UNEXPECTED SKIP ×{n}: {why}", red=True)
     expected = _skips - unexpected_skips(_skips)

@@ -1,6 +1,7 @@
 """Diagnosis in memory, without output files, for tests of findings only.
 
-The command writes tables and pages too, and recomputes its errors from the written files: a quarter of the time.
+The command also writes tables and pages, and recomputes its errors from the written files, which takes a quarter of the
+time.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from machopt.measurement.recording import write_recording
 
 
 def diagnose_in_memory(cell: Path, recording: Recording, folder: Path) -> DiagnoseComputation:
-    """Write the recording into a folder, read it as the command does, and diagnose it."""
+    """Write the recording to a folder, read it like the command, and diagnose it."""
     write_recording(folder, recording)
     return compute_diagnosis(
         DiagnoseRequest(cell=cell, recordings=(folder,), out=folder / "no_out"), (), lambda _: None

@@ -1,4 +1,4 @@
-"""Known paths and writers that put them into each dialect's own words, for the property tests of the readers."""
+"""Known paths and writers that express them in each dialect, for the property tests of the readers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ INCH = 25.4
 
 @dataclass(frozen=True)
 class Leg:
-    """One move. ``arc``: plane, centre (mm) and sweep (degrees, counter-clockwise positive) where it is no line."""
+    """One move. ``arc``: plane, center (mm) and sweep (degrees, counter-clockwise positive), or None for a line."""
 
     start: Array
     end: Array
-    feed: float  # mm/min; NaN: rapid
+    feed: float  # mm/min; NaN for rapid moves
     arc: tuple[int, Array, float] | None = None
 
     @property
@@ -29,7 +29,7 @@ class Leg:
         return math.isnan(self.feed)
 
     def points(self, share: Array) -> Array:
-        """(N, 3) places at these shares of the way."""
+        """Return the points (N, 3) at these shares of the move."""
         share = share[:, None]
         if self.arc is None:
             return np.asarray(self.start + share * (self.end - self.start))
@@ -59,7 +59,7 @@ class Leg:
 
 @dataclass
 class Text:
-    """Lines in the making and which leg each of them is."""
+    """Program lines and the leg of each line."""
 
     lines: list[str] = field(default_factory=list)
     leg_of_line: dict[int, int] = field(default_factory=dict)  # 1-based line → leg
@@ -71,7 +71,7 @@ class Text:
 
 
 def number(v: float, rng: random.Random, *, dot: bool = True, plus: bool = True) -> str:
-    """``v`` to 1e-10 in one of the forms that CAM systems write: 5., .5, 0.500, +5."""
+    """Return ``v`` with a resolution of 1e-10 in one of the forms that CAM systems write: 5., .5, 0.500, +5."""
     text = f"{abs(v):.14f}".rstrip("0") if 0.0 < abs(v) < 1.0 else f"{abs(v):.10f}".rstrip("0")
     if text.startswith("0.") and len(text) > 2 and rng.random() < 0.5:
         text = text[1:]
@@ -82,7 +82,7 @@ def number(v: float, rng: random.Random, *, dot: bool = True, plus: bool = True)
 
 
 def noise(rng: random.Random, dialect: str) -> str:
-    """A comment line of the dialect."""
+    """Return a comment line of the dialect."""
     marks = {
         "gcode": "(X9 Y9 G1)",
         "siemens": ";X9 Y9 G1",
@@ -96,7 +96,7 @@ def noise(rng: random.Random, dialect: str) -> str:
 
 
 def gcode(legs: list[Leg], rng: random.Random, *, siemens: bool = False) -> Text:
-    """ISO G-code: modal words left out, G90 and G91 mixed, inch or mm, centres or radii, line numbers, blanks."""
+    """Write ISO G-code: omitted modal words, G90 and G91 mixed, inch or mm, centers or radii, line numbers, blanks."""
     t = Text()
     inch, absolute, motion, plane, feed = rng.random() < 0.3, True, -1, 17, math.nan
     scale = INCH if inch else 1.0
@@ -172,7 +172,7 @@ def sinumerik(legs: list[Leg], rng: random.Random) -> Text:
 
 
 def heidenhain(legs: list[Leg], rng: random.Random) -> Text:
-    """Plain language in mm: L, CC and C, CR, CP; I words, F and FMAX."""
+    """Write Heidenhain Klartext in mm: L, CC and C, CR, CP; I words, F and FMAX."""
     t = Text()
     t.add("0 BEGIN PGM A MM")
     feed = math.nan
@@ -220,7 +220,7 @@ def _apt_points(leg: Leg, rng: random.Random) -> str:
 
 
 def clsf(legs: list[Leg], rng: random.Random) -> Text:
-    """NX CLSF: the axis of a circle is that of clockwise travel, TIMES counts turns."""
+    """Write NX CLSF: the circle axis is that of clockwise travel, TIMES is the number of turns."""
     t = Text()
     t.add("TOOL PATH/A,TOOL,B")
     t.add("MSYS/0.0,0.0,0.0,1.0,0.0,0.0,0.0,1.0,0.0")
@@ -249,7 +249,7 @@ def clsf(legs: list[Leg], rng: random.Random) -> Text:
 
 
 def camworks(legs: list[Leg], rng: random.Random) -> Text:
-    """CAMWorks APT: right-handed axis, start = end is a full circle."""
+    """Write CAMWorks APT: right-handed circle axis; equal start and end mean a full circle."""
     t = Text()
     for s in ("PARTNO/1", "UNIT/MM", "TRNTYP/WORLD,0,0,0", "CSYS/1.,0,0,0,0,1.,0,0,0,0,1.,0"):
         t.add(s)
@@ -272,7 +272,7 @@ def camworks(legs: list[Leg], rng: random.Random) -> Text:
 
 
 def catia(legs: list[Leg], rng: random.Random) -> Text:
-    """CATIA aptsource: the start tangent, the circle, and the end on a line from the centre."""
+    """Write CATIA aptsource: the start tangent, the circle, and the end on a line from the center."""
     t = Text()
     t.add("UNITS/MM")
     t.add("TLAXIS/ 0.000000, 0.000000, 1.000000")
@@ -299,7 +299,7 @@ def catia(legs: list[Leg], rng: random.Random) -> Text:
 
 
 def movarc(legs: list[Leg], rng: random.Random) -> Text:
-    """HSM APT: MOVARC/ centre, normal, radius, ANGLE, degrees; then the end."""
+    """Write HSM APT: MOVARC/ center, normal, radius, ANGLE, degrees; then the end point."""
     t = Text()
     t.add("UNITS/MM")
     for n, leg in enumerate(legs):
@@ -320,7 +320,7 @@ def movarc(legs: list[Leg], rng: random.Random) -> Text:
     return t
 
 
-# ---- robot programs: the tool points down, arcs by a point on their way
+# ---- robot programs: the tool points down, arcs with an intermediate point
 
 
 def _via(leg: Leg) -> Array:
@@ -367,7 +367,7 @@ def rapid(legs: list[Leg], rng: random.Random) -> Text:
         form = rng.random()
         if form < 0.3:
             return f"Offs(p0,{xyz})"
-        if form < 0.5:  # the tool's y and z point the other way
+        if form < 0.5:  # y and z of the tool point in the opposite direction
             return "RelTool(p0," + ",".join(number(v, rng, plus=False, dot=False) for v in (p[0], -p[1], -p[2])) + ")"
         return f"[[{xyz}],[0,1,0,0],[0,0,0,0],[9E9,9E+09,9E9,9E9,9E9,9E9]]"
 
@@ -460,14 +460,14 @@ def jbi(legs: list[Leg], rng: random.Random) -> Text:
 
 @dataclass(frozen=True)
 class Dialect:
-    """A writer and what its words can say."""
+    """A writer and the features of its dialect."""
 
     write: Callable[[list[Leg], random.Random], Text]
     suffix: str
     planes: tuple[int, ...] = (17, 18, 19)
     arcs: bool = True
     helices: bool = True
-    turns: int = 0  # most full turns before the last part of an arc
+    turns: int = 0  # maximum number of full turns before the last part of an arc
     full: bool = True
 
 

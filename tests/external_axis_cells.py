@@ -1,4 +1,4 @@
-"""Small cells with external axes: the arm of :mod:`small_cell` on a rail, beside a turntable, or both."""
+"""Small cells with external axes: the arm of :mod:`small_cell` on a rail, with a turntable, or both."""
 
 from __future__ import annotations
 
@@ -31,9 +31,10 @@ TILT = (
 
 
 def external_cell(folder: Path, *, rail: bool = False, table: bool = False, tilt: bool = False) -> Cell:
-    """The rail carries the arm along y (±2.5 m); the table turns the part about z, and with ``tilt`` about y before.
+    """Build a cell whose rail moves the arm along y (±2.5 m), and whose table rotates the part about z and, with
+    ``tilt``, first about y.
 
-    Externals stand in the order rail, tilt, turn. The block is 2.4 m long (y) where there is no table.
+    The order of the external axes is rail, tilt, turn. Without a table the block is 2.4 m long (y).
     """
     cell = small_cell(folder)
     root = "hall" if rail else "base_link"
@@ -83,7 +84,7 @@ def external_cell(folder: Path, *, rail: bool = False, table: bool = False, tilt
 
 
 def external_folder(folder: Path, *, rail: bool = False, table: bool = False, tilt: bool = False) -> Path:
-    """The same as a cell folder, with a stiffness file."""
+    """Write the same as a cell folder with a stiffness file."""
     cell = external_cell(folder, rail=rail, table=table, tilt=tilt)
     per = np.where([False] * 6 + list(cell.external_prismatic), 1e3, 180 / np.pi)
 

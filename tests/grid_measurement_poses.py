@@ -1,8 +1,8 @@
-"""Measurement poses for a stiffness grid: corners and centre of every cell in three configurations (jiao2022 section
+"""Measurement poses for a stiffness grid: corners and center of every cell in three configurations (jiao2022 section
 2).
 
-Neighbouring cells share corners, so a grid of cubes needs far fewer positions than nine a cell; each shared one informs
-all its cells. What the arm cannot reach is kept, with its reason.
+Adjacent cells share corners, so a grid of cubes needs far fewer positions than nine per cell; a shared position counts
+for all its cells. Unreachable poses are listed with their reason.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-ANGLES = (0.0, np.deg2rad(-10.0), np.deg2rad(10.0))  # jiao2022 section 5.1: 3 × 9 = 27 configurations a cell
+ANGLES = (0.0, np.deg2rad(-10.0), np.deg2rad(10.0))  # jiao2022 section 5.1: 3 × 9 = 27 configurations per cell
 
 
 @dataclass(frozen=True)
 class GridPlan:
-    """S positions in A postures each, position by position; M = S·A poses."""
+    """S positions in A postures each, ordered by position; M = S·A poses."""
 
     region: GridRegion
-    position: Array  # (S, 3) m of the TCP in base_link: corners x fastest, then centres in order of the cells
+    position: Array  # (S, 3) m of the TCP in base_link: corners with x fastest, then centers in the order of the cells
     angle: Array  # (A,) rad about the tool's y axis
     T_base_tcp: Array  # (M, 4, 4)
-    q: Array  # (M, 6) rad, NaN where no configuration serves
-    branch: Ints  # (M,) of the inverse kinematics, −1 where none serves
+    q: Array  # (M, 6) rad, NaN without a valid configuration
+    branch: Ints  # (M,) of the inverse kinematics, −1 without a valid configuration
     reason: NDArray[np.uint8]  # (M,) Reason
-    members: Ints  # (G, 9) positions of each cell: its corners, then its centre
+    members: Ints  # (G, 9) positions of each cell: its corners, then its center
 
     @property
     def reached(self) -> Bools:
-        """(M,)."""
+        """Whether each pose (M,) is reachable."""
         return np.asarray(self.reason == InfeasibilityReason.OK)
 
     def of_cell(self, cell: int) -> Ints:
-        """(9·A,) poses of one cell, 27 with three postures."""
+        """Return the (9·A,) poses of one cell, 27 with three postures."""
         A = len(self.angle)
         return np.asarray((self.members[cell][:, None] * A + np.arange(A)).reshape(-1), np.int64)
 
@@ -68,7 +68,7 @@ def grid_plan(
     branch: int | None = None,
     collision: CollisionModel | None = None,
 ) -> GridPlan:
-    """Poses that sample every cell of a grid.
+    """Return poses that sample every cell of a grid.
 
     Args:
         cell: home position, joint limits and tool.
@@ -76,15 +76,14 @@ def grid_plan(
         solver: its inverse kinematics.
         region: the grid, in base_link.
         margins: distance from singularities and joint limits.
-        posture: (3, 3) TCP axes in base_link of the initial posture; None: along the grid's edges, nearest to home's.
-        angles: rad, turns of the posture about the tool's own y.
-        branch: of the inverse kinematics; None: the one that serves the most poses (the first such, home's first), or,
-            where a branch is no lasting assembly mode, at each pose the configuration nearest to home.
-        collision: model to check each pose with, the tool touching nothing; None: not checked, the reasons say so
-            nowhere.
+        posture: (3, 3) TCP axes in base_link of the initial posture; None: parallel to the grid edges, nearest to home.
+        angles: rad, rotations of the posture about the tool's y axis.
+        branch: of the inverse kinematics; None: the branch with most valid poses (home's first of equals), or, where a
+            branch is not a constant assembly mode, at each pose the configuration nearest to home.
+        collision: model to check each pose with, without permitted contacts; None: no collision check.
 
     Source:
-        jiao2022 sections 2.2 and 5.1, fig. 1. The paper turns about any axis; y is what its experiment does.
+        jiao2022 sections 2.2 and 5.1, fig. 1. The paper rotates about any axis; its experiment uses y.
     """
     position, members = _positions(region)
     R = _along_edges(robot.compute_fk(cell.home, cell.tool.T_flange_tcp)[:3, :3]) if posture is None else posture
@@ -137,14 +136,15 @@ def _positions(region: GridRegion) -> tuple[Array, Ints]:
 
 
 def _along_edges(R: Array) -> Array:
-    """The rotation by quarter turns about base axes that is nearest to R (3, 3)."""
+    """Return the rotation by quarter turns about base axes that is nearest to R (3, 3)."""
     axes = np.concatenate([np.eye(3), -np.eye(3)])
     found = [np.stack([x, y, np.cross(x, y)], axis=1) for x in axes for y in axes if abs(x @ y) < 0.5]
     return max(found, key=lambda F: float(np.sum(F * R)))
 
 
 def _nearest_turn(q: Array, cell: Cell, margins: SingularityMargins) -> Array:
-    """Each configuration (M, B, 6) by whole turns inside the limits and nearest to home; NaN where none is."""
+    """Shift each configuration (M, B, 6) by whole turns to the one within the limits that is nearest to home; NaN if
+    there is none."""
     lower, upper = cell.limits.lower[:6] + margins.limit, cell.limits.upper[:6] - margins.limit
     best, least = np.full(q.shape, np.nan), np.full(q.shape[:-1], np.inf)
     for turn in list_whole_turns(lower, upper):

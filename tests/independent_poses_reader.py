@@ -25,10 +25,10 @@ _YES = {"yes": True, "no": False, "": None}
 
 
 def read_poses_csv(path: Path | str) -> PosesTable:
-    """Read ``poses.csv`` back into SI.
+    """Read ``poses.csv`` in SI units.
 
     Raises:
-        InputError: a column is missing or unknown, a field is no number, rows are not numbered 1, 2, 3 …
+        InputError: a column is missing or unknown, a field is not a number, or rows are not numbered 1, 2, 3 …
     """
     file = Path(path)
     header, rows = _rows(file)
@@ -137,7 +137,7 @@ def _rows(file: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 
 def list_data_rows(reader: Iterator[list[str]]) -> Iterator[tuple[int, list[str]]]:
-    """Rows that are neither empty nor a comment, with their line."""
+    """Yield rows that are neither empty nor a comment, with their line number."""
     for line, row in enumerate(reader, start=1):
         if row and not row[0].startswith("#"):
             yield line, row

@@ -23,7 +23,7 @@ _MOVE_WORDS = {move.word: int(move) for move in MoveKind}
 
 @dataclass(frozen=True)
 class TrajectoryTable:
-    """A trajectory as read back: samples, the labels of ``operation``, the kinds of the external axes."""
+    """A trajectory that was read: samples, labels of ``operation``, types of the external axes."""
 
     trajectory: Trajectory
     operations: tuple[str, ...]
@@ -32,14 +32,14 @@ class TrajectoryTable:
 
 @dataclass(frozen=True)
 class _Rows:
-    """The raw fields of a CSV file by column, with the line each row stands on."""
+    """The raw fields of a CSV file by column, with the line number of each row."""
 
     file: Path
     columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
     lines: tuple[int, ...] = ()
 
     def numbers(self, name: str, *, empty: bool = False) -> Array:
-        """The column as floats; empty fields become NaN where ``empty`` allows them."""
+        """Return the column as floats; empty fields become NaN if ``empty`` allows them."""
         texts = self.columns[name]
         if empty:
             texts = tuple(t or "nan" for t in texts)
@@ -60,10 +60,10 @@ class _Rows:
 
 
 def read_trajectory_csv(path: Path) -> TrajectoryTable:
-    """Read ``trajectory.csv`` back into SI; equal labels share an operation, in the order they first appear.
+    """Read ``trajectory.csv`` in SI units; equal labels are one operation, in the order of their first occurrence.
 
     Raises:
-        InputError: a column is missing or unknown, a field is no number or move, time does not rise.
+        InputError: a column is missing or unknown, a field is not a number or move, or time does not increase.
     """
     header, rows = _read(path)
     external = [name for name in header if name.startswith("e") and name.split("_")[0][1:].isdigit()]

@@ -11,7 +11,8 @@ from machopt.planning.uncertainty.stiffness_uncertainty import _compute_point_co
 
 
 def compute_mean_cost_std(plan: Plan) -> tuple[float, Array]:
-    """1 σ of the mean cost along the cut, and (P,) of each planning point's; NaN where the file does not say."""
+    """Return 1 σ of the mean cost along the cut, and of the cost of each planning point (P,); NaN without a
+    covariance in the file."""
     spread = build_compliance_covariance(plan)
     points = _compute_point_costs(plan, plan.chosen)
     if not spread.known:

@@ -39,7 +39,7 @@ STIFFNESS = "machopt_stiffness: 1\njoints_Nm_per_rad: [1.41e6, 4.01e5, 9.35e5, 3
 
 
 def urdf() -> str:
-    """One element a line: link k starts in line 2 + 8 (k - 1), joint k in line 50 + 7 (k - 1)."""
+    """Return a URDF with one element per line: link k starts in line 2 + 8 (k - 1), joint k in line 50 + 7 (k - 1)."""
     lines = ['<robot name="r">']
     for k in range(1, 7):
         lines += [
@@ -84,7 +84,7 @@ def write_minimal_cell(root: Path) -> Path:
 
 
 def replace_in_file(folder: Path, old: str, new: str, file: str = "cell.yaml", count: int = -1) -> int:
-    """Replace text in a file; the line (1-based) of the first change."""
+    """Replace text in a file and return the line (1-based) of the first change."""
     text = (folder / file).read_text()
     assert old in text, old
     (folder / file).write_text(text.replace(old, new, count))
@@ -92,7 +92,7 @@ def replace_in_file(folder: Path, old: str, new: str, file: str = "cell.yaml", c
 
 
 def read_refusal_message(folder: Path, *parts: str) -> str:
-    """The message with which the cell is refused; every part must stand in it."""
+    """Return the message with which the cell is refused; it must contain every part."""
     with pytest.raises(InputError) as caught:
         load_cell(folder)
     message = str(caught.value)

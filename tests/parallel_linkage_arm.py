@@ -1,4 +1,4 @@
-"""Arm with a parallel linkage by a ``<mimic>`` joint: the forearm keeps its attitude while axis 2 rotates."""
+"""Arm with a parallel linkage by a ``<mimic>`` joint: the forearm keeps its orientation while axis 2 rotates."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from small_cell import urdf_text
 
 from machopt.data_types.cell import MimicJoint
 
-OFFSET = 0.2  # rad; of no machine, so that a test sees it
+OFFSET = 0.2  # rad; no real machine has this, so that tests detect an ignored offset
 
 
 def linked_urdf(multiplier: float = -1.0, offset: float = OFFSET, body: str = "", shift: str = "0 0 0") -> str:
-    """The small cell's arm with a joint ``m3`` on axis 3 that follows axis 2."""
+    """Return the URDF of the small cell's arm with an additional joint ``m3`` on axis 3 that follows axis 2."""
     text = urdf_text()
     joint = (
         f'<joint name="m3" type="revolute"><parent link="link_2"/><child link="knee"/>'
@@ -32,7 +32,7 @@ def build_mimic_joints(multiplier: float = -1.0, offset: float = OFFSET) -> tupl
 
 
 def expand_mimic_joints(model: Any, q: np.ndarray, follow: tuple[MimicJoint, ...]) -> np.ndarray:
-    """pinocchio's configuration at the six driven angles: the independent reading of a mimic joint."""
+    """Return pinocchio's configuration for the six driven angles: an independent implementation of mimic joints."""
     value = dict(zip((f"a{i + 1}" for i in range(6)), q, strict=True))
     for m in follow:
         value[m.joint] = m.multiplier * value[m.source] + m.offset

@@ -27,7 +27,7 @@ def write_and_compare_program(
     tolerance: ProgramTolerance,
     post: str,
 ) -> ProgramComparison:
-    """Tables and program into ``out``, which is made; compared."""
+    """Write tables and program to the new folder ``out`` and compare them."""
     out.mkdir(parents=True)
     assert timeline.trajectory is not None
     write_points_csv(out / "points.csv", build_point_table(apply_driven_rotation(plan, timeline.phi), toolpath).table)

@@ -1,5 +1,5 @@
-"""Damaged robot programs as editors, transfers and truncated downloads produce them, and conditions that must hold
-then."""
+"""Damaged robot programs as they result from editors, transfers and truncated downloads, and conditions that the
+readers must fulfil."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ FORMATS = {
     "ros": ("ros_yaml", "ros_json", "compas_fab"),
 }
 ROBOT = ProgramRobot(ARM.compute_fk, MAPPED, TOOL, WORKPIECE)
-HANG = 20.0  # s of computing for one small file: a reader that takes that long hangs
-MOST_POINTS = 1_000_000  # of a file of a hundred lines
+HANG = 20.0  # s, limit of the processor time for one small file
+MOST_POINTS = 1_000_000  # limit for a file of a hundred lines
 MAIN_SUFFIXES = (".src", ".mod", ".ls", ".script", ".pjx", ".jbi", ".csv", ".json", ".yaml")
 _WORDS = (
     "PTP",
@@ -105,7 +105,7 @@ _WORDS = (
 
 
 def seeds(folder: Path, form: str) -> list[Path]:
-    """Folders with a small sound program each; the first file is the one to be read."""
+    """Write folders with a small valid program each; the first file is the one to read."""
     out = []
     for post in FORMATS[form]:
         for n, split in ((0, None), (1, 5)):
@@ -120,11 +120,12 @@ def seeds(folder: Path, form: str) -> list[Path]:
 
 def main_file(place: Path) -> Path:
     files = [f for f in sorted(place.rglob("*")) if f.suffix.lower() in MAIN_SUFFIXES and "events" not in f.name]
-    return min(files, key=lambda f: len(f.name))  # the parts have longer names
+    return min(files, key=lambda f: len(f.name))  # part files have longer names
 
 
 def damage_program(data: bytes, rng: random.Random) -> bytes:
-    """One to six faults: cut off, bytes changed, lines lost, doubled or swapped, numbers and words replaced."""
+    """Insert one to six faults: truncation, changed bytes, lost, duplicated or exchanged lines, replaced numbers and
+    words."""
     out = bytearray(data)
     for _ in range(rng.randint(1, 6)):
         if not out:
@@ -161,10 +162,11 @@ def damage_program(data: bytes, rng: random.Random) -> bytes:
 
 
 def run(place: Path, count: int, rng: random.Random) -> Counter[str]:
-    """Read ``count`` damaged versions of a program, and take them as toolpaths: how many were read, refused.
+    """Read ``count`` damaged versions of a program, convert them to toolpaths, and return how many were read and
+    refused.
 
     Raises:
-        Exception: anything but a plain refusal; the damaged files are left as they are.
+        Exception: any exception other than a refusal; the damaged files are kept.
     """
     target = main_file(place)
     files = [f for f in sorted(place.rglob("*")) if f.is_file()]
@@ -191,12 +193,13 @@ def run(place: Path, count: int, rng: random.Random) -> Counter[str]:
 
 
 def check(toolpath: Toolpath, lines: int | None) -> None:
-    """What holds for every toolpath, whatever the file was; ``lines`` of the file, None where it calls others."""
+    """Check the conditions for every toolpath; ``lines`` is the number of lines, None if the program calls other
+    files."""
     n = len(toolpath)
     assert 0 < n <= MOST_POINTS
     assert toolpath.cutting.any()
     assert np.isfinite(toolpath.position).all()
-    assert np.abs(toolpath.position).max() <= 1e3  # m: the readers' own limit
+    assert np.abs(toolpath.position).max() <= 1e3  # m: limit of the readers
     assert np.allclose(np.linalg.norm(toolpath.axis, axis=1), 1.0, atol=1e-9)
     assert (toolpath.feed[toolpath.cutting] > 0.0).all()
     assert np.isfinite(toolpath.feed[toolpath.cutting]).all()
@@ -217,7 +220,7 @@ class HangError(AssertionError):
 
 @contextlib.contextmanager
 def limit_time(seconds: float) -> Iterator[None]:
-    """Raise :class:`HangError` where the body takes longer, in time of this process: other work is not its fault."""
+    """Raise :class:`HangError` if the block takes longer, in processor time of this process."""
 
     def late(*_: object) -> None:
         raise HangError(f"took longer than {seconds:g} s")
@@ -232,7 +235,7 @@ def limit_time(seconds: float) -> Iterator[None]:
 
 
 def check_program(p: ParsedProgram) -> None:
-    """No nonsense: every target is finite where it is given, every index is inside."""
+    """Check that every target is finite where it is given, and that every index is in range."""
     assert len(p) > 0
     joint = ~p.has_pose
     pulses = np.array(["pulses" in c for c in p.configuration])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-# cell, and a toolpath of it that says where its workpiece is
+# cell: a toolpath at the position of its workpiece
 CELLS = {
     "kr500_milling": "contour_5axis.csv",
     "kr240_drilling": "panel_holes.csv",
@@ -26,7 +26,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Row:
-    """A point of a job in its own frame: z is the axis of the tool."""
+    """A point of a job in its local frame: z is the tool axis."""
 
     place: np.ndarray  # (3,) mm
     axis: np.ndarray  # (3,) unit
@@ -35,13 +35,13 @@ class Row:
 
 
 def tilt_axis(angle: float, direction: float) -> np.ndarray:
-    """The tool axis tilted from z by an angle (rad) towards a direction (rad)."""
+    """Return the tool axis tilted from z by an angle (rad) in a direction (rad)."""
     sine = np.sin(angle)
     return np.array([sine * np.cos(direction), sine * np.sin(direction), np.cos(angle)])
 
 
 def write_job(file: Path, rows: list[Row], origin: np.ndarray, axis: np.ndarray) -> Path:
-    """Write rows as a table, with their z along ``axis`` at ``origin`` mm of the workpiece frame."""
+    """Write rows as a table, with their z axis along ``axis`` and the origin ``origin`` (mm) in the workpiece frame."""
     side = np.cross([0.0, 1.0, 0.0] if abs(axis[1]) < 0.9 else [1.0, 0.0, 0.0], axis)
     side /= np.linalg.norm(side)
     R = np.column_stack([side, np.cross(axis, side), axis])
@@ -56,7 +56,7 @@ def write_job(file: Path, rows: list[Row], origin: np.ndarray, axis: np.ndarray)
 
 
 def random_job(rng: np.random.Generator, features: tuple[str, ...] = FEATURES) -> list[Row]:
-    """One to three features, each with its approach and retract."""
+    """Return one to three features, each with its approach and retract."""
     rows: list[Row] = []
     for _ in range(int(rng.integers(1, 4))):
         feature, feed = str(rng.choice(features)), float(rng.choice([100.0, 300.0, 1000.0, 3000.0, 6000.0]))
@@ -115,7 +115,8 @@ def _cut(feature: str, start: np.ndarray, rng: np.random.Generator) -> list[tupl
 def axis_corner(
     place: np.ndarray, angle: float, steps: int, radius: float, direction: float, leave: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """A cut to ``place`` mm, where the tool axis tilts by ``angle`` rad over an arc of ``radius`` mm, and on."""
+    """Return a cut to ``place`` (mm), a tilt of the tool axis by ``angle`` (rad) over an arc of ``radius`` (mm), and
+    a further move."""
     out = [(place, UP)]
     for k in range(1, steps + 1):
         turn = np.pi / 2 * k / steps
@@ -137,7 +138,7 @@ def _holes(rng: np.random.Generator, feed: float) -> list[Row]:
 
 
 def choose_place_above_cut(toolpath: Path, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A place 15 to 50 mm above a cut of a toolpath table, and the tool axis there."""
+    """Return a point 15 to 50 mm above a cut of a toolpath table, and the tool axis there."""
     lines = [line for line in toolpath.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     cuts = [row for row in csv.DictReader(lines) if row.get("move") in (None, "", "cut")]
     row = cuts[int(rng.integers(len(cuts)))]

@@ -1,4 +1,4 @@
-"""Made-up diagnoses for tests of page, JSON and tables."""
+"""Sample diagnoses for tests of page, JSON and tables."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ K = np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])
 
 
 def recording(*, motion: bool = False) -> Recording:
-    """Load cycles up and down at 30 poses in two sessions."""
+    """Return load cycles with loading and unloading at 30 poses in two sessions."""
     rng = np.random.default_rng(5)
     pose = np.repeat(np.arange(1, POSES + 1), EACH)
     force = np.tile(np.concatenate([np.linspace(250, 2000, 8), np.linspace(2000, 250, 8)]), POSES)
@@ -65,7 +65,7 @@ def _estimate(value: float, unit: str, half: float) -> EstimatedValue:
 
 
 def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
-    """0.9 arcmin of hysteresis with its loop."""
+    """Return a finding of 0.9 arcmin of hysteresis with its loop."""
     r, rng = recording(), np.random.default_rng(6)
     torque = -r.wrench[:, 2] * (0.6 + 0.3 * np.cos(r.q[:, 1]))  # type: ignore[index]
     up = np.linspace(-300, 1900, 60)
@@ -78,7 +78,7 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
     law = play(loop_x, np.concatenate([np.ones(60), -np.ones(60)]))
     per_reading = play(torque, r.branch.astype(float))  # type: ignore[union-attr]
     left = rng.normal(0, 0.25, N)
-    left[7] = 40.0  # a reading that hardly sees the joint
+    left[7] = 40.0  # a reading that hardly depends on the joint
     place = f"joint:{joint}"
     return Finding(
         effect="joint_hysteresis",
@@ -149,7 +149,8 @@ def hysteresis(joint: int = 3, after: float = 0.025) -> Finding:
 
 
 def link() -> Finding:
-    """A soft link that cannot be distinguished from two others; its law goes into the planner."""
+    """Return a finding of a compliant link that cannot be distinguished from two alternatives; its law is used by
+    the planner."""
     rng = np.random.default_rng(8)
     x = rng.uniform(-900, 900, N)
     return Finding(
@@ -198,7 +199,7 @@ def link() -> Finding:
 
 
 def zero_offset() -> Finding:
-    """A kinematic correction without a curve."""
+    """Return a kinematic correction without a curve."""
     return Finding(
         effect="joint_zero_offset",
         location="joint:5",
@@ -215,7 +216,7 @@ def zero_offset() -> Finding:
 
 
 def frame() -> Finding:
-    """The record itself: stays in the diagnosis."""
+    """Return an error of the recording, which is not written to a model file."""
     return Finding(
         effect="force_sensor_frame",
         location="sensor:force",
@@ -322,7 +323,7 @@ def _coefficients() -> tuple[BaseCoefficient, ...]:
 
 
 def explained() -> DiagnosisResult:
-    """One named effect: hysteresis of joint 3."""
+    """Return a diagnosis with one named effect: hysteresis of joint 3."""
     used = np.ones(N, bool)
     used[[40, 133, 400]] = False
     r = recording()
@@ -390,7 +391,7 @@ def explained() -> DiagnosisResult:
 
 
 def consistent() -> DiagnosisResult:
-    """Nothing is there."""
+    """Return a diagnosis without any effect."""
     return replace(
         explained(),
         verdict="consistent",
@@ -416,7 +417,7 @@ def consistent() -> DiagnosisResult:
 
 
 def insufficient() -> DiagnosisResult:
-    """Nothing is named, of too few readings."""
+    """Return a diagnosis without a finding because of too few readings."""
     return replace(
         consistent(),
         verdict="insufficient",
@@ -427,7 +428,7 @@ def insufficient() -> DiagnosisResult:
 
 
 def unexplained() -> DiagnosisResult:
-    """Something is there that no term explains."""
+    """Return a diagnosis with a mismatch that no term explains."""
     d = explained()
     return replace(
         d,
@@ -445,7 +446,7 @@ def unexplained() -> DiagnosisResult:
 
 
 def three() -> DiagnosisResult:
-    """Three findings, two of them sets, one open share."""
+    """Return a diagnosis with three findings, two of them with alternatives, and one unexplained share."""
     d = explained()
     return replace(
         d,
@@ -468,7 +469,7 @@ def three() -> DiagnosisResult:
 
 
 def torque() -> DiagnosisResult:
-    """Friction found in motor torques of six joints."""
+    """Return a diagnosis of friction in motor torques of six joints."""
     d, rng = explained(), np.random.default_rng(4)
     before = rng.normal(0, 6, (N, 6)) + 14 * np.sign(np.sin(np.arange(N) / 20))[:, None]
     after = rng.normal(0, 6.4, (N, 6))
@@ -525,7 +526,8 @@ def torque() -> DiagnosisResult:
 
 
 def problem(d: DiagnosisResult) -> DiagnosisProblem:
-    """Labels of the readings as a channel gives them: groups counted from 0, one family a joint for torques."""
+    """Return the labels of the readings as a channel states them: groups counted from 0, and one family per joint
+    for torques."""
     r = recording()
     group = r.pose - 1
     columns = d.errors.residual.shape[1]
@@ -552,7 +554,7 @@ def problem(d: DiagnosisResult) -> DiagnosisProblem:
 
 
 def job() -> JobEffectSection:
-    """What --toolpath gives."""
+    """Return a result of --toolpath."""
     s = np.arange(60)
     return JobEffectSection.model_validate(
         {

@@ -1,4 +1,4 @@
-"""3-D scene of a made-up result: the arm of the small cell on a path over its block."""
+"""3-D scene of a sample result: the arm of the small cell on a path over its block."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ POSTURE = np.radians([10, -80, 110, 20, 60, 30])
 def build_report_with_motion_scene(
     cell: Cell, points: int = 60, rotations: int = 72, samples: int = 400
 ) -> tuple[ReportData, Robot]:
-    """A full result with a picture: axis 1 follows the path, axis 6 the rotation, unreachable cells have none."""
+    """Return a full result with a scene: axis 1 follows the path and axis 6 the rotation; unreachable map cells have
+    no posture."""
     robot, shapes = load_chain(cell)
     data = full_result(points, rotations, samples)
     m, p, motion = data.map, data.path, data.motion

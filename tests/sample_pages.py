@@ -1,4 +1,4 @@
-"""One made-up page of each kind, for tests of appearance and accessibility."""
+"""One sample page of each type, for tests of appearance and accessibility."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ STEERING = SteeringData(
 
 
 def pages(folder: Path) -> Iterator[tuple[str, str]]:
-    """Name and page, one after the other."""
+    """Yield the name and the page of each type."""
     cell = small_cell(folder)
     report, _ = build_report_with_motion_scene(cell)
     yield "report", build_report_html(report)
@@ -86,7 +86,8 @@ def pages(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def planned_poses(folder: Path) -> str:
-    """The page of a plan of few poses, of the command itself: it has a scene, curves and an order of work."""
+    """Return the page of a plan of few poses, written by the command: it has a scene, curves and a sequence of
+    measurements."""
     words = ["--poses", "3", "--candidates", "60", "--starts", "1", "--weights-kg", "50", "--no-collision", "--quiet"]
     assert main(["plan-poses", str(CELL), "-o", str(folder / "poses"), *words]) == 0
     return (folder / "poses" / "report.html").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Made-up placement result: planned, estimated and refused places."""
+"""Sample placement result: planned, estimated and refused places."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _build_place_entry(x: float, worst: float, folder: str | None) -> PlaceEntry
 
 
 def build_sample_placement() -> PlacementPageData:
-    """Two places planned, one only looked at, one refused."""
+    """Return two planned places, one estimated and one refused."""
     best = (_build_place_entry(-60.0, 0.32, "best-1"), _build_place_entry(0.0, 0.4, None))
     search = PlaceSearchSection(
         x_mm=(-60.0, 60.0),

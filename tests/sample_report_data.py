@@ -1,4 +1,4 @@
-"""Made-up data of an optimize report."""
+"""Sample data of an optimize report."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def full_result(points: int = 800, rotations: int = 72, samples: int = 20_000) -
 
 
 def infeasible_result() -> ReportData:
-    """Exit 3: nothing but the points without an answer."""
+    """Return an infeasible result (exit code 3) with only the points without a solution."""
     nan = float("nan")
     return ReportData(
         title="Part out of reach",

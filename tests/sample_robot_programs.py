@@ -11,7 +11,7 @@ from machopt.data_types.toolpath import MoveKind, ToolpathEvent
 from machopt.kinematics.controller_posture import compute_posture_sides
 from machopt.kinematics.robot import Robot
 
-# the sizes of a KR 210 as URDFs give them: axis 1 downwards, everything stretched forward at zero
+# dimensions of a KR 210 as in URDFs: axis 1 downwards, arm stretched forward at zero
 ARM = Robot(
     joints=tuple(f"a{i}" for i in range(1, 7)),
     axis=np.array([[0, 0, -1], [0, 1, 0], [0, 1, 0], [-1, 0, 0], [0, 1, 0], [-1, 0, 0]], float),
@@ -25,10 +25,11 @@ ARM = Robot(
 TOOL = np.array([[0.6, 0, 0.8, 0.18], [0, 1, 0, -0.02], [-0.8, 0, 0.6, 0.43], [0, 0, 0, 1]])
 WORKPIECE = np.array([[0.8, -0.6, 0, 1.5], [0.6, 0.8, 0, 0.1], [0, 0, 1, 0.6], [0, 0, 0, 1]])
 C30, S30 = np.cos(np.pi / 6), 0.5
-ROOT = np.array([[C30, -S30, 0, 0.01], [S30, C30, 0, 0], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])  # turned, so is axis 1's zero
+# rotated, which also rotates the zero of axis 1
+ROOT = np.array([[C30, -S30, 0, 0.01], [S30, C30, 0, 0], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])
 MOUNT = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01], [0, 0, 0, 1.0]])
 
-# as FANUC counts: the upper arm upright is 0, axis 3 is the forearm's angle to the horizontal
+# FANUC convention: the vertical upper arm is 0, axis 3 is the angle of the forearm to the horizontal
 MAPPED = RobotController(
     joint_map=JointMap(
         np.array([-1.0, 1, 1, -1, 1, -1]),
@@ -55,7 +56,7 @@ EVENTS = (
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a random program is made of; hypothesis draws these numbers."""
+    """Parameters of a random program; hypothesis draws these numbers."""
 
     seed: int
     moves: int = 12
@@ -67,7 +68,7 @@ class Recipe:
 
 
 def program(recipe: Recipe, controller: RobotController = PLAIN, robot: Robot = ARM) -> RobotProgram:
-    """A path within the joint limits: short steps, some rapid moves between."""
+    """Return a path within the joint limits: short steps with some rapid moves between them."""
     rng = np.random.default_rng(recipe.seed)
     n = recipe.moves
     kind = np.full(n, LIN, np.int8)

@@ -1,4 +1,4 @@
-"""Arm of seven joints and its readings, simulated with pinocchio alone."""
+"""Arm with seven joints and its readings, simulated with pinocchio only."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Load tests on a simulated arm with known truth, for tests and for benchmarks of identify and diagnose.
+"""Load tests on a simulated arm with known true values, for tests and benchmarks of identify and diagnose.
 
-Nothing here is linear in the compliances and nothing is shared with the fit. The arm is a chain of rigid bodies whose
-joints turn by c_i τ_i, and whose bodies may break at springs by a finite rigid motion; torques are those of the chain
-as it hangs, with load and weight, found by iterating to rest. A displacement is the difference of two such poses.
+The simulation is not linear in the compliances and shares no code with the fit. The arm is a chain of rigid bodies
+whose joints rotate by c_i τ_i. Bodies may contain springs that deflect by finite rigid motions. Torques are those of
+the deflected chain under load and weight, found by iteration to equilibrium. A displacement is the difference of two
+such poses.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ from machopt.numerics.rigid_transforms import (
 
 Compliance = Callable[[Array, Array], Array]  # q (M, 6) rad, TCP (M, 3) m in base_link → (M, 6) rad/(N·m)
 
-AT_REST = 1e-13  # rad and m; far below the least displacement of interest, above rounding
+AT_REST = 1e-13  # rad and m; far below the smallest displacement of interest, above rounding
 MOST_STEPS = 400
 
 
 @dataclass(frozen=True)
 class SpringInBody:
-    """A body broken in two at a frame S, held together by a spring."""
+    """A body divided at a frame S into two parts that are connected by a spring."""
 
     body: int  # 0 base_link, i link i (6: the tool side)
     T_base_spring: Array  # (4, 4) S in base_link at q = 0
@@ -39,7 +40,7 @@ class SpringInBody:
 
 @dataclass(frozen=True)
 class SmoothField:
-    """Joint compliances that change smoothly over the workspace: c_i = c0_i / (1 + a tanh φ_i).
+    """Joint compliances that vary smoothly over the workspace: c_i = c0_i / (1 + a tanh φ_i).
 
     φ is a sum of random waves of unit variance, so the stiffness stays within ± a of its constant value.
     """
@@ -61,7 +62,7 @@ class SmoothField:
         over: str = "position",
         waves: int = 32,
     ) -> SmoothField:
-        """A random field; ``scale`` is the length of change, in m over positions and in rad over joints."""
+        """Draw a random field; ``scale`` is the length scale, in m over positions and in rad over joints."""
         size = 3 if over == "position" else 6
         return cls(
             np.asarray(constant, float),
@@ -81,7 +82,7 @@ class SmoothField:
 
 @dataclass(frozen=True)
 class TrueArm:
-    """What the simulated machine really is."""
+    """The true properties of the simulated arm."""
 
     robot: Robot
     T_flange_tcp: Array  # (4, 4)
@@ -90,16 +91,17 @@ class TrueArm:
     masses: RobotMasses | None = None  # None: no weight
 
     def compliance_at(self, q: Array) -> Array:
-        """(M, 6) rad/(N·m) at commanded joint positions q (M, 6)."""
+        """Return the compliances (M, 6) in rad/(N·m) at commanded joint positions q (M, 6)."""
         if callable(self.compliance):
             return self.compliance(q, self.robot.compute_fk(q, self.T_flange_tcp)[:, :3, 3])
         return np.broadcast_to(np.asarray(self.compliance, float), q.shape)
 
     def rest(self, q: Array, wrench: Array) -> tuple[Array, Array]:
-        """Pose of the TCP (M, 3, 3) and (M, 3) at rest, for encoders at q (M, 6) and a wrench (M, 6) in base axes.
+        """Return the equilibrium pose of the TCP (M, 3, 3) and (M, 3), for encoder angles q (M, 6) and a wrench (M, 6)
+        in base axes.
 
         Raises:
-            ValueError: the springs do not hold the load (the chain comes to no rest).
+            ValueError: the springs cannot support the load (the iteration does not converge).
         """
         c = self.compliance_at(q)
         theta, twists = q.copy(), [np.zeros((len(q), 6)) for _ in self.springs]
@@ -115,7 +117,8 @@ class TrueArm:
         raise ValueError("the arm's springs do not hold this load: it comes to no rest")
 
     def displacement(self, q: Array, wrench: Array) -> Array:
-        """(M, 6) m and rad: TCP with the load against without, rotation as a rotation vector, base axes."""
+        """Return the displacement (M, 6) in m and rad of the TCP by the load; the rotation is a rotation vector in
+        base axes."""
         R0, p0 = self.rest(q, np.zeros_like(wrench))
         R1, p1 = self.rest(q, wrench)
         return np.concatenate([p1 - p0, convert_to_rotation_vector(R1 @ np.swapaxes(R0, -1, -2))], axis=-1)
@@ -123,14 +126,14 @@ class TrueArm:
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Errors of one recording, 1 sigma; laser tracker, force sensor and robot of the usual kind."""
+    """Errors of one recording, 1 sigma; typical of laser tracker, force sensor and robot."""
 
     white: float = 12e-6  # m, every reading
     cycle: float = 15e-6  # m, shared by the readings of a load cycle
     pose: float = 30e-6  # m, shared by the readings of a pose
     rotation: float = 0.03e-3  # rad, every reading
     force: float = 0.0075  # share of each component
-    joint: float = np.deg2rad(0.0075)  # rad, encoder and transmission, once a pose
+    joint: float = np.deg2rad(0.0075)  # rad, encoder and transmission, constant at a pose
     outliers: float = 0.01  # share of readings
     outlier_size: float = 0.5e-3  # m
     outlier_turn: float = 0.5e-3  # rad
@@ -142,7 +145,7 @@ class Noise:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
-    """A recording and what it was made from."""
+    """A simulated recording with its true values."""
 
     recording: Recording
     q: Array  # (N, 6) rad, true commanded position
@@ -164,24 +167,24 @@ def record(
     rotations: bool = False,
     name: str = "simulated",
 ) -> Simulated:
-    """Measure a simulated arm.
+    """Simulate measurements of an arm.
 
     Args:
-        arm: the truth.
+        arm: the true arm.
         poses: (P, 6) rad.
         loads: (L, 6) N, N·m at the TCP in base axes, the same at every pose, or (P, L, 6).
-        rng: of the errors.
-        noise: None for :class:`Noise` as it stands.
+        rng: for the errors.
+        noise: None: the defaults of :class:`Noise`.
         repeats: how often all loads of a pose are applied.
         loads_per_cycle: loads after which the arm is unloaded and zeroed again; None: after all L.
         rotations: record rotations too.
-        name: the recording's, for messages.
+        name: name of the recording, for messages.
 
     Returns:
         P·repeats·L readings, ordered by pose, repeat, load.
 
     Raises:
-        ValueError: loads for another number of poses; an arm that does not hold them.
+        ValueError: loads for another number of poses, or an arm that cannot support them.
     """
     noise = Noise() if noise is None else noise
     P = len(poses)
@@ -249,7 +252,7 @@ def record(
 def random_loads(
     rng: np.random.Generator, poses: int, loads: int, force: float, moment: float = 0.0, least: float = 0.3
 ) -> Array:
-    """(P, L, 6) loads of random direction, from ``least`` of the full force (N) and moment (N·m) up to all of it."""
+    """Return loads (P, L, 6) of random direction, between ``least`` and 1 times the full force (N) and moment (N·m)."""
     out = rng.standard_normal((poses, loads, 6))
     for part, size in ((slice(0, 3), force), (slice(3, 6), moment)):
         out[..., part] *= size / np.linalg.norm(out[..., part], axis=-1, keepdims=True)
@@ -257,35 +260,36 @@ def random_loads(
 
 
 def scattered_poses(robot: Robot, rng: np.random.Generator, count: int, centre: Array, spread: Array | float) -> Array:
-    """(count, 6) rad: joints drawn evenly within ± ``spread`` rad of ``centre`` (6,), cut at the joint limits."""
+    """Return joint angles (count, 6) in rad, uniform within ± ``spread`` rad of ``centre`` (6,), clipped at the
+    joint limits."""
     q = centre + rng.uniform(-1.0, 1.0, (count, 6)) * spread
     return np.clip(q, robot.lower, robot.upper)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Hung:
-    """The chain with its joints turned and its springs bent."""
+    """The chain with rotated joints and deflected springs."""
 
     arm: TrueArm
     z: Array  # (M, 6, 3) joint axes
     o: Array  # (M, 6, 3) points on them
-    R: Array  # (M, 7, 3, 3) of each body's far half from q = 0
+    R: Array  # (M, 7, 3, 3) rotation of each body's far part from q = 0
     p: Array  # (M, 7, 3)
-    R_near: Array  # the near halves, before the body's springs
+    R_near: Array  # the near parts, before the body's springs
     p_near: Array
-    springs: tuple[tuple[Array, Array], ...]  # R_S (M, 3, 3) and origin (M, 3) of each, unbent
+    springs: tuple[tuple[Array, Array], ...]  # R_S (M, 3, 3) and origin (M, 3) of each, undeflected
     R_tcp: Array
     p_tcp: Array
 
     def torque(self, wrench: Array, masses: RobotMasses | None) -> Array:
-        """(M, 6) N·m of load and weight about each joint."""
+        """Return the torque (M, 6) in N·m of load and weight about each joint."""
         moment = wrench[:, None, 3:] + np.cross(self.p_tcp[:, None] - self.o, wrench[:, None, :3])
         for at, force, body in self._weights(masses):
             moment[:, :body] += np.cross(at[:, None] - self.o[:, :body], force)
         return np.asarray(np.einsum("mic,mic->mi", self.z, moment))
 
     def twist(self, n: int, wrench: Array, masses: RobotMasses | None) -> Array:
-        """(M, 6) what spring n gives way under all that hangs beyond it, in its own axes."""
+        """Return the deflection (M, 6) of spring n in its own axes under the load and all weight after it."""
         spring, (R, o) = self.arm.springs[n], self.springs[n]
         force = wrench[:, :3].copy()
         moment = wrench[:, 3:] + np.cross(self.p_tcp - o, wrench[:, :3])
@@ -297,7 +301,7 @@ class _Hung:
         return local @ spring.compliance.T
 
     def _weights(self, masses: RobotMasses | None) -> list[tuple[Array, Array, int]]:
-        """Each mass: where (M, 3), its force (3,), the body it belongs to (its near half)."""
+        """Return for each mass its position (M, 3), its weight (3,) and its body (near part)."""
         if masses is None:
             return []
         return [
@@ -325,7 +329,7 @@ def _compute_hanging_state(arm: TrueArm, theta: Array, twists: list[Array]) -> _
                 continue
             S, s = spring.T_base_spring[:3, :3], spring.T_base_spring[:3, 3]
             springs[n] = (R @ S, R @ s + p)
-            break_ = S @ convert_vector_to_rotation(twists[n][:, 3:]) @ S.T  # what the far half does, seen at q = 0
+            break_ = S @ convert_vector_to_rotation(twists[n][:, 3:]) @ S.T  # rotation of the far part, at q = 0
             shift = s + twists[n][:, :3] @ S.T - break_ @ s
             p = p + (R @ shift[..., None])[..., 0]
             R = R @ break_

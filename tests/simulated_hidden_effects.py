@@ -1,7 +1,8 @@
 """Load tests and measured poses of a simulated arm with effects that the catalogue implements differently or lacks.
 
-The arm is read from its URDF here, stands where load and weight really put it (fixed point of twists and torques), and
-its links bend at hinges. Gears slip element by element (Iwan), creep with the logarithm of time, stiffen along a sine.
+The arm is read from its URDF here. Its pose is the nonlinear equilibrium under load and weight (fixed point of twists
+and torques), and its links bend at hinges. Gears slip element by element (Iwan), creep with the logarithm of time, and
+stiffen along a sine.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from machopt.data_types.measurements.recording import Recording, StandardUncerta
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 ARCMIN = np.pi / 10800
 GRAVITY = np.array([0.0, 0.0, -9.80665])
-SETTLED = 8  # rounds; each takes a deflection's hundredth off the error, from 5 mm down to nothing
+SETTLED = 8  # iterations; each reduces the error by a factor of about 100, from 5 mm to zero
 Array = np.ndarray
 Twist = Callable[
     [Array, Array, Array], Array
-]  # torque (T,), own angle (T,), time (T,) in order → rad beyond the spring
+]  # torque (T,), own angle (T,), time (T,) in order → rad in addition to the spring
 
 
 @dataclass(frozen=True)
 class Arm:
     """Six revolute joints between base_link and flange."""
 
-    origin: Array  # (6, 4, 4) of each joint in the body before it
+    origin: Array  # (6, 4, 4) of each joint in the preceding body
     axis: Array  # (6, 3)
     flange: Array  # (4, 4) in the last body
     tcp: Array  # (4, 4) in the flange
@@ -45,22 +46,22 @@ class Arm:
 
 @dataclass(frozen=True)
 class HiddenEffects:
-    """What the nominal model leaves out; nothing by default."""
+    """Effects that the nominal model lacks; none by default."""
 
     stiffness: Array  # (6,) N·m/rad
     twist: dict[int, Twist] = field(default_factory=dict)  # 0-based joint → law
     coupled: Array = field(default_factory=lambda: np.zeros((6, 6)))  # rad/(N·m) between joints
     hinges: dict[int, Array] = field(default_factory=dict)  # 0 base, 1…6 link, 7 tool → (3, 3) rad/(N·m) in its axes
-    zero: Array = field(default_factory=lambda: np.zeros(6))  # rad, what the encoders do not say
-    tool_mass: float = 0.0  # kg beyond the stated
-    recorded: Array = field(default_factory=lambda: np.eye(6))  # what the sensor makes of the wrench
-    hook: Array = field(default_factory=lambda: np.zeros(3))  # m in the flange: where the load acts beside the TCP
-    shown: Array = field(default_factory=lambda: np.eye(3))  # what the tracker makes of a displacement
+    zero: Array = field(default_factory=lambda: np.zeros(6))  # rad, not shown by the encoders
+    tool_mass: float = 0.0  # kg in addition to the stated mass
+    recorded: Array = field(default_factory=lambda: np.eye(6))  # matrix from the true to the recorded wrench
+    hook: Array = field(default_factory=lambda: np.zeros(3))  # m in the flange: offset of the load point from the TCP
+    shown: Array = field(default_factory=lambda: np.eye(3))  # matrix from the true to the recorded displacement
 
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """1 sigma of what is always there."""
+    """Noise levels, 1 sigma."""
 
     white: float = 15e-6  # m
     cycle: float = 10e-6
@@ -68,18 +69,18 @@ class NoiseLevels:
     gain_session: float = 0.007
     gain_cycle: float = 0.004
     outliers: float = 0.01  # share
-    per_metre: float = 2.0  # rad of a rotation per m of a translation
+    per_metre: float = 2.0  # rad of rotation noise per m of translation noise
 
 
 @dataclass(frozen=True)
 class Plan:
-    """States in the order they were taken; the first of each cycle is without load."""
+    """States in the order of measurement; the first of each cycle is unloaded."""
 
     q: Array  # (T, 6)
     wrench: Array  # (T, 6) base axes at the TCP
     pose: Array  # (T,)
     session: Array
-    cycle: Array  # (T,) counted on over all visits
+    cycle: Array  # (T,) numbered over all visits
     time: Array  # (T,) s
     loaded: Array  # (T,) bool
     rising: Array  # (T,) bool
@@ -141,7 +142,8 @@ def plan_load_tests(
     moment: float = 0.0,
     spread: float = 1.0,
 ) -> Plan:
-    """Postures about home; at each, cycles in random directions up and down in equal steps; poses in random order."""
+    """Plan postures around home; at each, cycles in random directions with equal loading and unloading steps; poses
+    in random order."""
     reach = spread * np.radians([60, 28, 35, 90, 45, 120])
     q = np.clip(a.home + rng.uniform(-1, 1, (poses, 6)) * reach, a.lower + 0.05, a.upper - 0.05)
     way = rng.standard_normal((poses, directions, 6))
@@ -167,7 +169,8 @@ def plan_load_tests(
 
 
 def solve_equilibrium(a: Arm, truth: HiddenEffects, plan: Plan) -> tuple[Array, Array, Array, Array]:
-    """TCP (T, 3) and its rotation (T, 3, 3) where load and weight put it, Jacobian (T, 6, 6), torques (T, 6)."""
+    """Return TCP (T, 3) and its rotation (T, 3, 3) in equilibrium with load and weight, Jacobian (T, 6, 6) and
+    torques (T, 6)."""
     T = len(plan.q)
     theta = plan.q + truth.zero
     bend = {k: np.zeros((T, 3)) for k in truth.hinges}
@@ -206,7 +209,7 @@ def load_tests(
     rotations: bool = False,
     frame: str = "base",
 ) -> Recording:
-    """What a tracker and a force sensor write down."""
+    """Return the recording of a tracker and a force sensor."""
     exact = compute_displacements(a, truth, plan, rotations=rotations)
     rows = np.flatnonzero(plan.loaded)
     N, D = len(rows), exact.shape[1]
@@ -219,10 +222,10 @@ def load_tests(
     gain = gain + dirt.gain_cycle * rng.standard_normal(plan.cycle.max() + 1)[plan.cycle[rows]]
     _, turn, _, _ = solve_equilibrium(a, HiddenEffects(truth.stiffness), plan)
     to_tool = np.swapaxes(turn[rows], 1, 2)
-    w = _blocks(to_tool, plan.wrench[rows]) @ truth.recorded.T  # the sensor turns with the tool
+    w = _blocks(to_tool, plan.wrench[rows]) @ truth.recorded.T  # the sensor rotates with the tool
     w = w * (1.0 + gain[:, None])
     w = w if frame == "tool" else _blocks(turn[rows], w)
-    w[:, 3:] *= np.abs(plan.wrench[:, 3:]).max() > 0  # where no moment is read
+    w[:, 3:] *= np.abs(plan.wrench[:, 3:]).max() > 0  # zero if no moment is applied
     for n in np.flatnonzero(rng.random(N) < dirt.outliers):
         d[n, :3] += 0.4e-3 * rng.standard_normal(3)
     return Recording(
@@ -246,7 +249,8 @@ def load_tests(
 
 
 def compute_displacements(a: Arm, truth: HiddenEffects, plan: Plan, *, rotations: bool = False) -> Array:
-    """(N, D) m and rad of the loaded states against the unloaded state of their cycle, without any error."""
+    """Return the displacements (N, D) in m and rad of the loaded states relative to the unloaded state of their
+    cycle, without errors."""
     p, R, _, _ = solve_equilibrium(a, truth, plan)
     first = np.maximum.accumulate(np.where(plan.loaded, 0, np.arange(len(p))))
     rows = np.flatnonzero(plan.loaded)
@@ -257,7 +261,8 @@ def compute_displacements(a: Arm, truth: HiddenEffects, plan: Plan, *, rotations
 
 
 def compute_unmodelled_rms(a: Arm, truth: HiddenEffects, plan: Plan) -> float:
-    """m, r.m.s. per coordinate of what a perfect refit of the six springs leaves of the left-out physics."""
+    """Return the r.m.s. residual per coordinate (m) that an ideal refit of the six springs leaves of the hidden
+    effects."""
     plain = HiddenEffects(truth.stiffness)
     base = compute_displacements(a, plain, plan)
     _, turn, J, _ = solve_equilibrium(a, plain, plan)
@@ -271,14 +276,14 @@ def compute_unmodelled_rms(a: Arm, truth: HiddenEffects, plan: Plan) -> float:
 
 
 def build_iwan_law(c: float, largest: float, elements: int = 14) -> Twist:
-    """Iwan: springs with sliders side by side; c rad/(N·m) what they add to the twist once all slide."""
+    """Return an Iwan law: parallel springs with sliders; c rad/(N·m) is their additional compliance when all slide."""
     force = largest * np.linspace(0.06, 0.9, elements) / elements
     stiff = 6.0 / (c * elements)
 
     def law(tau: Array, q: Array, time: Array) -> Array:
         at, slid, out = 0.0, np.zeros(elements), np.empty(len(tau))
         for n, t in enumerate(tau):
-            for _ in range(30):  # Newton on a rising, piecewise linear torque
+            for _ in range(30):  # Newton iteration on an increasing, piecewise linear torque
                 pull = stiff * (at - slid)
                 f = np.clip(pull, -force, force).sum() + at / (2.0 * c) - t
                 slope = stiff * np.sum(np.abs(pull) < force) + 1.0 / (2.0 * c)
@@ -294,24 +299,26 @@ def build_iwan_law(c: float, largest: float, elements: int = 14) -> Twist:
 
 
 def sine_knee(c: float, knee: float) -> Twist:
-    """Soft at rest, its extra compliance gone along a cosine by the knee torque."""
+    """Return a law that is compliant at zero torque; its additional compliance falls along a cosine to zero at the
+    knee torque."""
     return lambda tau, q, time: np.where(
         np.abs(tau) < knee, 0.5 * c * (tau + knee / np.pi * np.sin(np.pi * tau / knee)), 0.5 * c * knee * np.sign(tau)
     )
 
 
 def build_rough_backlash(width: float, rough: float) -> Twist:
-    """Backlash across rough flanks: half the width on either side, reached along a root."""
+    """Return a law of backlash with rough flanks: half the width to either side, approached as τ/√(τ² + rough²)."""
     return lambda tau, q, time: 0.5 * width * tau / np.sqrt(tau**2 + rough**2)
 
 
 def build_triangle_wave_compliance(c: float, slope: float, phase: float) -> Twist:
-    """Compliance along a triangle wave of the joint's own angle."""
+    """Return a compliance that varies along a triangle wave of the joint's own angle."""
     return lambda tau, q, time: c * tau * (2 / np.pi) * np.arcsin(0.999 * np.sin(slope * q + phase))
 
 
 def build_logarithmic_creep(c: float, start: float = 5.0) -> Twist:
-    """Creep with the logarithm of time since each change of load, forgotten after an hour."""
+    """Return a law of creep with the logarithm of time since each change of load; changes older than an hour are
+    ignored."""
 
     def law(tau: Array, q: Array, time: Array) -> Array:
         age = time[:, None] - time[None, :] + 8.0
@@ -323,7 +330,8 @@ def build_logarithmic_creep(c: float, start: float = 5.0) -> Twist:
 
 
 def _chain(a: Arm, theta: Array, bend: dict[int, Array]) -> tuple[Array, Array, Array, Array, Array, dict[int, tuple]]:
-    """Joint frames R (T, 6, 3, 3) and points p (T, 6, 3), TCP, its rotation, centres of mass (T, 7, 3), hinges."""
+    """Return joint frames R (T, 6, 3, 3) and points p (T, 6, 3), TCP, its rotation, centers of mass (T, 7, 3) and
+    hinges."""
     T = len(theta)
     R, p = np.broadcast_to(np.eye(3), (T, 3, 3)), np.zeros((T, 3))
     frames, points, heavy, hinge = [], [], [], {}
@@ -354,7 +362,7 @@ def _chain(a: Arm, theta: Array, bend: dict[int, Array]) -> tuple[Array, Array, 
 
 
 def _build_rotations(v: Array) -> Array:
-    """(T, 3, 3) of rotation vectors (Rodrigues)."""
+    """Return the rotation matrices (T, 3, 3) of rotation vectors (Rodrigues)."""
     angle = np.linalg.norm(v, axis=1)[:, None, None]
     K = np.zeros((len(v), 3, 3))
     K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
@@ -368,7 +376,7 @@ def _build_rotations(v: Array) -> Array:
 
 
 def _vector(R: Array) -> Array:
-    """(T, 3) of small rotations."""
+    """Return the rotation vectors (T, 3) of small rotations."""
     return 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
 
 

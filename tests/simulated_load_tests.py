@@ -1,7 +1,7 @@
-"""Load tests on a simulated KR240 with known truth, independent of the fit.
+"""Load tests on a simulated KR240 with known true values, independent of the fit.
 
-Displacements are differences of pinocchio's forward kinematics after finite turns of the joints by c τ, τ from
-pinocchio's Jacobian; errors are drawn reading by reading.
+Displacements are differences of pinocchio's forward kinematics after finite joint rotations c τ, with τ from
+pinocchio's Jacobian; errors are drawn for each reading.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from machopt.measurement.estimation.load_test_equations import LoadTestExperimen
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
 TRUE_K = np.array([3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5])  # N·m/rad, dumas2011 table 2
 CENTRE, SPREAD = np.radians([0, -80, 100, 30, 60, 30.0]), np.radians([40, 30, 30, 60, 40, 90.0])
-WHITE, CYCLE, POSE = 12e-6, 15e-6, 30e-6  # m, 1 sigma: noise of the trade
-PER_METRE = 2.0  # rad per m: rotations come from targets half a metre apart
+WHITE, CYCLE, POSE = 12e-6, 15e-6, 30e-6  # m, 1 sigma: typical noise
+PER_METRE = 2.0  # rad per m: rotations are measured with targets half a metre apart
 FORCE_SHARE, OUTLIERS = 0.007, 0.01
 
 
@@ -36,7 +36,7 @@ def cell() -> tuple[Cell, Robot, np.ndarray]:
 
 @dataclass(frozen=True)
 class PlannedLoadTests:
-    """Poses and loads with their exact displacements; one row a reading."""
+    """Poses and loads with their exact displacements; one row per reading."""
 
     q: np.ndarray
     wrench: np.ndarray  # (N, 6) base axes, at the TCP
@@ -56,7 +56,7 @@ def plan_load_tests(
     q: np.ndarray | None = None,
     wrench: np.ndarray | None = None,
 ) -> PlannedLoadTests:
-    """Random poses and load directions (the same loads in each cycle of a pose)."""
+    """Plan random poses and load directions (the same loads in each cycle of a pose)."""
     q = CENTRE + SPREAD * rng.uniform(-1, 1, (poses, 6)) if q is None else q
     poses = len(q)
     if wrench is None:
@@ -82,7 +82,8 @@ def add_measurement_errors(
     labels: bool = True,
     stated: bool = True,
 ) -> Recording:
-    """One recording of the tests with noise of the trade and gross outliers (slipped decimals, wrong readings)."""
+    """Return one recording of the tests with typical noise and gross outliers (shifted decimal points, wrong
+    readings)."""
     N, D = len(made.q), 6 if rotations else 3
     size = noise * np.array([1, 1, 1, PER_METRE, PER_METRE, PER_METRE])[:D]
     d = made.exact[:, :D] + WHITE * size * rng.standard_normal((N, D))
@@ -120,7 +121,7 @@ def add_measurement_errors(
 def draw_load_tests(
     rng: np.random.Generator, *, rotations: bool = False, noise: float = 1.0, **design: object
 ) -> LoadTestExperiment:
-    """New tests, measured."""
+    """Plan new tests and simulate their measurement."""
     _, robot, T = cell()
     made = plan_load_tests(rng, **design)  # type: ignore[arg-type]
     return build_load_test_experiment(add_measurement_errors(made, rng, rotations=rotations, noise=noise), robot, T)
@@ -137,7 +138,7 @@ def _model() -> tuple[pin.Model, pin.Data, int, pin.SE3, pin.SE3]:
 
 
 def _compute_displacement(q: np.ndarray, wrench: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """(6,) displacement and rotation vector of the TCP in base axes."""
+    """Return displacement and rotation vector (6,) of the TCP in base axes."""
     model, data, flange, base, tool = _model()
 
     def tcp(angles: np.ndarray) -> pin.SE3:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 GRAVITY = 9.80665
-# axis, origin in the parent (m), mass (kg), centre (m), principal inertia (kg·m²)
+# axis, origin in the parent (m), mass (kg), center of mass (m), principal inertia (kg·m²)
 LINKS = (
     ("0 0 1", (0.0, 0.0, 0.4), 260.0, (0.2, 0.0, 0.2), (12.0, 14.0, 11.0)),
     ("0 1 0", (0.35, 0.0, 0.3), 210.0, (0.0, 0.05, 0.5), (24.0, 23.0, 4.0)),
@@ -50,7 +50,7 @@ def urdf() -> str:
 
 
 def torque(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Joint torques (N, 6) N·m by forward and backward recursion, link axes, all samples at once."""
+    """Compute joint torques (N, 6) in N·m by forward and backward recursion in link axes, for all samples at once."""
     n = len(q)
     w, dw, acc = np.zeros((n, 3)), np.zeros((n, 3)), np.tile([0.0, 0.0, GRAVITY], (n, 1))
     turns, forces, moments = [], [], []
@@ -68,7 +68,7 @@ def torque(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     f, m = np.zeros((n, 3)), np.zeros((n, 3))
     for j in reversed(range(6)):
         axis = np.array(LINKS[j][0].split(), float)
-        if j < 5:  # what the next link needs, turned into this link's axes
+        if j < 5:  # wrench of the next link, transformed to this link's axes
             p = np.array(LINKS[j + 1][1])
             f, m = (np.einsum("nab,nb->na", turns[j + 1], x) for x in (f, m))
             m = m + np.cross(p, f)
@@ -84,7 +84,7 @@ def _turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def motion(samples: int, rate: float, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Time, q, q̇, q̈ of waves whose frequencies have no common period: the motion never comes back."""
+    """Return time, q, q̇, q̈ of sines without a common period: the motion does not repeat."""
     t = np.arange(samples) / rate
     q, v, a = (np.zeros((samples, 6)) for _ in range(3))
     for j in range(6):
@@ -97,7 +97,7 @@ def motion(samples: int, rate: float, rng: np.random.Generator) -> tuple[np.ndar
 
 
 def tip(q: np.ndarray) -> np.ndarray:
-    """(N, 3) m of the TCP."""
+    """Return the TCP (N, 3) in m."""
     p = np.tile([0.2, 0.0, 0.0], (len(q), 1))
     for j in reversed(range(6)):
         p = np.einsum("nab,nb->na", _turn(np.array(LINKS[j][0].split(), float), q[:, j]), p) + np.array(LINKS[j][1])
@@ -107,14 +107,14 @@ def tip(q: np.ndarray) -> np.ndarray:
 def write_long_motion(
     folder: Path, samples: int, rate: float, seed: int, stribeck: float = 0.0, shows: str = "tau"
 ) -> tuple[Path, Path]:
-    """Cell and recording; with a Stribeck peak (N·m) at joint 2, else with nothing that the base does not hold.
+    """Write cell and recording; with a Stribeck peak (N·m) at joint 2, otherwise without effects beyond the base model.
 
     Args:
-        folder: made.
-        samples, rate: how many, Hz.
+        folder: created by this function.
+        samples, rate: number of samples, Hz.
         seed: of motion and noise.
         stribeck: N·m.
-        shows: beside torque ``qse`` link-side encoders, or ``tip`` a tracked TCP.
+        shows: in addition to the torque, ``qse`` for link-side encoders or ``tip`` for a tracked TCP.
     """
     rng = np.random.default_rng(seed)
     t, q, v, a = motion(samples, rate, rng)

@@ -9,12 +9,12 @@ import pytest
 
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, JointLimits, Tool, Workpiece
 
-OWN = Path(__file__).resolve().parent / "vendored_files" / "robots"  # SOURCES.md says whose
+OWN = Path(__file__).resolve().parent / "vendored_files" / "robots"  # sources in SOURCES.md
 BESIDE = (
     Path(__file__).resolve().parents[2] / "shared" / "data" / "robots"
-)  # more of them, beside a development checkout
+)  # more robots, next to a development checkout
 
-# name, parent → child, origin of the joint, axis, limits in deg (the sizes of a KR 210)
+# name, parent → child, joint origin, axis, limits in deg (dimensions of a KR 210)
 _JOINTS = [
     ("a1", (0.0, 0.0, 0.675), "0 0 -1", (-185, 185)),
     ("a2", (0.350, 0.0, 0.0), "0 1 0", (-140, -5)),
@@ -78,7 +78,8 @@ def pose(x: float, y: float, z: float, pitch: float = 0.0) -> np.ndarray:
 
 
 def small_cell(folder: Path, **changes: object) -> Cell:
-    """Workpiece frame on a block 1.5 m ahead, 0.6 m high; the robot stands in the world's origin."""
+    """Return a cell with the workpiece frame on a block 1.5 m in front of the robot and 0.6 m high; the robot is at
+    the world origin."""
     urdf = folder / "robot.urdf"
     urdf.write_text(urdf_text())
     fields: dict[str, object] = {
@@ -129,7 +130,7 @@ def small_cell(folder: Path, **changes: object) -> Cell:
 
 
 def robot_folder(name: str, *, meshes: bool = False) -> Path:
-    """The description of a real robot; the test is skipped where it is absent, or its meshes where they are needed."""
+    """Return the folder of a real robot description; skip the test if it, or its required meshes, are not available."""
     own = OWN / name
     if own.is_dir() and (not meshes or any(own.rglob("*.stl"))):
         return own
@@ -139,7 +140,7 @@ def robot_folder(name: str, *, meshes: bool = False) -> Path:
 
 
 def real_cell(folder: Path, name: str, obstacles: tuple[CollisionShape, ...] = (), *, meshes: bool = False) -> Cell:
-    """A real robot with the small cell's tool; the robot's own limits."""
+    """Return a cell of a real robot with the small cell's tool and the robot's own limits."""
     import xml.etree.ElementTree as ET
 
     root = robot_folder(name, meshes=meshes)

@@ -1,4 +1,4 @@
-"""Closed form of the spherical wrist in NumPy: reference of the compiled kernel."""
+"""Closed-form inverse kinematics of the spherical wrist in NumPy: reference for the compiled kernel."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Reference:
         self.robot, self.centre = robot, centre
 
     def solve(self, T_base_flange: Array) -> KinematicBranches:
-        """All eight branches.
+        """Return all eight branches.
 
         Args:
             T_base_flange: (M, 4, 4).
@@ -31,7 +31,7 @@ class Reference:
         R06 = T_base_flange[:, :3, :3] @ zero[:3, :3].T
         pw = T_base_flange[:, :3, 3] + R06 @ (W - zero[:3, 3])
         M = len(pw)
-        # joint 1: the component along axis 2 is untouched by joints 2 and 3
+        # joint 1: joints 2 and 3 do not change the component along axis 2
         u = pw - r.point[0]
         along = u @ h[0]
         A = u @ h[1] - along * (h[0] @ h[1])
@@ -39,7 +39,7 @@ class Reference:
         C = np.full(M, (W - r.point[0]) @ h[1]) - along * (h[0] @ h[1])
         q1, margin1, miss1 = _harmonic(A, B, C)  # (M, 2), (M,), (M,)
         q1 = np.repeat(q1, 2, axis=1)  # columns: shoulder 0, 0, 1, 1
-        # joint 3: distance from axis 2 to the wrist centre
+        # joint 3: distance from axis 2 to the wrist center
         v = np.einsum("msij,mj->msi", compute_axis_rotation(h[0], -q1), u) + r.point[0] - r.point[1]
         a, b = r.point[2] - r.point[1], W - r.point[2]
         ha, hb = h[2] @ a, h[2] @ b
@@ -64,10 +64,10 @@ class Reference:
         q[..., 0], q[..., 1], q[..., 2] = q1[..., None], q2[..., None], q3[..., None]
         q[..., 3], q[..., 4], q[..., 5] = q4, q5, q6
         q = wrap_angle(q.reshape(M, 8, 6))
-        q[~np.isfinite(q).all(axis=-1)] = np.nan  # a branch exists whole or not at all
+        q[~np.isfinite(q).all(axis=-1)] = np.nan  # all joints of a branch exist or none
         elbow = np.repeat(angle3, 2, axis=1)  # (M, 4)
         reach = np.hypot(An, Bn)
-        # missing length: the chord |v| against the longest and the shortest the two links can make
+        # missing length: the chord |v| relative to the longest and the shortest chord of the two links
         chord = np.sqrt(np.maximum(np.sum(v[:, ::2] ** 2, axis=-1), 0))
         base = a @ a + b @ b + 2 * ha * hb
         far, near = np.sqrt(base + 2 * reach), np.sqrt(max(base - 2 * reach, 0.0))
@@ -92,10 +92,10 @@ def reference_reasons(branches: KinematicBranches, margins: SingularityMargins) 
 
 
 def _harmonic(A: Array, B: Array, C: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Both solutions of A cos q + B sin q = C on a new last axis, NaN where there is none.
+    """Return both solutions of A cos q + B sin q = C on a new last axis, NaN if there is none.
 
-    Also the angle of the solutions from their merging point (0 = double root; sine of it for joint 1's
-    margin is taken by the caller as a length), and where there is none.
+    Also return the angle of the solutions from their double root (0 = double root; the caller converts its sine to a
+    length for the margin of joint 1), and whether there is no solution.
     """
     n = np.hypot(A, B)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -108,7 +108,7 @@ def _harmonic(A: Array, B: Array, C: Array) -> tuple[Array, Array, NDArray[np.bo
 
 
 def _angle_about(h: Array, source: Array, target: Array) -> Array:
-    """Angle about h that turns ``source`` onto ``target`` (components normal to h)."""
+    """Return the angle about h that rotates ``source`` to ``target`` (components normal to h)."""
     cross = np.cross(source, target) @ h
     dot = np.sum(source * target, axis=-1) - (source @ h) * (target @ h)
     return np.asarray(np.arctan2(cross, dot))

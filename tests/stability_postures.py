@@ -1,4 +1,4 @@
-"""Points of a milled plan as delay equations, with the modes of the verification."""
+"""Points of a milling plan as delay equations, with the modes of the verifier."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from machopt.verification.tables.csv_columns import read_columns
 
 
 def choose_rows(out: Path, count: int) -> list[tuple[int, float]]:
-    """Points with the least, the largest, and evenly spaced limits between them, m."""
+    """Return points with the smallest, the largest and evenly spaced limits (m) between them."""
     table = read_columns(out / "points.csv")
     known = [(float(a) / 1e3, n) for n, a in enumerate(table["a_lim_mm"]) if a and table["chatter"][n]]
     known.sort()
@@ -26,7 +26,8 @@ def choose_rows(out: Path, count: int) -> list[tuple[int, float]]:
 
 
 def build_delay_system(cell_folder: Path, process: Path, job: Path, out: Path, row: int) -> tuple[DelaySystem, float]:
-    """The delay equation at a toolpath point with a given radial depth of cut, and its second-order limit, m."""
+    """Return the delay equation at a toolpath point with a given radial depth of cut, and its second-order limit in
+    m."""
     cell = load_cell(cell_folder, process=process)
     toolpath = attach_process(cell.process, read_toolpath(job))
     assert cell.process is not None

@@ -1,4 +1,4 @@
-"""Milling cell with a block of stock and its finished part, and a toolpath between them."""
+"""Milling cell with a block of stock and its finished part, and a toolpath for the difference."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ modes: {damping_percent: 3, source: assumed}
 
 
 def build_pocket_path(layers: int = 2, stepover: float = 0.006, step: float = 0.004) -> np.ndarray:
-    """Return (N, 3) m, rings of a pocket from the inside out, layer after layer."""
+    """Return the points (N, 3) in m of concentric pocket rings from the inside out, layer by layer."""
     inset = float(HALF.min()) - RADIUS
     rings = []
     for size in np.linspace(0.0005, inset, max(int(np.ceil(inset / stepover)), 1) + 1):
@@ -62,7 +62,7 @@ def build_block() -> trimesh.Trimesh:
 
 
 def build_pocketed_block(depth: float = DEPTH, corner_points: int = 24) -> trimesh.Trimesh:
-    """Return the block with its pocket, whose corners are round as the cutter leaves them."""
+    """Return the block with its pocket, whose corners have the radius of the cutter."""
     turn = np.linspace(0, np.pi / 2, corner_points)
     inner = []
     for k, (sx, sy) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
@@ -73,7 +73,7 @@ def build_pocketed_block(depth: float = DEPTH, corner_points: int = 24) -> trime
     n = len(ring)
     half = HIGH[:2]
     scale = np.min(half / np.maximum(np.abs(ring), 1e-12), axis=1)
-    outer = ring * scale[:, None]  # on the sides of the block, at the angle of each point of the pocket
+    outer = ring * scale[:, None]  # on the sides of the block, at the angle of each pocket point
     nearest = [int(np.argmin(np.linalg.norm(outer - half * s, axis=1))) for s in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     outer[nearest] = [half * s for s in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     levels = [(outer, LOW[2]), (outer, HIGH[2]), (ring, HIGH[2]), (ring, HIGH[2] - depth)]
@@ -90,7 +90,7 @@ def build_pocketed_block(depth: float = DEPTH, corner_points: int = 24) -> trime
 
 
 def write_stock_cell(folder: Path, process: str = PROCESS) -> Path:
-    """Write the shipped milling cell with a stock, and the finished part as its workpiece; returns the folder."""
+    """Write the shipped milling cell with a stock and the finished part as its workpiece; return the folder."""
     shutil.copytree(KR500, folder)
     build_block().export(folder / "meshes" / "stock.stl")
     build_pocketed_block().export(folder / "meshes" / "finished.stl")

@@ -21,7 +21,7 @@ STATES = ("on", "off", "unknown", "")
 def plan_milling_pass(
     folder: Path, state: str, *, kinematics: bool, compensate: bool = False
 ) -> tuple[Path, Path, Path]:
-    """(cell, toolpath, out) of one pass of milling."""
+    """Plan one milling pass and return (cell, toolpath, out)."""
     folder.mkdir()
     cell = changed_cell(folder)
     if kinematics:
@@ -47,7 +47,7 @@ def plan_milling_pass(
 
 
 def read_messages(out: Path) -> tuple[list[str], list[str], str]:
-    """Warnings and notes that name the key, and the program's text."""
+    """Return the warnings and notes that contain the key, and the text of the program."""
     result = json.loads((out / "result.json").read_text())
     program = next(out.rglob("*.src")).read_text()
     return (*([w for w in result[k] if w.startswith(KEY)] for k in ("warnings", "notes")), program)  # type: ignore[return-value]
@@ -72,7 +72,7 @@ def test_kinematics_file_is_applied_only_without_controller_correction(
     assert ("absolute accuracy on" in program) == (state == "on")
     assert (f"{KEY[0].upper()}{KEY[1:]} is unknown" in (out / "report.html").read_text()) == bool(warnings)
     assert main(["verify", str(cell), str(table), str(out), "--quiet"]) == 0
-    assert load_cell(cell).kinematics is not None  # measurements still count it
+    assert load_cell(cell).kinematics is not None  # measurements still use the kinematics file
 
 
 @pytest.mark.parametrize("state", STATES)

@@ -1,4 +1,4 @@
-"""``advised_feed_share``: slowed points are in tolerance, the least slowed come first; refusals."""
+"""``advised_feed_share``: slowed points are within tolerance, the least slowed come first; refusals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEAD = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation"
 
 
 def write_pass(file: Path) -> Path:
-    """A weaving pass of 0.1 m along the rim, at a feed that the tolerance does not permit."""
+    """Write a pass of 0.1 m along the rim with an oscillating tool axis, at a feed above the tolerance limit."""
     rows = [HEAD, "60,-81,40,0,0,1,rapid,,finish"]
     for n in range(26):
         u = n / 25
@@ -90,7 +90,8 @@ def test_least_slowed_points_come_first() -> None:
 def test_points_within_tolerance_at_the_programmed_feed_are_not_slowed() -> None:
     advised = AdvisedFeeds(np.array([9.0, 5.0, 8.0, 7.0]), 0, target=np.array([0, 1, 2, 2]))
     reached, passes = np.array([10.0, 4.0, 10.0, 10.0]), np.array([False, False, True, False])
-    some = advised.select_share(reached, passes, 1.0)  # the axes hold point 1 below its advice; 3 belongs to hole 2
+    # at point 1 the axes limit the feed below its advice; point 3 belongs to hole 2
+    some = advised.select_share(reached, passes, 1.0)
     assert (some.places.tolist(), some.needed) == ([0], 1)
     assert (some.limit_feeds()[1:] == np.inf).all()
 

@@ -142,7 +142,7 @@ def test_unknown_option_is_answered_with_the_nearest() -> None:
 
 
 def test_errors_name_arguments_in_python_and_options_on_the_command_line(tmp_path: Path) -> None:
-    """The same fault, seen from Python and from a terminal."""
+    """The same error names the argument in Python and the option on the command line."""
     with pytest.raises(OptionError) as found:
         machopt.plan_poses(KR500, weights_kg=[20], min_kci=2.0)
     assert (found.value.where, found.value.argument, found.value.option) == ("min_kci", "min_kci", "--min-kci")
@@ -216,7 +216,7 @@ def test_figures_are_svg(tmp_path: Path) -> None:
 
 
 def verified_copies(folder: Path) -> list[tuple[str, bool | None]]:
-    """What verify says of a folder's Parquet tables."""
+    """Return the verification results of a folder's Parquet tables."""
     return [(c.name, c.passed) for c in check_parquet_copies(folder)]
 
 
@@ -224,7 +224,7 @@ def verified_copies(folder: Path) -> list[tuple[str, bool | None]]:
 def test_saved_files_equal_those_of_the_command(
     tmp_path: Path, shipped_plan: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """But for times, which stand in result.json and the report, and their hashes in the manifest."""
+    """Except for times in result.json and the report, and their hashes in the manifest."""
     toolpath = tmp_path / "pass.csv"
     rows = "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS)
     toolpath.write_text(f"{HEADER}\n{rows}")
@@ -232,7 +232,7 @@ def test_saved_files_equal_those_of_the_command(
     capsys.readouterr()
     cell = machopt.Cell.load(str(KR500))
     plan = machopt.optimize(cell, toolpath, posts=["krl"], rotation_step_deg=10, tables="parquet")
-    shown = plan._repr_html_()  # what a notebook has of it
+    shown = plan._repr_html_()  # the display in a notebook
     assert "<th>cycle time</th>" in shown
     assert f"<td>{plan.cycle_time_s:.1f} s</td>" in shown
     assert f"<td>{np.nanmax(plan.deflection):.3f} mm</td>" in shown
@@ -290,7 +290,7 @@ def test_every_command_has_a_function_or_is_listed_as_without() -> None:
 
 
 def test_option_types_are_current() -> None:
-    """The generated option types are those of the requests and schemas."""
+    """The generated option types equal those of the requests and schemas."""
     spec = importlib.util.spec_from_file_location("make_option_types", ROOT / "docs" / "make_option_types.py")
     assert spec is not None
     assert spec.loader is not None
@@ -300,9 +300,9 @@ def test_option_types_are_current() -> None:
 
 
 def test_type_checker_finds_a_wrong_option(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``rotation_stp_deg`` is found before anything runs.
+    """The type checker reports ``rotation_stp_deg``.
 
-    With the cache of ``make lint`` where there is one: the package itself is checked there.
+    It uses the cache of ``make lint`` if there is one; the package itself is checked there.
     """
     monkeypatch.chdir(ROOT)
     mypy = pytest.importorskip("mypy.api")

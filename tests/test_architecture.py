@@ -32,12 +32,12 @@ TOP_LEVEL = {
     "benchmarks",
     "docs",
 }
-MADE = {"out", "build", "dist"}  # what commands leave behind; git ignores it
+MADE = {"out", "build", "dist"}  # created by commands; ignored by git
 
-MOST_LINES = 400  # of code: docstrings, comments and blank lines do not count
+MOST_LINES = 400  # of code, without docstrings, comments and blank lines
 COMMAND_LINES = 120  # of code
 LONGER_COMMANDS = {"place/document.py": "the document, table and page data of place, which has no package of its own"}
-LONGER: dict[str, str] = {}  # file: why it is longer
+LONGER: dict[str, str] = {}  # file: reason for its length
 
 HEAVY = (
     "pinocchio",
@@ -63,13 +63,13 @@ class SourceFile:
 
 @pytest.fixture(scope="module")
 def sources() -> dict[Path, SourceFile]:
-    """Every file of the package, read and parsed once."""
+    """Read and parse every file of the package once."""
     texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
     return {path: SourceFile(text, ast.parse(text)) for path, text in texts.items()}
 
 
 def list_definitions(body: list[ast.stmt]) -> Iterator[ast.ClassDef | ast.FunctionDef]:
-    """Classes and functions of a body, those within them too; code does not define any elsewhere."""
+    """Yield classes and functions of a body, including nested ones; code does not define any elsewhere."""
     for node in body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             yield node
@@ -77,7 +77,7 @@ def list_definitions(body: list[ast.stmt]) -> Iterator[ast.ClassDef | ast.Functi
 
 
 def count_code_lines(source: SourceFile) -> int:
-    """Lines that hold code: no docstrings, comments or blank lines."""
+    """Count lines of code, without docstrings, comments and blank lines."""
     text = source.text
     documented = {
         line
@@ -104,16 +104,16 @@ def test_imports_follow_the_layers() -> None:
 
 
 def test_imports_have_no_cycles() -> None:
-    """Not within a package either; no late import hides one, nor one that only a type checker reads."""
+    """Cycles are forbidden within a package, too; late imports and imports for type checkers count."""
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=False, cache_dir=None)
     assert len(graph.modules) > 400
     arrows = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
-    list(TopologicalSorter(arrows).static_order())  # CycleError names the modules of a circle
+    list(TopologicalSorter(arrows).static_order())  # CycleError names the modules of a cycle
 
 
 def test_walk_from_the_command_to_an_effect_law_has_eight_files() -> None:
-    """The walk as it is written down: each file is imported by one before it, the law by the registry."""
+    """In the documented sequence each file is imported by one before it, and the law by the registry."""
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -131,7 +131,7 @@ def test_walk_from_the_command_to_an_effect_law_has_eight_files() -> None:
 
 
 def test_walk_from_the_command_to_the_cost_of_a_plan_has_eight_files() -> None:
-    """As it is written down: each file is imported by one before it, and the last writes the price."""
+    """In the documented sequence each file is imported by one before it, and the last file contains the cost."""
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -161,7 +161,7 @@ def test_walks_name_existing_functions(sources: dict[Path, SourceFile]) -> None:
 
 
 def test_commands_contain_no_computation(sources: dict[Path, SourceFile]) -> None:
-    """They load, call and write: what is longer does more than that, or says why."""
+    """Commands load, call and write; longer files are listed with a reason."""
     folder = PACKAGE / "commands"
     lines = {p.relative_to(folder).as_posix(): count_code_lines(s) for p, s in sources.items() if folder in p.parents}
     assert len(lines) > 30
@@ -186,24 +186,25 @@ def test_no_module_for_miscellaneous_functions() -> None:
 
 @pytest.mark.parametrize("module", ["machopt", "machopt.cli", "machopt.options.plan_option_reader"])
 def test_startup_imports_nothing_heavy(module: str) -> None:
-    """`machopt --help` answers within half a second because these are imported late."""
+    """`machopt --help` answers within half a second because these packages are imported late."""
     code = f"import {module}, sys; print(*({{m.partition('.')[0] for m in sys.modules}} & set({HEAVY})))"
     assert python(code).split() == []
 
 
 def test_no_temporary_files_in_the_repository() -> None:
-    """No leaving of an editor, a merge or a patch, in the repository or in what is packed from it."""
+    """No temporary files of an editor, a merge or a patch in the repository or in the packages built from it."""
     left = (".orig", ".rej", ".bak", ".tmp", ".swp", "~")
     places = [PACKAGE, *(ROOT / name for name in ("tests", "docs", "cells", "toolpaths", "benchmarks"))]
     found = [p for place in places for p in place.rglob("*") if p.name.endswith(left) or " (copy)" in p.name]
     found += [p for p in ROOT.iterdir() if p.name.endswith(left)]
     assert not found
     packed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]
-    assert packed["targets"]["wheel"]["packages"] == ["machopt"]  # so the wheel holds what the package's folder holds
+    # so the wheel contains the files of the package folder
+    assert packed["targets"]["wheel"]["packages"] == ["machopt"]
 
 
 def test_float_array_type_has_one_definition() -> None:
-    """``machopt.numerics.array_types`` names it; a second alias in a file is a second thing to know."""
+    """``machopt.numerics.array_types`` defines it; other files must not define a second alias."""
     again = [
         str(path.relative_to(PACKAGE))
         for path in PACKAGE.rglob("*.py")
@@ -214,7 +215,7 @@ def test_float_array_type_has_one_definition() -> None:
 
 
 def test_ambiguous_class_names_are_unique() -> None:
-    """A reader who meets one of them knows which it is; what else was called so has a name of its own."""
+    """Each of these names has only one class; other classes need a more specific name."""
     nouns = "Finding|Problem|Unknown|Model|Arm|Fit|Request|Outcome"
     found = [
         (noun, path.relative_to(ROOT).as_posix())
@@ -225,7 +226,7 @@ def test_ambiguous_class_names_are_unique() -> None:
 
 
 def test_stiffness_model_does_not_check_term_types() -> None:
-    """A family of terms is what it answers; a case that looks for its class would have to be written for each."""
+    """Terms are used through their methods; a check of the class would have to be extended for each new family."""
     packages = ("kinematics", "collision", "dynamics", "stiffness")
     model = [f for package in packages for f in (PACKAGE / package).rglob("*.py")]
     assert len(model) > 40
@@ -234,7 +235,7 @@ def test_stiffness_model_does_not_check_term_types() -> None:
 
 
 def test_classes_with_more_than_five_fields_are_keyword_only(sources: dict[Path, SourceFile]) -> None:
-    """A call with six values in a row is read by nobody."""
+    """A call with more than five positional values is hard to read."""
     found = []
     for path, source in sources.items():
         for node in list_definitions(source.tree.body):
@@ -251,7 +252,7 @@ def test_classes_with_more_than_five_fields_are_keyword_only(sources: dict[Path,
 
 
 def test_every_function_and_class_is_used(sources: dict[Path, SourceFile]) -> None:
-    """A function or class of the package is named elsewhere in it; what tests alone need stands with them."""
+    """Every function or class of the package is used elsewhere in it; helpers of tests only are in tests/."""
     named = Counter(word for source in sources.values() for word in re.findall(r"[A-Za-z_]\w*", source.text))
     found = []
     for path, source in sources.items():

@@ -47,7 +47,7 @@ def test_shell_completion_covers_every_command_and_option(shell: str, capsys: py
     assert text == build_completion_script(shell, list_commands(_build_parser()))
     for word in ("optimize", "plan-poses", "validate", "map-collisions"):
         assert word in text
-    if shell == "zsh":  # a bare .zshrc, as macOS has it, starts no completion
+    if shell == "zsh":  # a minimal .zshrc, as on macOS, does not initialize completion
         assert text.startswith("(( $+functions[compdef] )) || { autoload -Uz compinit && compinit; }\n")
     if shell == "fish":
         assert "'__fish_seen_subcommand_from optimize' -l unit -x -a 'mm inch'\n" in text
@@ -63,7 +63,7 @@ def test_shell_completion_covers_every_command_and_option(shell: str, capsys: py
         ("optimize --post ra", "rapid"),
         ("optimize --unit ''", "mm inch"),
         ("completion ''", "bash zsh fish"),
-        ("optimize ''", ""),  # files, by the shell itself
+        ("optimize ''", ""),  # file names, completed by the shell
         ("optimize --plan ''", ""),
         ("opt", "optimize"),
     ],
@@ -87,7 +87,7 @@ def test_every_command_accepts_the_common_options_of_the_contract() -> None:
 
 
 def _list_shown_options(page: str) -> list[str]:
-    """The long options that have a line of their own on a help page."""
+    """Return the long options that have their own line on a help page."""
     return re.findall(r"(?m)^  (?:-\w(?: \S+)?, )?(--[\w-]+)", page)
 
 
@@ -113,7 +113,7 @@ def test_help_is_printed_without_further_arguments(page: str, capsys: pytest.Cap
 
 
 def test_options_without_effect_are_hidden() -> None:
-    """They are accepted, since scripts pass them to every command; no help and no completion shows them."""
+    """They are accepted because scripts pass them to every command; help and completion do not show them."""
     parsers = list_commands(_build_parser())
     offered = {name: p.format_help() + p.format_advanced_help() for name, p in parsers.items() if name in PAGES}
     assert {name for name, text in offered.items() if "--jobs" in text} == {"batch", "place"}

@@ -1,8 +1,8 @@
 """Write the golden programs: ``python tests/golden/make_golden.py`` (from the repository root).
 
-One short job for every post: rapid moves, a drilled hole with dwell and spindle, a milled corner with rounding. Look
-at what changes before committing it: a golden file is what an engineer has read once with the controller's manual
-beside it.
+One short job for every post: rapid moves, a drilled hole with dwell and spindle, a milled corner with rounding. Check
+every change before committing it: a golden file is a program that an engineer has compared once with the controller's
+manual.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from machopt.programs.program_writer import format_program_name, list_post_names
 
 
 def job() -> RobotProgram:
-    """Twelve moves whose joints are round numbers."""
+    """Return twelve moves with integer joint angles."""
     degrees = np.array(
         [
             [0, -90, 90, 0, 45, 0],

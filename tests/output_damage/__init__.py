@@ -1,6 +1,7 @@
-"""Damages of a finished plan: tables of rows, one module per part; ``tests/test_output_damage_detection.py`` applies
-every row.
+"""Damaged output folders of a plan: tables of damages, one module per part of the folder;
+``tests/test_output_damage_detection.py`` applies every row.
 
-A row says what is done to the folder, by how much, and which check catches it. Each is applied twice: as it is (the
-manifest's hashes catch it) and *resealed* (the manifest is made to fit again, so that only the content can tell).
+A row states what is changed in the folder, by how much, and which check detects it. Each damage is applied twice:
+unchanged (the hashes of the manifest detect it) and *resealed* (the hashes are updated, so that only the content can
+show the damage).
 """

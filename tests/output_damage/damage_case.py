@@ -24,7 +24,7 @@ CELLS = ROOT / "cells"
 
 @dataclass(frozen=True)
 class Job:
-    """A finished plan and what it was made from."""
+    """A finished plan and its inputs."""
 
     cell: Path
     toolpath: Path
@@ -38,16 +38,16 @@ class Damage:
 
     name: str  # unique among all rows
     how_much: str  # the size of the damage, in words
-    apply: Callable[[Job], None]  # damages the copy ``job.out`` (or the copies of cell and toolpath)
-    caught_by: str  # name (or its beginning) of the check that fails once the manifest fits again
-    job: str = "pass"  # which of JOBS is damaged
-    by_hash_alone: bool = False  # nothing else says what the file should hold: report.html
-    reseal: bool = True  # False: the damage is to the manifest or the inputs, nothing is to be made to fit
-    as_is: str = "files as listed"  # the check that catches it without resealing
+    apply: Callable[[Job], None]  # changes the copy ``job.out`` (or the copies of cell and toolpath)
+    caught_by: str  # name (or its beginning) of the check that fails after the hashes are updated
+    job: str = "pass"  # the job of JOBS that is damaged
+    by_hash_alone: bool = False  # the content has no other check (report.html)
+    reseal: bool = True  # False: the damage concerns the manifest or the inputs, so hashes are not updated
+    as_is: str = "files as listed"  # the check that detects it without updated hashes
 
 
 HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"
-# a short cut over the cylinder head with a corner, in and out under feed
+# a short cut over the cylinder head with a corner, approach and retract at feed
 PASS: tuple[tuple[float, float, float, str, str], ...] = (
     (-100, 0, 60, "rapid", ""),
     (-100, 0, 5, "approach", "1000"),
@@ -59,7 +59,7 @@ PASS: tuple[tuple[float, float, float, str, str], ...] = (
 
 
 def plan_pass(folder: Path) -> Job:
-    """The pass in the milling cell, with the cell's own post."""
+    """Plan the pass in the milling cell with the cell's own post."""
     return plan_table(folder, CELLS / "kr500_milling", PASS)
 
 
@@ -71,12 +71,12 @@ def plan_table(
     posts: tuple[str, ...] = (),
     overrides: tuple[str, ...] = (),
 ) -> Job:
-    """Plan a table of (x, y, z, move, feed) with the tool upright, in copies of cell and table."""
+    """Plan a table of (x, y, z, move, feed) with the tool vertical, in copies of cell and table."""
     toolpath = folder / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in rows))
     shutil.copytree(cell, folder / "cell")
     job = Job(folder / "cell", toolpath, folder / "out", posts)
-    coarse = ("rotation_step_deg=15", *overrides)  # the plan need not be good, only sound
+    coarse = ("rotation_step_deg=15", *overrides)  # the plan must be valid, not optimal
     outcome = run_optimize(
         OptimizeRequest(cell=job.cell, toolpath=toolpath, out=job.out, overrides=coarse, posts=posts)
     )
@@ -85,16 +85,16 @@ def plan_table(
 
 
 INVENTORY = {"bodies of the URDF", "joints and masses of the URDF", "bodies checked for contacts"}
-"""Checks that no damage of a folder makes fail: tests/test_verify_every_check_can_fail.py removes what they need."""
+"""Checks that no damage of a folder makes fail: tests/test_verify_every_check_can_fail.py removes their inputs."""
 MANIFEST_CHECK = {"manifest.json"}
-"""Its seal and form: the rows of MANIFESTS in folder_damage.py."""
+"""Checks of the manifest's seal and format: the rows of MANIFESTS in folder_damage.py."""
 
 JOBS: dict[str, Callable[[Path], Job]] = {"pass": plan_pass}
-"""Each is planned once a session; a part that needs another adds it here."""
+"""Each job is planned once per session; a module that needs another job adds it here."""
 
 
 def copy_job(job: Job, folder: Path) -> Job:
-    """A copy that may be damaged, inputs included."""
+    """Copy the job, including its inputs, so that it can be damaged."""
     shutil.copytree(job.cell, folder / "cell")
     shutil.copytree(job.out, folder / "out")
     shutil.copy(job.toolpath, folder / job.toolpath.name)
@@ -102,11 +102,11 @@ def copy_job(job: Job, folder: Path) -> Job:
 
 
 def update_manifest_hashes(out: Path, known: Mapping[str, str] | None = None) -> None:
-    """Make result.json's and the manifest's hashes fit what lies in the folder, as a forger would.
+    """Update the hashes of result.json and the manifest to the files in the folder.
 
     Args:
         out: the output folder.
-        known: SHA-256 of files that are not worth reading, by name.
+        known: SHA-256 of unchanged files, by name.
     """
     known = known or {}
     hashes = {name: known.get(name) or compute_sha256(out / name) for name in list_folder_files(out) - {MANIFEST}}
@@ -129,7 +129,7 @@ def update_manifest_hashes(out: Path, known: Mapping[str, str] | None = None) ->
 
 @contextmanager
 def edit_json(file: Path) -> Iterator[dict[str, Any]]:
-    """A JSON file as a dictionary, written back in the end; one that is gone or no JSON is left so."""
+    """Yield a JSON file as a dictionary and write it back; a missing or invalid file is not changed."""
     try:
         value = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -142,7 +142,7 @@ def edit_json(file: Path) -> Iterator[dict[str, Any]]:
 
 
 def build_json_change(name: str, change: Callable[[dict[str, Any]], None]) -> Callable[[Job], None]:
-    """The damage that changes a JSON file of the folder."""
+    """Return a damage that changes a JSON file of the folder."""
 
     def apply(job: Job) -> None:
         with edit_json(job.out / name) as value:
@@ -152,7 +152,7 @@ def build_json_change(name: str, change: Callable[[dict[str, Any]], None]) -> Ca
 
 
 def build_table_change(name: str, change: Callable[[list[dict[str, str]]], None]) -> Callable[[Job], None]:
-    """The damage that changes rows of a CSV table of the folder; a row is a dictionary of words by column."""
+    """Return a damage that changes rows of a CSV table of the folder; a row is a dictionary of strings by column."""
 
     def apply(job: Job) -> None:
         file = job.out / name
@@ -171,7 +171,8 @@ def build_table_change(name: str, change: Callable[[list[dict[str, str]]], None]
 
 
 def build_text_change(name: str, old: str, new: str) -> Callable[[Job], None]:
-    """The damage that replaces the first ``old`` in a file of the folder; ``*.src`` takes the one file of that kind."""
+    """Return a damage that replaces the first ``old`` in a file of the folder; ``*.src`` means the only file of that
+    type."""
 
     def apply(job: Job) -> None:
         file = find_single_file(job.out, name)
@@ -183,6 +184,6 @@ def build_text_change(name: str, old: str, new: str) -> Callable[[Job], None]:
 
 
 def find_single_file(folder: Path, pattern: str) -> Path:
-    """The only file of that pattern."""
+    """Return the only file that matches the pattern."""
     (found,) = folder.rglob(pattern)
     return found

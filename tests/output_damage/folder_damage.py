@@ -17,7 +17,7 @@ LISTED, MANIFEST, INPUTS = "files as listed", "manifest.json", "made from these 
 
 
 def change_file(file: str, act: Callable[[Path], object]) -> Callable[[Job], None]:
-    """Something done to one file of the folder."""
+    """Return a damage that applies a function to one file of the folder."""
 
     def apply(job: Job) -> None:
         act(find_single_file(job.out, file))
@@ -26,7 +26,7 @@ def change_file(file: str, act: Callable[[Path], object]) -> Callable[[Job], Non
 
 
 def in_cell(file: str, old: str, new: str) -> Callable[[Job], None]:
-    """The cell that the folder is held against is another one."""
+    """Return a damage that changes a file of the cell with which the folder is verified."""
 
     def apply(job: Job) -> None:
         path = job.cell / file
@@ -55,7 +55,7 @@ def scale_value(value: dict[str, Any], key: str, factor: float) -> None:
 
 
 def cut(file: Path, share: float) -> None:
-    """The first share of a file."""
+    """Truncate a file to a share of its length."""
     data = file.read_bytes()
     file.write_bytes(data[: int(share * len(data))])
 
@@ -66,14 +66,14 @@ def append_data(file: Path, data: bytes) -> None:
 
 
 def flip_bit(file: Path, where: int | None = None) -> None:
-    """One bit of a byte, in the middle unless told."""
+    """Flip one bit of a byte, by default in the middle."""
     data = bytearray(file.read_bytes())
     data[len(data) // 2 if where is None else where] ^= 1
     file.write_bytes(data)
 
 
 def replace_by_external_link(file: Path) -> None:
-    """The same bytes, by a link from outside the folder."""
+    """Replace a file by a link to the same content outside the folder."""
     target = file.parent.parent / f"{file.name}.away"
     shutil.move(file, target)
     os.symlink(target, file)
@@ -189,7 +189,7 @@ MANIFESTS = [
     )
 ]
 
-# resealed: the manifest's own hashes fit again, what it says does not
+# resealed: the hashes of the manifest are updated, its other entries are wrong
 FORGED_MANIFESTS = [
     Damage(f"manifest, resealed: {name}", how_much, in_manifest(change), caught_by, as_is=MANIFEST)
     for name, how_much, change, caught_by in (
@@ -234,7 +234,8 @@ FORGED_MANIFESTS = [
 
 
 def with_program(name: str, post: str, *, role: str = "program", own: bool = True) -> Callable[[Job], None]:
-    """A file of another origin that the manifest calls a program, of a post of its own or of the folder's own post."""
+    """Return a damage that adds a foreign file listed as a program in the manifest, of its own post or of the
+    folder's post."""
 
     def apply(job: Job) -> None:
         file = job.out / name
@@ -530,7 +531,7 @@ OTHERS = [
 
 
 def other_options(**options: object) -> Callable[[Job], None]:
-    """Other options in manifest and result alike: only the tables can tell."""
+    """Return a damage that changes options in manifest and result in the same way: only the tables show it."""
 
     def apply(job: Job) -> None:
         for file in ("manifest.json", "result.json"):

@@ -25,7 +25,7 @@ HOLE = """operations:
 
 
 def plan_milled_wall(folder: Path) -> Job:
-    """The pass as a finished wall with a tolerance, in the milling cell with its process file."""
+    """Plan the pass as a finished wall with a tolerance, in the milling cell with its process file."""
     toolpath = folder / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
@@ -39,7 +39,8 @@ def plan_milled_wall(folder: Path) -> Job:
 
 
 def plan_slow_spindle(folder: Path) -> Job:
-    """The same at 1,200 rev/min: all modes turn by more than 1 rad in a tooth period, where the delay is no damper."""
+    """Plan the same pass at 1,200 rev/min: all modes rotate by more than 1 rad per tooth period, so that the delay
+    does not act as damping."""
     toolpath = folder / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
@@ -55,17 +56,17 @@ def plan_slow_spindle(folder: Path) -> Job:
 
 
 def plan_drilled_hole(folder: Path) -> Job:
-    """One hole with limits of position, depth and axis, in the drilling cell."""
+    """Plan one hole with limits of position, depth and axis, in the drilling cell."""
     return plan_holes(folder, (-150,))
 
 
 def plan_two_holes(folder: Path) -> Job:
-    """Two such holes."""
+    """Plan two such holes."""
     return plan_holes(folder, (-150, -120))
 
 
 def plan_holes(folder: Path, places: Sequence[int]) -> Job:
-    """Holes at some x in mm."""
+    """Plan holes at the given x coordinates in mm."""
     toolpath = folder / "pass.csv"
     rows = ((40, "rapid", ""), (25, "rapid", ""), (0, "cut", "420"), (40, "retract", ""))
     lines = [f"{x},-200,{z},0,0,1,{move},{feed}\n" for x in places for z, move, feed in rows]
@@ -88,20 +89,20 @@ JOBS["two holes"] = plan_two_holes
 
 
 def scale_column(name: str, factor: float, rows: Rows) -> None:
-    """One cell, the first that is neither empty nor zero."""
+    """Scale one cell, the first that is neither empty nor zero."""
     row = next(r for r in rows if r[name] and float(r[name]) != 0.0)
     row[name] = repr(float(row[name]) * factor)
 
 
 def scale_depths(factor: float, rows: Rows) -> None:
-    """Planned and stable depth of the last cut, far beyond the limit of the modes that the second law knows."""
+    """Scale planned and stable depth of the last cut far above the limit of the modes that the verifier computes."""
     row = [r for r in rows if r["a_lim_mm"]][-1]
     for name in ("ap_mm", "a_lim_mm"):
         row[name] = repr(float(row[name]) * factor)
 
 
 def scale_limit(factor: float, rows: Rows) -> None:
-    """The limit of the last cut, with the word that follows."""
+    """Scale the limit of the last cut, and change the chatter column to match it."""
     row = [r for r in rows if r["a_lim_mm"]][-1]
     limit = float(row["a_lim_mm"]) * factor
     row["a_lim_mm"] = f"{limit:.4f}"
@@ -112,18 +113,18 @@ def scale_limit(factor: float, rows: Rows) -> None:
 
 
 def flip_chatter(rows: Rows) -> None:
-    """One cell, the first that is not empty: stable becomes a mode, a mode becomes stable."""
+    """Change the first non-empty cell: stable to a mode, a mode to stable."""
     row = next(r for r in rows if r["chatter"])
     row["chatter"] = "robot:3" if row["chatter"] == "stable" else "stable"
 
 
 def replace_word(name: str, word: str, rows: Rows) -> None:
-    """One cell, the first that is not empty and another word."""
+    """Replace the first non-empty cell that contains another word."""
     next(r for r in rows if r[name] and r[name] != word)[name] = word
 
 
 def fill_cell(name: str, word: str, rows: Rows) -> None:
-    """The first cell of a column that is empty."""
+    """Fill the first empty cell of a column."""
     next(r for r in rows if not r[name])[name] = word
 
 
@@ -158,13 +159,13 @@ def double_first_share(process: dict[str, Any]) -> None:
 
 
 def demand_stability(job: Job) -> None:
-    """A larger least ratio in manifest and result: the motion does not keep it."""
+    """Set a larger minimum stability ratio in manifest and result than the motion has."""
     for file in ("manifest.json", "result.json"):
         build_json_change(file, lambda told: told["options"].update(min_stability_ratio=3.9))(job)
 
 
 def keep_rows(first: int | None, stop: int | None) -> Callable[[Rows], None]:
-    """Only some rows of a table."""
+    """Keep only some rows of a table."""
 
     def change(rows: Rows) -> None:
         rows[:] = rows[slice(first, stop)]
@@ -186,7 +187,7 @@ def empty_columns(names: Sequence[str], rows: Rows) -> None:
 
 
 def state_bare_probability(value: str, rows: Rows) -> None:
-    """One cell at a point whose outcome is known."""
+    """Change one cell at a point whose outcome is known."""
     next(row for row in rows if row["outcome"])["p_in_deflection_only"] = value
 
 
@@ -195,18 +196,18 @@ def zero_depth(rows: Rows) -> None:
 
 
 def cut_motion(count: int, job: Job) -> None:
-    """The first samples of trajectory.csv, and no rounded corner."""
+    """Keep only the first samples of trajectory.csv, without rounded corners."""
     (job.out / "rapid_corners.csv").unlink()
     build_table_change("trajectory.csv", keep_rows(0, count))(job)
 
 
 def forget_feed_of_first_hole(rows: Rows) -> None:
-    """One of two: the other still states a feed."""
+    """Delete the feed of one of two holes."""
     assert sum(1 for row in rows if row["feed_max_mm_min"]) == 2
     next(row for row in rows if row["feed_max_mm_min"])["feed_max_mm_min"] = ""
 
 
-ROWS = (  # what is done to the rows of points.csv
+ROWS = (  # changes of the rows of points.csv
     ("without the first row", keep_rows(1, None)),
     ("without the last row", keep_rows(0, -1)),
     ("with its first row twice", double_first_row),
@@ -215,7 +216,7 @@ ROWS = (  # what is done to the rows of points.csv
     ("without rows", list.clear),
 )
 
-COLUMNS = (  # column, factor, check that finds it
+COLUMNS = (  # column, factor, check that detects it
     ("ae_mm", 1.01, "points.csv ae_mm"),
     ("ap_mm", 1.01, "points.csv ap_mm"),
     ("phi_in_deg", 0.99, "points.csv phi_in_deg"),

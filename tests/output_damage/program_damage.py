@@ -12,7 +12,7 @@ from machopt.commands.optimize.request import OptimizeRequest
 from machopt.commands.optimize.run import run_optimize
 from output_damage.damage_case import CELLS, JOBS, Damage, Job, find_single_file
 
-# a pass over the head with a corner, feeds, and everything that has to happen beside
+# a pass over the cylinder head with a corner, feeds, and all types of events
 APT = """UNITS/MM
 LOADTL/4
 SPINDL/1500,RPM,CLW
@@ -58,7 +58,7 @@ LANGUAGES = (
 
 
 def plan_in(language: str, folder: Path) -> Job:
-    """The pass in the milling cell, with one maker's program."""
+    """Plan the pass in the milling cell with a program of one maker."""
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
     file = folder / "cell" / "cell.yaml"
     more = f"controller:\n  nonflip_j5: negative\n  lines: {{{LINES.get(language, '')}}}\n"
@@ -88,7 +88,7 @@ TWO_OPERATIONS = """x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation
 
 
 def plan_operations(folder: Path) -> Job:
-    """A cut whose operation changes on the way, with comments in the program, beside it, and joints on its lines."""
+    """Plan a cut that changes its operation, with comments and joint values in the program."""
     toolpath = folder / "cut.csv"
     toolpath.write_text(TWO_OPERATIONS, encoding="utf-8")
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
@@ -109,7 +109,7 @@ JOBS |= {f"in {language}": partial(plan_in, language) for language in LANGUAGES}
 
 
 def swap(pattern: str, found: str, by: str | Callable[[re.Match[str]], str], nth: int = 0) -> Callable[[Job], None]:
-    """Replace the n-th place that fits in the one file of that pattern."""
+    """Return a damage that replaces the n-th match in the only file that matches the pattern."""
 
     def apply(job: Job) -> None:
         file = find_single_file(job.out, pattern)
@@ -125,7 +125,7 @@ def swap(pattern: str, found: str, by: str | Callable[[re.Match[str]], str], nth
 
 
 def add_to_group(number: int, by: float) -> Callable[[re.Match[str]], str]:
-    """Add to the number in a group of the match."""
+    """Return a function that adds a value to the number in a group of the match."""
 
     def change(found: re.Match[str]) -> str:
         whole, start = found.group(0), found.start()
@@ -137,7 +137,7 @@ def add_to_group(number: int, by: float) -> Callable[[re.Match[str]], str]:
 
 
 def scale_group(number: int, by: float) -> Callable[[re.Match[str]], str]:
-    """Multiply the number in a group of the match."""
+    """Return a function that multiplies the number in a group of the match."""
 
     def change(found: re.Match[str]) -> str:
         return add_to_group(number, float(found.group(number)) * (by - 1.0))(found)
@@ -146,7 +146,7 @@ def scale_group(number: int, by: float) -> Callable[[re.Match[str]], str]:
 
 
 def cut(pattern: str, share: float) -> Callable[[Job], None]:
-    """What a full disk leaves."""
+    """Truncate the file, as if the disk were full."""
 
     def apply(job: Job) -> None:
         file = find_single_file(job.out, pattern)
@@ -157,19 +157,19 @@ def cut(pattern: str, share: float) -> Callable[[Job], None]:
 
 
 def full_width(found: re.Match[str]) -> str:
-    """The last digit as an East Asian letter, which Python's float() takes."""
+    """Replace the last digit by a full-width Unicode digit, which Python's float() accepts."""
     return found[1] + chr(ord(found[2]) - ord("0") + 0xFF10)
 
 
 def longer_quaternion(found: re.Match[str]) -> str:
-    """The same orientation once somebody normalises it."""
+    """Scale the quaternion by 1.01: the same orientation after normalization."""
     whole, start = found[0], found.start()
     numbers = ",".join(f"{float(found[k]) * 1.01:.8f}" for k in range(1, 5))
     return whole[: found.start(1) - start] + numbers + whole[found.end(4) - start :]
 
 
 def line_ends(pattern: str) -> Callable[[Job], None]:
-    """What a transfer as text does."""
+    """Change the line ends, as a transfer in text mode does."""
 
     def apply(job: Job) -> None:
         file = find_single_file(job.out, pattern)
@@ -179,7 +179,7 @@ def line_ends(pattern: str) -> Callable[[Job], None]:
 
 
 def copy_program(pattern: str, name: str) -> Callable[[Job], None]:
-    """A second program under another name."""
+    """Copy the program under another name."""
     return lambda job: shutil.copy(find_single_file(job.out, pattern), job.out / name) and None
 
 

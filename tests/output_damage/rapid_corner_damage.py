@@ -14,7 +14,7 @@ from output_damage.damage_case import CELLS, JOBS, Damage, Job, build_table_chan
 CORNERS, MOTION = "rapid_corners.csv", "trajectory.csv"
 JOINTS = [f"q{n}_deg" for n in range(1, 7)]
 Rows = list[dict[str, str]]
-# two short cuts, from one to the other by three rapid moves with corners at points 6 and 7
+# two short cuts, connected by three rapid moves with corners at points 6 and 7
 TWO_CUTS: tuple[tuple[float, float, float, str, str], ...] = (
     (-100, 0, 60, "rapid", ""),
     (-100, 0, 5, "rapid", ""),
@@ -32,7 +32,7 @@ TWO_CUTS: tuple[tuple[float, float, float, str, str], ...] = (
 
 
 def plan_two_cuts(folder: Path) -> Job:
-    """Two cuts, with programs whose zones are shares and distances."""
+    """Plan two cuts, with programs whose blend zones are percentages and distances."""
     return plan_table(folder, CELLS / "kr500_milling", TWO_CUTS, posts=("krl", "rapid", "urscript", "val3"))
 
 
@@ -40,7 +40,7 @@ JOBS["two cuts"] = plan_two_cuts
 
 
 def set_value(column: str, value: str, row: int = 1) -> Callable[[Job], None]:
-    """One value of the table of corners."""
+    """Return a damage that changes one value of the corner table."""
 
     def change(rows: Rows) -> None:
         rows[row][column] = value
@@ -57,7 +57,7 @@ def _forget_corner(rows: Rows) -> None:
 
 
 def _bend_motion(rows: Rows) -> None:
-    """Samples of a rapid move half way between two points, off the line by a hundredth of a degree at most."""
+    """Shift samples in the middle of a rapid move by at most 0.01 degrees."""
     inside = [
         n for n, row in enumerate(rows) if row["move"] == "rapid" and row["point"] and 5 < float(row["point"]) < 6
     ]
@@ -66,7 +66,7 @@ def _bend_motion(rows: Rows) -> None:
 
 
 def _obstruct(job: Job) -> None:
-    """A ball beside the second corner, where the tool is when it rounds it."""
+    """Add a sphere next to the second corner, in collision with the tool on the rounded path."""
     file = job.cell / "cell.yaml"
     text = file.read_text(encoding="utf-8")
     ball = "obstacles:\n  - {name: ball, sphere_mm: 12, xyz_mm: [2140.7, -115.5, 860]}\n"
@@ -74,7 +74,7 @@ def _obstruct(job: Job) -> None:
 
 
 def swap(file: str, pattern: str, by: str | Callable[[re.Match[str]], str]) -> Callable[[Job], None]:
-    """The first match in a file of the programs."""
+    """Return a damage that replaces the first match in a program file."""
 
     def apply(job: Job) -> None:
         path = next(job.out.glob(file))
@@ -91,7 +91,7 @@ def _enlarge_corner_and_program(job: Job) -> None:
 
 
 def _stop_clock(count: int, rows: Rows) -> None:
-    """The first samples at the same time."""
+    """Set the same time in the first samples."""
     for row in rows[:count]:
         row["time_s"] = rows[0]["time_s"]
 
@@ -100,7 +100,7 @@ def _cut_motion(rows: Rows) -> None:
     del rows[len(rows) // 2 :]
 
 
-BAD_CORNERS = (  # column, value of one row: none that a corner can have
+BAD_CORNERS = (  # column and value of one row: values that no corner can have
     *(("before_percent", value) for value in ("1e4", "1e9", "1e300", "0", "-5", "nan")),
     *(("after_percent", value) for value in ("1e9", "-1e9")),
     *((joint, value) for joint in ("q1_deg", "q6_deg") for value in ("1e6", "-1e6", "1e300", "")),
@@ -111,7 +111,7 @@ BAD_CORNERS = (  # column, value of one row: none that a corner can have
 
 
 def change_middle_row(column: str, value: str, rows: Rows) -> None:
-    """One sample in the middle."""
+    """Change one sample in the middle."""
     rows[len(rows) // 2][column] = value
 
 

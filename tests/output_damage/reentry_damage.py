@@ -14,11 +14,12 @@ from output_damage.damage_case import CELLS, HEADER, JOBS, Damage, Job, build_js
 from output_damage.folder_damage import other_options
 
 RADIUS, POINTS = 80.0, 25
-STIFFER = "weights={travel: 0.001, rotation: 0.003, feed: 0.05, rapid: 0.05}"  # then a lift pays
+# with these weights a re-entry reduces the cost
+STIFFER = "weights={travel: 0.001, rotation: 0.003, feed: 0.05, rapid: 0.05}"
 
 
 def write_ring(file: Path) -> None:
-    """A full circle over the cylinder head, which one lift divides."""
+    """Write a full circle over the cylinder head that one re-entry divides."""
     angles = [2.0 * math.pi * n / (POINTS - 1) for n in range(POINTS)]
     rows = [f"{RADIUS * math.cos(a):.4f},{RADIUS * math.sin(a):.4f},-0.5,0,0,1,cut,3000" for a in angles]
     before = [f"{RADIUS},0,60,0,0,1,rapid,", f"{RADIUS},0,5,0,0,1,approach,1000"]
@@ -27,7 +28,7 @@ def write_ring(file: Path) -> None:
 
 
 def plan_ring(folder: Path) -> Job:
-    """The ring with one re-entry permitted; tests/test_reentry.py reads the same plan."""
+    """Plan the ring with one permitted re-entry; tests/test_reentry.py uses the same plan."""
     write_ring(folder / "ring.csv")
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
     posts = ("krl_pos", "rapid")
@@ -58,14 +59,14 @@ def _rename(word: str, by: str) -> Callable[[Job], None]:
 
 
 def _leave_out_return(rows: list[dict[str, str]]) -> None:
-    """Without the approach the cut goes on from the lifted place."""
+    """Delete the approach, so that the cut continues from the retracted position."""
     link = max(n for n, row in enumerate(rows) if row["move"] == "link")
     stop = next(n for n in range(link + 1, len(rows)) if rows[n]["move"] != "approach")
     del rows[link + 1 : stop]
 
 
 def _keep_posture(rows: list[dict[str, str]]) -> None:
-    """The joints stand still from the link to the end of the approach."""
+    """Keep the joints constant from the link move to the end of the approach."""
     links = [n for n, row in enumerate(rows) if row["move"] == "link"]
     stop = next(n for n in range(links[-1] + 1, len(rows)) if rows[n]["move"] != "approach")
     left = max(n for n in range(links[0]) if rows[n]["move"] == "cut")

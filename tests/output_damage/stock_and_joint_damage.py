@@ -1,4 +1,4 @@
-"""Damages of the stock contact and of the values that method joint states."""
+"""Damages of the stock contact and of the values that the method ``joint`` writes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Rows = list[dict[str, str]]
 
 
 def plan_pocket(folder: Path) -> Job:
-    """A roughed pocket whose contact comes from the stock."""
+    """Plan the roughing of a pocket with contact computed from the stock."""
     write_stock_cell(folder / "cell", PROCESS)
     toolpath = folder / "pass.csv"
     write_toolpath(toolpath, build_pocket_path(layers=1))
@@ -30,7 +30,7 @@ def plan_pocket(folder: Path) -> Job:
 
 
 def plan_joint(folder: Path) -> Job:
-    """The pass as a finished wall, rotation and feed optimised together."""
+    """Plan the pass as a finished wall, with rotation and feed optimized together."""
     toolpath = folder / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
@@ -54,20 +54,20 @@ def shift_column(name: str, by: float, rows: Rows) -> None:
 
 
 def scale_first(name: str, factor: float, rows: Rows) -> None:
-    """One cell, the first that is neither empty nor zero."""
+    """Scale one cell, the first that is neither empty nor zero."""
     row = next(r for r in rows if r[name] and float(r[name]) != 0.0)
     row[name] = f"{factor * float(row[name]):.6f}"
 
 
 def fill_plunges(rows: Rows) -> None:
-    """Points without a force get one of zero."""
+    """Give points without a force a force of zero."""
     for row in rows:
         for name in ("f_travel_N", "f_normal_N", "f_axial_N", "m_axial_Nm"):
             row[name] = row[name] or "0.000"
 
 
 def limit_plunges(rows: Rows) -> None:
-    """Points without contact get a largest stable depth."""
+    """Give points without contact a stable depth."""
     for row in rows:
         if not row["a_lim_mm"] and not row["f_travel_N"]:
             row["a_lim_mm"] = "0.1234"

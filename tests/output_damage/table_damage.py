@@ -1,7 +1,7 @@
-"""Damages of points.csv and trajectory.csv: every column, small and large, units, signs, rows, labels, and dips.
+"""Damages of points.csv and trajectory.csv: every column, small and large errors, units, signs, rows, labels, and dips.
 
-``how_much`` is the smallest size that this kind of damage is caught at, where it has one; what lies below is within the
-printed decimals. Columns that a forger keeps consistent with each other are made so (a dip has its time, index, feed).
+``how_much`` is the smallest detectable size where there is one; smaller changes are within the printed decimals.
+Dependent columns are changed consistently (a dip has matching time, index and feed).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Row = dict[str, str]
 Rows = list[Row]
 Change = Callable[[Rows], object]
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
-CUT = slice(3, 7)  # points of the pass that are cut to
+CUT = slice(3, 7)  # points of the pass that end a cutting move
 ONE = slice(4, 5)
 EVERY = slice(None)
 
@@ -64,7 +64,7 @@ def swap(a: str, b: str) -> Change:
 
 
 def shift_columns_by_one_row(columns: Sequence[str]) -> Change:
-    """The columns shifted by one row against the others."""
+    """Return a change that shifts the columns by one row relative to the others."""
 
     def change(table: Rows) -> None:
         before = [{c: row[c] for c in columns} for row in table]
@@ -75,12 +75,12 @@ def shift_columns_by_one_row(columns: Sequence[str]) -> Change:
 
 
 def change_cutting_rows(change: Callable[[Rows], object], rows: slice = EVERY) -> Change:
-    """The change on the rows of trajectory.csv that cut."""
+    """Return the change applied to the cutting rows of trajectory.csv."""
     return lambda table: change([row for row in table if row["move"] == "cut"][rows])
 
 
 def given_up(table: Rows) -> None:
-    """A point called unreachable as the planner would write it, although it is driven."""
+    """Mark a point as unreachable in the planner's format, although the motion reaches it."""
     row = table[5]
     row.update(status="unreachable", reason="out of reach at every rotation")
     for name in (
@@ -136,7 +136,7 @@ def reversed_rows(table: Rows) -> None:
 
 
 def rapids(word: str) -> Change:
-    """The end of the first rapid move, which has an index, under another name."""
+    """Return a change of the move label at the end of the first rapid move, which has an index."""
 
     def change(table: Rows) -> None:
         last = next(n for n, row in enumerate(table) if row["move"] != "rapid") - 1
@@ -146,7 +146,8 @@ def rapids(word: str) -> Change:
 
 
 def rotate_tool_at_point_4(degrees: float) -> Callable[[Job], None]:
-    """Point 4 with the tool turned about its own axis: joints and rotation agree, only the motion is another."""
+    """Return a damage that rotates the tool at point 4 about its own axis: joints and rotation are consistent, but
+    the motion differs."""
 
     def apply(job: Job) -> None:
         cell = load_cell(job.cell)
@@ -168,7 +169,8 @@ def rotate_tool_at_point_4(degrees: float) -> Callable[[Job], None]:
 
 
 def insert_dip(depth_mm: float, word: str) -> Callable[[Job], None]:
-    """At the end of the retract the tool goes straight down and up again, with time, index and feed to fit."""
+    """Return a damage in which the tool moves straight down and up after the retract, with matching time, index and
+    feed."""
 
     def apply(job: Job) -> None:
         cell = load_cell(job.cell)
@@ -178,7 +180,7 @@ def insert_dip(depth_mm: float, word: str) -> Callable[[Job], None]:
             at = max(n for n, row in enumerate(table) if row["point"] and float(row["point"]) == 8.0)
             q = np.radians([float(table[at][c]) for c in JOINTS])
             pose = robot.compute_fk(q, tcp)
-            count = int(np.ceil(depth_mm / 0.4))  # 0.4 mm a sample: 33 mm/s
+            count = int(np.ceil(depth_mm / 0.4))  # 0.4 mm per sample: 33 mm/s
             u = np.linspace(0.0, 1.0, count + 1)[1:]
             down = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
             way, new, before = np.concatenate([down, down[::-1][1:], [0.0]]), [], 0.0
@@ -209,7 +211,7 @@ def motion(name: str, how_much: str, change: Change, caught_by: str) -> Damage:
 P, T = "points.csv", "trajectory.csv"
 READ = "can be read"
 DAMAGES: list[Damage] = [
-    # --- points.csv: numbers and what the CAM file gives
+    # --- points.csv: numbers and data from the CAM file
     points("number doubled", "one row", set_value("point", "3"), f"{P} complete"),
     points("row lost", "one row", lambda t: t.pop(5), f"{P} complete"),
     points("rows in another order", "two rows", lambda t: t.insert(3, t.pop(5)), f"{P} complete"),
@@ -377,7 +379,7 @@ DAMAGES: list[Damage] = [
     motion("feed in m/min", "unit", times("feed_mm_min", 1e-3), "feed column"),
     motion("feed empty", "one row", set_value("feed_mm_min", "", slice(500, 501)), f"{T} {READ}"),
     Damage(f"{T} column renamed", "one column", build_text_change(T, "gamma_deg", "gamma"), f"{T} {READ}"),
-    # --- dips: the tool driven into the part between two moves
+    # --- dips: the tool moves into the part between two moves
     Damage(f"{T} dip called link", "60 mm", insert_dip(60.0, "link"), "contacts"),
     Damage(f"{T} dip called retract", "60 mm", insert_dip(60.0, "retract"), "contacts"),
     Damage(f"{T} dip called rapid", "60 mm", insert_dip(60.0, "rapid"), "contacts"),

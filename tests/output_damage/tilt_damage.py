@@ -24,7 +24,7 @@ COLUMNS = ("lead_deg", "side_deg")
 
 
 def plan_tilted_pass(folder: Path) -> Job:
-    """The pass in the milling cell with a ball cutter that has to tilt."""
+    """Plan the pass in the milling cell with a ball cutter that must be tilted."""
     cell = folder / "ball"
     shutil.copytree(CELLS / "kr500_milling", cell)
     text = (cell / "cell.yaml").read_text(encoding="utf-8")
@@ -38,7 +38,8 @@ JOBS["tilted"] = plan_tilted_pass
 
 
 def change_cutting_poses(change: Callable[[NDArray[np.float64]], None]) -> Callable[[Job], None]:
-    """All cutting rows with other poses of the tool in base_link, joints to fit; columns stay as they are."""
+    """Return a damage that changes the tool poses (base_link) of all cutting rows, with matching joints and
+    unchanged other columns."""
 
     def apply(job: Job) -> None:
         cell = load_cell(job.cell)
@@ -58,7 +59,7 @@ def change_cutting_poses(change: Callable[[NDArray[np.float64]], None]) -> Calla
 
 
 def lean_about_tip(angle_deg: float) -> Callable[[NDArray[np.float64]], None]:
-    """The tool turned about its tip."""
+    """Return a change that rotates the tool about its tip."""
 
     def change(poses: NDArray[np.float64]) -> None:
         a = np.radians(angle_deg)
@@ -69,7 +70,8 @@ def lean_about_tip(angle_deg: float) -> Callable[[NDArray[np.float64]], None]:
 
 
 def put_tip_on_path(poses: NDArray[np.float64]) -> None:
-    """The tilted tool with its tip where that of an upright one would be: a' = −z, and the axis of the file is z."""
+    """Shift the tilted tool so that its tip is at the position of a vertical tool: a' = −z; the axis in the file is
+    z."""
     away = np.array([0.0, 0.0, 1.0]) + poses[:, :3, 2]
     poses[:, :3, 3] -= 1e-3 * RADIUS_MM * away
 
@@ -91,7 +93,7 @@ def samples(name: str, how_much: str, change: Change, caught_by: str = "tilt of 
 
 
 def make_bull_nose(job: Job) -> None:
-    """The cell that the folder is verified with has another cutter."""
+    """Give the cell that is used for the verification another cutter."""
     file = job.cell / "cell.yaml"
     file.write_text(file.read_text(encoding="utf-8").replace(BALL, "corner_radius_mm: 4, length_mm"), encoding="utf-8")
 

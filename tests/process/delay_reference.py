@@ -1,7 +1,7 @@
 """References for stability of milling: Chebyshev collocation and semi-discretization of the periodic delay equation.
 
-q̈ + 2 ζ ω q̇ + ω² q = a Uᵀ H(t) (r(t) − r(t − T)) with r = (travel, normal) displacement, straight teeth. Neither shares
-code with the package.
+q̈ + 2 ζ ω q̇ + ω² q = a Uᵀ H(t) (r(t) − r(t − T)) with r = (travel, normal) displacement, straight teeth. Neither
+method shares code with the package.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ class DelaySystem:
     zeta: Array  # (n,)
     shape: Array  # (n, 3) 1/√kg, travel, normal, axial
     teeth: int
-    start: float  # rad, arc of contact
+    start: float  # rad, contact arc
     end: float
-    K: tuple[float, float, float]  # Pa: tangential, radial, axial with its sign (the force along the axis is −K_a h)
+    K: tuple[float, float, float]  # Pa: tangential, radial, axial with its sign (the axial force is −K_a h)
     period: float  # s, tooth period
 
     def directional(self, t: float) -> Array:
-        """(3, 2) Pa: force per depth and displacement."""
+        """Return the directional matrix (3, 2) in Pa: force per depth and displacement."""
         total = np.zeros((3, 2))
         for j in range(self.teeth):
             phi = 2 * math.pi * (t / self.period + j) / self.teeth
@@ -56,7 +56,7 @@ class DelaySystem:
 
 
 def chebyshev(m: int) -> tuple[Array, Array]:
-    """Nodes on −1 … 1, ascending, and the differentiation matrix."""
+    """Return the nodes on −1 … 1 in ascending order, and the differentiation matrix."""
     x = -np.cos(np.pi * np.arange(m + 1) / m)
     c = np.where((np.arange(m + 1) == 0) | (np.arange(m + 1) == m), 2.0, 1.0) * (-1.0) ** np.arange(m + 1)
     dx = x[:, None] - x + np.eye(m + 1)
@@ -65,7 +65,7 @@ def chebyshev(m: int) -> tuple[Array, Array]:
 
 
 class ChebyshevMap:
-    """The map over one tooth period, of the state and the history of r at the nodes of the contact."""
+    """The map over one tooth period of the state and of the history of r at the nodes of the contact."""
 
     def __init__(self, system: DelaySystem, nodes: int, elements: int = 1) -> None:
         self.system, self.parts = system, []
@@ -120,7 +120,8 @@ class ChebyshevMap:
 
 
 def semi_discretization_radius(system: DelaySystem, depth: float, intervals: int) -> float:
-    """Zeroth-order semi-discretization with an even number of intervals a tooth period."""
+    """Return the spectral radius by zeroth-order semi-discretization with a given number of intervals per tooth
+    period."""
     n, k = len(system.omega), intervals
     h = system.period / k
     read = np.hstack([system.shape[:, :2].T, np.zeros((2, n))])
@@ -134,7 +135,7 @@ def semi_discretization_radius(system: DelaySystem, depth: float, intervals: int
         P, R = big[: 2 * n, : 2 * n], -big[: 2 * n, 2 * n :]
         step = np.zeros((size, size))
         step[: 2 * n, : 2 * n] = P
-        step[: 2 * n, size - 4 : size - 2] = R / 2  # mean of both ends of the interval one period before
+        step[: 2 * n, size - 4 : size - 2] = R / 2  # mean of both ends of the interval one period earlier
         step[: 2 * n, size - 2 :] = R / 2
         step[2 * n : 2 * n + 2, : 2 * n] = read
         step[2 * n + 2 :, 2 * n : size - 2] = np.eye(2 * k - 2)
@@ -145,7 +146,7 @@ def semi_discretization_radius(system: DelaySystem, depth: float, intervals: int
 def first_unstable(
     radius: Callable[[float], float], low: float, high: float, step: float = 1.05, tolerance: float = 1e-4
 ) -> float:
-    """Least depth at which the spectral radius passes 1, by a scan with a fixed ratio and bisection."""
+    """Return the smallest depth with a spectral radius of 1, by a scan with a fixed ratio and bisection."""
     stable = low
     assert radius(stable) < 1
     while stable < high:

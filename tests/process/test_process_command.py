@@ -33,7 +33,7 @@ SLOTS = """spindle_rpm,feed_mm_min,ap_mm,fx_N,fy_N,fz_N
 6000,1200,3,-76.75,171.27,-85.23
 6000,1500,3,-78.49,210.74,-83.50
 """
-"""Published means of slots in aluminium; their axial force has the other sign."""
+"""Published mean forces of slots in aluminum; the source gives the axial force with the opposite sign."""
 HEAD = """machopt_recording: 1
 kind: cutting
 data: data.csv
@@ -60,7 +60,8 @@ def fit(folder: Path, **options: float | bool):  # type: ignore[no-untyped-def]
 
 
 def made_up(rng: np.random.Generator, noise: float, rows: int = 24) -> str:
-    """Cuts of all three sides with the coefficients of TRUTH, their forces in travel, normal, axial."""
+    """Simulate up-milling, down-milling and slot cuts with the coefficients TRUTH; forces in travel, normal and
+    axial direction."""
     K = MillingCoefficients(
         Ktc_Pa=TRUTH[0] * 1e6,
         Krc_Pa=TRUTH[1] * 1e6,
@@ -97,9 +98,9 @@ def test_published_coefficients_from_published_means(tmp_path: Path) -> None:
     half = 0.5 * (found.high - found.low) / found.values
     names = dict(zip(NAMES, half, strict=True))
     assert names["Ktc"] < 0.1
-    assert names["Krc"] > 0.4  # badly determined, and it says so
+    assert names["Krc"] > 0.4  # poorly determined, as the wide interval shows
     assert names["Kac"] > 0.6
-    x = np.array([0.025, 0.05, 0.075, 0.1, 0.125])  # a plain regression line of the normal force, to compare with
+    x = np.array([0.025, 0.05, 0.075, 0.1, 0.125])  # linear regression of the normal force, for comparison
     slope, residual = np.polyfit(x, [63.02, 107.14, 137.67, 171.27, 210.74], 1, full=True)[:2]
     sigma = math.sqrt(residual[0] / 3 / np.sum((x - x.mean()) ** 2))
     assert math.sqrt(found.covariance[0, 0]) == pytest.approx(sigma * 4 / (2 * 3), rel=1e-6)
@@ -135,8 +136,8 @@ def test_outliers_are_excluded_and_reported(tmp_path: Path) -> None:
 
 def test_implausible_rows_are_excluded_with_a_reason(tmp_path: Path) -> None:
     lines = made_up(np.random.default_rng(5), 2.0).splitlines()
-    lines[1] = lines[1].replace(lines[1].split(",")[2], "14", 1)  # wider than the cutter
-    lines[4] = ",".join([*lines[4].split(",")[:3], "40", *lines[4].split(",")[4:]])  # deeper than its edges
+    lines[1] = lines[1].replace(lines[1].split(",")[2], "14", 1)  # wider than the cutter diameter
+    lines[4] = ",".join([*lines[4].split(",")[:3], "40", *lines[4].split(",")[4:]])  # deeper than the cutting edges
     found = fit(record(tmp_path, "\n".join(lines) + "\n", MIXED))
     assert "at most the diameter 12 mm" in found.reasons[0]
     assert "at most the length of the cutting edges 30 mm" in found.reasons[3]
@@ -153,7 +154,8 @@ def test_forces_in_other_axes_are_rotated_into_the_cutting_frame(tmp_path: Path,
     for n, line in enumerate(rows[1:]):
         *head, fx, fy, fz = (float(v) for v in line.split(","))
         angle = 0.7 * n
-        travel = np.array([math.cos(angle), math.sin(angle), 0.0])  # in the TCP, whose z points to the work
+        # in the TCP frame, whose z axis points to the workpiece
+        travel = np.array([math.cos(angle), math.sin(angle), 0.0])
         axis = np.array([0.0, 0.0, -1.0])
         force = fx * travel + fy * np.cross(axis, travel) + fz * axis
         if frame == "base":

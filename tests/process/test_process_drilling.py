@@ -1,4 +1,5 @@
-"""Drilling: published numbers, phases of a stroke against brute force, inversion, clamp, breakthrough, refusals."""
+"""Drilling: published numbers, phases of a stroke against numerical summation, inversion, pressure foot,
+breakthrough, refusals."""
 
 from __future__ import annotations
 
@@ -70,7 +71,7 @@ def test_pilot_hole_chisel_edge_and_rake_angle() -> None:
     assert full.thrust[0] - lips.thrust[0] == pytest.approx(100e6 * 0.0012 * feed)
     assert full.torque[0] == lips.torque[0]
     pilot = compute_full_load(SOFT, replace(WEB, inner_diameter=0.004), feed)
-    assert pilot.thrust[0] == pytest.approx(lips.thrust[0] * 0.6)  # the chisel edge cuts nothing
+    assert pilot.thrust[0] == pytest.approx(lips.thrust[0] * 0.6)  # with a pilot hole the chisel edge does not cut
     assert pilot.torque[0] == pytest.approx(lips.torque[0] * (1 - 0.16))
     raked = compute_full_load(coefficients(800, 0.25), replace(TEN, rake=math.radians(10)), feed)
     assert raked.thrust[0] == pytest.approx(0.9 * lips.thrust[0])
@@ -90,7 +91,7 @@ def test_countersink_and_reamer_are_rings() -> None:
 
 @pytest.mark.parametrize("tool", [WEB, replace(WEB, inner_diameter=0.004)])
 def test_thrust_along_the_depth_equals_the_sum_over_the_lips(tool: DrillingTool) -> None:
-    """Brute force: rings of the lips, each in the layer where it is."""
+    """Reference: numerical sum over rings of the lips, each in the layer at its depth."""
     layers = (MaterialLayer(SOFT, 0.0012), MaterialLayer(HARD, 0.003), MaterialLayer(SOFT, 0.002))
     stroke, feed = build_drilling_stroke(tool, layers), 3e-4
     rho = np.linspace(tool.inner_diameter / 2, tool.diameter / 2, 20001)
@@ -140,7 +141,7 @@ def test_largest_feed_inverts_the_thrust_equation() -> None:
     assert feed[0] == feed[1] == 0
     assert feed[-1] == math.inf
     np.testing.assert_allclose(1.25 * compute_stroke_maximum(stroke, feed[2:-1]).thrust, limit[2:-1], rtol=1e-9)
-    law = build_feed_power_law(coefficients(2110, 0.22), TEN)  # without chisel edge the inverse is closed
+    law = build_feed_power_law(coefficients(2110, 0.22), TEN)  # without a chisel edge the inverse has a closed form
     blind = build_drilling_stroke(TEN, (MaterialLayer(coefficients(2110, 0.22), math.inf),))
     closed = (700.0 / law.lips) ** (1 / law.exponent)
     np.testing.assert_allclose(find_largest_feed(blind, 700.0), closed, rtol=1e-9)
@@ -152,7 +153,7 @@ def test_clamping_force_has_two_regimes() -> None:
     np.testing.assert_array_equal(foot.lifted, [False, False, True])
     free = compute_foot_load(300.0, 0.0)
     assert free.arm[0] == 300.0
-    assert not free.lifted[0]  # there is no foot
+    assert not free.lifted[0]  # no pressure foot
     margin = compute_skid_margin(np.array([100.0, -100.0, 100.0]), np.array([0.0, 600.0, 1000.0]), 900.0, 0.2)
     np.testing.assert_allclose(margin, [80, -40, -100])
 
@@ -160,7 +161,7 @@ def test_clamping_force_has_two_regimes() -> None:
 def test_breakthrough_velocity_of_a_point_mass() -> None:
     axis, C = np.array([[0, 0, 1.0]]), np.diag([1e-6, 2e-6, 3e-6])[None]
     mass = compute_axial_mass(np.diag([10.0, 40.0])[None], np.array([[[1.0, 0], [0, 1], [0, 2]]]), axis)
-    assert mass[0] == pytest.approx(10.0)  # 40 kg·m² at 2 m
+    assert mass[0] == pytest.approx(10.0)  # 40 kg·m² with a factor of 2 m
     c = compute_axial_compliance(C, axis)
     v = compute_breakthrough_velocity(1000.0, c, mass, 0.01)
     assert v[0] == pytest.approx(0.3845 * math.sqrt(1e6 * 3e-6 / 10 + 1e-4))
@@ -181,7 +182,7 @@ def test_feed_per_revolution() -> None:
         ({"lips": 0}, "teeth"),
         ({"rake": 2.0}, "rake_deg"),
         ({"web": 0.02}, "web_mm"),
-        ({"web": None}, "web_mm"),  # the chisel edge's coefficient needs it
+        ({"web": None}, "web_mm"),  # required by the chisel edge coefficient
     ],
 )
 def test_impossible_tools_are_refused(change: dict[str, float | None], key: str) -> None:
@@ -214,7 +215,7 @@ def test_further_invalid_input_is_refused() -> None:
     for thickness in (0.0, math.nan):
         with pytest.raises(CuttingInputError, match="layer 1"):
             build_drilling_stroke(WEB, (MaterialLayer(SOFT, thickness),))
-    with pytest.raises(CuttingInputError, match="layer 1"):  # nothing lies below an infinite layer
+    with pytest.raises(CuttingInputError, match="layer 1"):  # no layer can follow an infinite one
         build_drilling_stroke(WEB, (MaterialLayer(SOFT, math.inf), MaterialLayer(HARD, 0.001)))
     stroke = build_drilling_stroke(WEB, (MaterialLayer(SOFT, 0.004),))
     with pytest.raises(CuttingInputError, match="cuts nothing"):

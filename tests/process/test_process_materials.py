@@ -57,7 +57,7 @@ def test_alloy_without_own_set_uses_the_mean_of_its_sets() -> None:
     assert "geometric mean" in alloy.source
     assert "600 to 1319" in alloy.source
     assert alloy.sigma_log == pytest.approx(math.log(1.5))
-    assert math.exp(2 * alloy.sigma_log) * alloy.Ktc_Pa > 1319e6 > alloy.Ktc_Pa  # the range lies in the spread
+    assert math.exp(2 * alloy.sigma_log) * alloy.Ktc_Pa > 1319e6 > alloy.Ktc_Pa  # the spread covers the range
     assert (sets[0].Ktc_Pa, sets[0].Kte_N_m) == (pytest.approx(767.01e6), pytest.approx(27.7e3))
 
 
@@ -75,7 +75,7 @@ def test_unknown_material_is_an_error() -> None:
         with pytest.raises(CuttingInputError, match=r"valid: .*al7075"):
             find("al7057")
     with pytest.raises(CuttingInputError, match="no drilling coefficients"):
-        find_drilling_coefficients("22")  # a bare number may mean anything
+        find_drilling_coefficients("22")  # a number alone is ambiguous
     with pytest.raises(CuttingInputError, match="no drilling coefficients"):
         find_drilling_coefficients("vdi 29")
     with pytest.raises(CuttingInputError, match="has no Kac"):

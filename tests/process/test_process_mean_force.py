@@ -55,7 +55,7 @@ def test_published_means_of_the_helical_example(
     assert load[1] == pytest.approx(normal, rel=1e-3, abs=0.05)
     assert load[3] / FOUR.radius == pytest.approx(tangential, rel=1e-3)
     if share == 0.5:
-        assert load[2] == pytest.approx(-15.685, abs=5e-4)  # right-hand helix, M3: pulls the tool to the work
+        assert load[2] == pytest.approx(-15.685, abs=5e-4)  # right-hand helix, M3: pulls the tool towards the workpiece
 
 
 def test_slot_equals_the_closed_form() -> None:
@@ -82,12 +82,12 @@ def test_mirrored_spindle_direction_and_helix_hand_mirror_the_forces() -> None:
 @pytest.mark.parametrize("side", ["up", "down"])
 @pytest.mark.parametrize("boundary", ["previous_pass", "plane"])
 def test_means_equal_the_sum_of_thin_slices(cutter: MillingCutter, side: str, boundary: str) -> None:
-    """Brute force: slices in z, rotation angles, the force of each element by its definition."""
+    """Reference: numerical sum over slices in z and rotation angles of the force of each element."""
     cut, ae, ap = MillingCut(side, "cw", boundary), 0.006, 0.0075
     load = compute_mean_load(EDGES, cutter, cut, ae, ap).compute_load(FZ)[0]
     total, rc = np.zeros(4), cutter.corner_radius
     u = (np.arange(1500) + 0.5) / 1500
-    z = ap * u**3  # the edge is long near the tip of a ball
+    z = ap * u**3  # a finer grid near the tip of a ball cutter, where the edge is long
     dz = 3 * ap * u**2 / 1500
     phi = (np.arange(720) + 0.5) * np.pi / 720
     kappa = np.where(z < rc, np.arccos(np.clip(1 - z / max(rc, 1e-9), -1, 1)), np.pi / 2)
@@ -160,7 +160,7 @@ def test_feed_per_tooth_requires_the_number_of_teeth() -> None:
     ("change", "key"),
     [
         ({"Krc_Pa": -205.8e6}, "Krc"),
-        ({"Ktc_Pa": 1198e6, "Krc_Pa": 3857e6}, "Krc"),  # a public set that has the two exchanged
+        ({"Ktc_Pa": 1198e6, "Krc_Pa": 3857e6}, "Krc"),  # a public data set with both coefficients exchanged
         ({"Kac_Pa": -1.0}, "Kac"),
         ({"Kte_N_m": -1.0}, "Kte"),
     ],

@@ -1,4 +1,4 @@
-"""Stability: published numbers, the coupled limit against full solutions, known borders, modes, resonance."""
+"""Stability: published numbers, the coupled limit against full solutions, known stability limits, modes, resonance."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ MODES_13 = np.array(
 )
 ROBOT_CUT = (632.6e6, -205.8e6, -43.5e6)  # N/m²; the radial coefficient is negative in the source
 ANGLES = (0, 45, 90, 135)
-SCREEN = {  # mm, published, one mode at a time
+SCREEN = {  # mm, published limits, one mode at a time
     3000: (1.68, 0.95, 2.52, 0.70),
     7200: (4.02, 2.28, 6.05, 1.68),
     12000: (6.70, 3.81, 10.09, 2.81),
     18000: (10.05, 5.71, 15.13, 4.21),
 }
-FULL = {  # mm, published, semi-discretization with 24 intervals
+FULL = {  # mm, published limits, semi-discretization with 24 intervals
     7200: (4.33, 2.58, 6.19, 1.69),
     12000: (6.96, 4.13, 10.12, 2.81),
     18000: (10.21, 6.11, 15.31, 4.21),
@@ -82,7 +82,7 @@ def coefficients(Kt: float, Kr: float, Ka: float = 0.0) -> MillingCoefficients:
 
 
 def robot_modes(angles: tuple[int, ...] = ANGLES) -> StructuralModes:
-    """The cited modes for feed angles in degrees: the shapes turn by minus the angle."""
+    """Return the cited modes for feed angles in degrees: the shapes rotate by minus the angle."""
     zeta, residue = MODES_13[:, 4] / 100, MODES_13[:, 5]
     omega = 2 * np.pi * MODES_13[:, 3] / np.sqrt(1 - zeta**2)
     u = MODES_13[:, :3] / np.linalg.norm(MODES_13[:, :3], axis=1, keepdims=True) * np.sqrt(2 * residue * omega)[:, None]
@@ -112,7 +112,7 @@ def one_mode(omega: float, zeta: float, stiffness: float, direction: tuple[float
     return build_tool_modes([omega / 2 / np.pi], [zeta], [stiffness], np.array([direction]))
 
 
-# --- the references themselves
+# --- tests of the references
 
 SLOT = {"omega": 2 * np.pi * 922, "mass": 0.03993, "zeta": 0.011}
 
@@ -150,7 +150,7 @@ def test_published_depths_of_the_slot_benchmark(immersion: float, expected: tupl
 
 @pytest.mark.slow
 def test_semi_discretization_converges_to_the_collocation() -> None:
-    """30 intervals a cycle of the mode: its depth is about 1 % too large, as published."""
+    """With 30 intervals per cycle of the mode the limit is about 1 % too large, as published."""
     system = slot_benchmark(5000, 1.0)
     cycles = SLOT["omega"] / 2 / np.pi * system.period
     coarse, fine = (semi_discretization_radius(system, 0.2e-3, round(k * cycles)) for k in (30, 60))
@@ -158,7 +158,7 @@ def test_semi_discretization_converges_to_the_collocation() -> None:
     assert abs(fine - exact) < 0.6 * abs(coarse - exact) < 0.01
 
 
-# --- the screen and the coupled limit
+# --- single-mode limit and coupled limit
 
 
 def test_published_screen_of_the_robot() -> None:
@@ -170,14 +170,14 @@ def test_published_screen_of_the_robot() -> None:
 
 
 def test_published_feedback_coefficient_of_the_robot() -> None:
-    """The published program has run-out arcs, which the closed form has not: 6 %."""
+    """The published program includes arcs at entry and exit, which the closed form neglects: 6 %."""
     H = directional(ROBOT_CUT, TWO, "down", 0.005)
     gain = compute_feedback_coefficients(robot_modes((90,)), H, float(compute_tooth_period(7200, 2)), 1e-3)
     assert gain[0, 0] == pytest.approx(0.17374, rel=0.06)
 
 
 def test_the_sign_of_the_radial_coefficient_matters() -> None:
-    """Published: 6.05 and 10.34 mm at a feed angle of 90°."""
+    """Published limits: 6.05 and 10.34 mm at a feed angle of 90°."""
     T = compute_tooth_period(7200, 2)
     for Kr, depth in ((-205.8e6, 6.05), (205.8e6, 10.34)):
         H = directional((632.6e6, Kr, -43.5e6), TWO, "down", 0.005)
@@ -187,7 +187,8 @@ def test_the_sign_of_the_radial_coefficient_matters() -> None:
 
 @pytest.mark.parametrize("rpm", [7200, 12000, 18000])
 def test_the_coupled_limit_of_the_robot_against_the_full_solution(rpm: int) -> None:
-    """All chatter lies below ωT = 0.5: never above, at most 5 % below; the published full solution within 1.8 %."""
+    """All chatter has ωT < 0.5: the limit is never above the full solution, at most 5 % below it; the published full
+    solution agrees within 1.8 %."""
     modes, T = robot_modes(), float(compute_tooth_period(rpm, 2))
     limit = compute_depth_limit(modes, directional(ROBOT_CUT, TWO, "down", 0.005), T)
     assert (limit.omega * T < 0.5).all()
@@ -196,11 +197,11 @@ def test_the_coupled_limit_of_the_robot_against_the_full_solution(rpm: int) -> N
         assert full.radius(depth) < 1
         assert full.radius(depth / 0.95) > 1
         exact = first_unstable(full.radius, 0.9 * depth, 2 * depth, 1.02)
-        assert exact * 1e3 == pytest.approx(FULL[rpm][row], rel=0.018)  # the published one has 24 intervals
+        assert exact * 1e3 == pytest.approx(FULL[rpm][row], rel=0.018)  # the published solution has 24 intervals
 
 
 def test_the_coupled_limit_of_the_robot_at_low_speed_is_on_the_safe_side() -> None:
-    """3000 rpm, chatter up to ωT = 1: 0 to 15 % below the full solution."""
+    """At 3000 rpm chatter has ωT up to 1: the limit is 0 to 15 % below the full solution."""
     modes, T = robot_modes(), float(compute_tooth_period(3000, 2))
     limit = compute_depth_limit(modes, directional(ROBOT_CUT, TWO, "down", 0.005), T)
     for row, depth in enumerate(limit.depth):
@@ -223,7 +224,7 @@ def random_modes(rng: np.random.Generator) -> StructuralModes:
 
 @pytest.mark.proof
 def test_the_coupled_limit_of_random_modes_against_the_full_solution() -> None:
-    """200 sets of two or three modes, more than a third of them closer than 15 %, ωT < 0.5 for every mode."""
+    """200 sets of two or three modes, more than a third of them closer than 15 %, all modes with ωT < 0.5."""
     rng = np.random.default_rng(39)
     K, ratios, close, sets, high = (767e6, 168.8e6, 222e6), [], 0, 0, []
     while sets < 200:
@@ -238,7 +239,7 @@ def test_the_coupled_limit_of_random_modes_against_the_full_solution() -> None:
         exact = first_unstable(full.radius, 1e-6, 0.08, 1.05)
         if limit.omega[0] * T < 0.5:
             ratios.append(limit.depth[0] / exact)
-        else:  # chatter far above the modes, at depths that they only allow because the process stiffens them
+        else:  # chatter far above the modes, at depths that are stable only because the process stiffens the modes
             high.append((limit.depth[0], exact))
     assert close >= 67
     assert len(ratios) > 80
@@ -251,7 +252,7 @@ def test_the_coupled_limit_of_random_modes_against_the_full_solution() -> None:
 
 @pytest.mark.slow
 def test_the_limit_is_the_least_depth_of_the_characteristic_equation() -> None:
-    """Brute force: eigenvalues of the expanded equation over depth, chatter below ωT = 1."""
+    """Reference: eigenvalues of the expanded equation as a function of depth, chatter below ωT = 1."""
     rng = np.random.default_rng(7)
     K, found = (767e6, 168.8e6, 222e6), 0
     for _ in range(60):
@@ -277,7 +278,7 @@ def test_the_limit_is_the_least_depth_of_the_characteristic_equation() -> None:
 
 
 def scan_depth(modes: StructuralModes, H: Array, T: float, exact: bool) -> float:
-    """Brute force: both eigenvalues over a dense grid of frequencies, linear between them."""
+    """Reference: both eigenvalues on a dense frequency grid, linearly interpolated."""
     w, z, u = modes.omega[0], modes.zeta[0], modes.shape[0]
     circles = [x * (1 + y * np.tan(np.linspace(-1.55, 1.55, 3000))) for x, y in zip(w, z, strict=True)]
     grid = np.unique(np.concatenate([np.linspace(1e-3, max(w.max() * 3, 2 * np.pi / T), 30000), *circles]))
@@ -299,7 +300,7 @@ def scan_depth(modes: StructuralModes, H: Array, T: float, exact: bool) -> float
 @pytest.mark.proof
 @pytest.mark.parametrize("exact", [False, True])
 def test_every_zero_crossing_is_found(exact: bool) -> None:
-    """One to six modes, some nearly equal, any matrix, ωT up to 30."""
+    """One to six modes, some nearly equal, arbitrary matrices, ωT up to 30."""
     rng, law = np.random.default_rng(11), DelayLaw.ZEROTH_ORDER if exact else DelayLaw.SECOND_ORDER
     found = 0
     for _ in range(60):
@@ -319,7 +320,7 @@ def test_every_zero_crossing_is_found(exact: bool) -> None:
 
 
 def test_lobes_are_found_at_many_turns_of_the_delay() -> None:
-    """A mode of 1.5 kHz at 300 rpm: ωT is 940; the limit is near the absolute minimum."""
+    """A mode at 1.5 kHz and 300 rpm: ωT is 940, and the limit is near the absolute minimum."""
     modes = one_mode(2 * np.pi * 1500, 0.02, 2e7, (0.0, 1.0, 0.0))
     H = directional((767e6, 168.8e6, 222e6), TWO, "up", 0.01)
     limit, least = compute_stability_lobes(modes, H, np.array([300.0]), 2).depth[0], find_lobe_minimum(modes, H).depth
@@ -372,7 +373,8 @@ def test_published_lobes_over_the_spindle_speed() -> None:
 
 @pytest.mark.slow
 def test_published_semi_discretization_of_the_two_directions() -> None:
-    """With its 120 intervals; the converged depths lie up to 4 % below, as few intervals a cycle are optimistic."""
+    """The published values use 120 intervals; converged limits are up to 4 % lower, because few intervals per cycle
+    overestimate the limit."""
     published = np.array([0.985, 1.863, 1.140, 1.569, 0.917, 1.629])
     for rpm, depth in zip((4000, 6000, 8000, 10000, 12000, 15000), published * 1e-3, strict=True):
         system = reference(LEEKUN, 0, ALUMINIUM, "down", 0.01, 60 / (2 * rpm))
@@ -396,7 +398,8 @@ def test_turning_limit_equals_the_closed_form() -> None:
     """One direction, constant H: b = −1 / (2 K Re G), at least 2 k ζ (1 + ζ) / K."""
     k, zeta, K = 5e6, 0.03, 2e9
     modes = one_mode(2 * np.pi * 100, zeta, k, (1.0, 0, 0))
-    H = np.array([[-K, 0], [0, 0], [0, 0]])  # the chip grows with the displacement and pushes back
+    # the chip thickness increases with the displacement, and the force opposes it
+    H = np.array([[-K, 0], [0, 0], [0, 0]])
     least = find_lobe_minimum(modes, H)
     assert least.depth == pytest.approx(2 * k * zeta * (1 + zeta) / K, rel=1e-6)
     for rpm in (2500.0, 4000.0, 7000.0):
@@ -408,7 +411,7 @@ def test_turning_limit_equals_the_closed_form() -> None:
 
 
 def test_hayes_stability_border_of_the_collocation() -> None:
-    """ẋ = a x + b x(t − 1) has its border at a + b = 0 and at (ω / tan ω, −ω / sin ω)."""
+    """The stability limit of ẋ = a x + b x(t − 1) is at a + b = 0 and at (ω / tan ω, −ω / sin ω)."""
 
     def radius(a: float, b: float, nodes: int = 20) -> float:
         from delay_reference import chebyshev
@@ -495,14 +498,14 @@ def test_impossible_modes_and_speeds_are_refused() -> None:
 
 
 def test_zero_force_feedback_has_no_limit() -> None:
-    modes = one_mode(100.0, 0.02, 1e6, (0, 0, 1))  # an axial displacement does not change the chip
+    modes = one_mode(100.0, 0.02, 1e6, (0, 0, 1))  # an axial displacement does not change the chip thickness
     limit = compute_depth_limit(modes, directional((767e6, 168.8e6, 222e6), TWO, "down", 0.005), 0.01)
     assert limit.depth[0] == math.inf
     assert np.isnan(limit.omega[0])
 
 
 def test_excitation_frequency_near_a_mode_is_found() -> None:
-    """A published case: 500 rpm with two teeth, 8.3 and 16.7 Hz, amid modes of 8.7, 11.4 and 14.2 Hz."""
+    """Published case: 500 rpm with two teeth, 8.3 and 16.7 Hz, near modes at 8.7, 11.4 and 14.2 Hz."""
     modes = build_tool_modes([8.7, 11.4, 14.2, 60.0], [0.02, 0.02, 0.02, 0.02], [1e6] * 4, np.eye(3)[[0, 1, 2, 0]])
     found = find_resonances(modes, 500.0, 2)
     assert [(m.excitation, m.mode) for m in found] == [("spindle", 0)]
@@ -511,6 +514,6 @@ def test_excitation_frequency_near_a_mode_is_found() -> None:
     after = build_tool_modes([9.4, 12.2, 16.5], [0.02] * 3, [1e6] * 3, np.eye(3))
     assert [(m.excitation, m.mode) for m in find_resonances(after, 500.0, 2)] == [("spindle", 0), ("tooth", 2)]
     damped = build_tool_modes([8.4], [0.25], [1e6], np.array([[1.0, 0, 0]]))
-    assert find_resonances(damped, 500.0, 2) == []  # well damped: no margin
+    assert find_resonances(damped, 500.0, 2) == []  # high damping: no resonance warning
     unknown = build_tool_modes([8.4], [math.nan], [1e6], np.array([[1.0, 0, 0]]))
     assert len(find_resonances(unknown, 500.0, 2)) == 1

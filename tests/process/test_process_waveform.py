@@ -1,4 +1,4 @@
-"""Force along the rotation: published peaks and harmonics, energy, run-out, surface; converted coefficients."""
+"""Force over the rotation angle: published peaks and harmonics, energy, run-out, surface; converted coefficients."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FZ, AP = 5e-5, 5.08e-3
 
 
 def mean_over_a_turn(K: MillingCoefficients, cutter: MillingCutter, cut: MillingCut, ae: float) -> NDArray[np.float64]:
-    """Gauss quadrature between the rotations at which a tooth enters or leaves at the tip or at the top."""
+    """Integrate by Gauss quadrature between the angles at which a tooth enters or exits at the tip or at the top."""
     arc = compute_contact_arc(cutter, cut, np.array(ae), cutter.radius)
     lag = math.tan(cutter.helix) / cutter.radius * cut.mirror * AP
     at = [
@@ -70,7 +70,8 @@ def test_published_peaks_and_harmonics_of_the_helical_example() -> None:
     assert np.delete(c[:20], [0, 4, 8, 12, 16]).max() < 1e-9  # without run-out: multiples of the tooth frequency only
     shifted = replace(FOUR, runout=1e-5, runout_angle=0.3)
     wave = compute_waveform(HELICAL, shifted, MillingCut("up"), (FOUR.radius, AP), FZ)
-    assert np.abs(np.fft.rfft(wave.load[:, 1]))[1:4].min() > 1.0  # with it: those of the spindle
+    # with run-out: also multiples of the spindle frequency
+    assert np.abs(np.fft.rfft(wave.load[:, 1]))[1:4].min() > 1.0
 
 
 @pytest.mark.parametrize("helix", [30.0, -30.0, 55.0, 1e-3])
@@ -92,7 +93,7 @@ def test_mean_over_one_turn_equals_the_closed_form_and_energy_is_conserved(
 
 
 def test_waveform_equals_the_sum_of_its_elements() -> None:
-    """Brute force over the axial elements, run-out and helix included."""
+    """Reference: numerical sum over the axial elements, with run-out and helix."""
     cutter = replace(FOUR, teeth=3, runout=4e-5, runout_angle=0.8)
     cut, ae = MillingCut("up"), 0.5 * FOUR.diameter
     z = (np.arange(20000) + 0.5) / 20000 * AP
@@ -133,7 +134,7 @@ def test_runout_keeps_the_volume_and_lifts_teeth_out_of_the_cut(runout: float) -
     assert work == pytest.approx(free.Ktc_Pa * cutter.teeth * FZ * ae * AP, rel=1e-6)
     still = compute_waveform(free, replace(cutter, runout=0.0), cut, (ae, AP), FZ, angles)
     assert find_peak_force(wave) > find_peak_force(still)
-    if runout == 1e-4:  # twice the feed per tooth: edges of the teeth that are out press nothing
+    if runout == 1e-4:  # run-out of twice the feed per tooth: teeth out of contact have no edge force
         edge = replace(EDGES, Ktc_Pa=1.0)
         with_all = compute_waveform(edge, replace(cutter, runout=0.0), cut, (ae, AP), FZ).load[:, 3].mean()
         assert compute_waveform(edge, cutter, cut, (ae, AP), FZ).load[:, 3].mean() < 0.8 * with_all
@@ -171,7 +172,7 @@ def test_helix_lag_delays_the_generated_surface(side: str, wall: float) -> None:
     np.testing.assert_allclose(found, there, atol=1e-9)
     shifted = replace(FOUR, runout=3e-5, runout_angle=2.0)
     found = compute_surface_generation_load(EDGES, shifted, cut, (ae, AP), FZ, heights)
-    for z, load in zip(heights, found, strict=True):  # the longest tooth at that height makes it
+    for z, load in zip(heights, found, strict=True):  # the longest tooth at that height generates the surface
         tooth = max(range(4), key=lambda j: math.cos(2.0 - j * math.pi / 2 + k * z))
         at = np.array([wall - tooth * math.pi / 2 + k * z])
         np.testing.assert_allclose(load, compute_waveform(EDGES, shifted, cut, (ae, AP), FZ, at).load[0], atol=1e-9)
@@ -188,7 +189,7 @@ def test_invalid_cut_is_refused() -> None:
     ("span", "cutting", "edge", "worst"), [((0.02, 0.10), 1232, 21.5, 0.085), ((0.005, 0.05), 1514, 11.1, 0.24)]
 )
 def test_published_linear_form_of_kienzle(span: tuple[float, float], cutting: float, edge: float, worst: float) -> None:
-    """The published line was fitted to samples of the range; ours to the whole of it."""
+    """The published line was fitted to samples of the range, ours to the whole range."""
     low, high = (1e-3 * h for h in span)
     line = linearize_kienzle(800e6, 0.25, (low, high))
     assert line.cutting_Pa * 1e-6 == pytest.approx(cutting, rel=2e-3)
@@ -213,12 +214,12 @@ def test_kienzle_with_exponent_zero_is_linear() -> None:
 
 @pytest.mark.parametrize(("rake", "expected"), [(12, (1510, 215, 515)), (0, (1775, 559, 652))])
 def test_published_oblique_coefficients_of_titanium(rake: float, expected: tuple[float, float, float]) -> None:
-    """A public program has rake in radians inside the fitted laws and finds 1799, 284, 574 for 12°."""
+    """A public program uses the rake in radians in the fitted laws and gives 1799, 284, 574 for 12°."""
     found = compute_oblique_coefficients(TI6AL4V, math.radians(rake), math.radians(30), 5e-5, 0.1)
     np.testing.assert_allclose(np.array([found.Ktc_Pa, found.Krc_Pa, found.Kac_Pa]) * 1e-6, expected, atol=0.6)
     assert (found.Kte_N_m, found.Kre_N_m) == (24e3, 43e3)
     left = compute_oblique_coefficients(TI6AL4V, math.radians(rake), math.radians(-30), 5e-5, 0.1)
-    assert left.Kac_Pa == found.Kac_Pa  # the hand is the cutter's
+    assert left.Kac_Pa == found.Kac_Pa  # the sign of the helix hand is applied by the cutter
 
 
 def test_angles_outside_the_data_are_refused() -> None:

@@ -1,4 +1,4 @@
-"""``machopt process`` of force waveforms: derivatives, independent simulator, truths, noise, refusals, files."""
+"""``machopt process`` with force waveforms: derivatives, independent simulator, true values, noise, refusals, files."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ cutter: {{diameter_mm: {1e3 * DIAMETER}, length_mm: 30, teeth: 3, helix_deg: {HE
 
 
 def load_simulator() -> ModuleType:
-    """The simulator of the benchmark; it imports nothing of machopt."""
+    """Load the simulator of the benchmark, which does not import machopt."""
     path = ROOT / "benchmarks" / "waveform_fit_benchmark" / "milling_simulator.py"
     spec = importlib.util.spec_from_file_location("milling_simulator", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["milling_simulator"] = module  # dataclasses look their module up
+    sys.modules["milling_simulator"] = module  # dataclasses look up their module here
     spec.loader.exec_module(module)
     assert "machopt" not in path.read_text(encoding="utf-8").replace("independent of machopt", "")
     return module
@@ -77,7 +77,7 @@ def simulate(time: np.ndarray, feed: float, offset: float, speed: float = SPEED,
 
 
 def build_rows(noise: float, abscissa: str = "time_s", disturbance: float = 0.0) -> list[str]:
-    """Two cuts of eight revolutions; the spindle turns 0.2 % faster than stated."""
+    """Simulate two cuts of eight revolutions; the spindle speed is 0.2 % higher than stated."""
     rng = np.random.default_rng(5)
     rows = [f"cut_number,{abscissa},spindle_rpm,feed_mm_min,ae_mm,ap_mm,fx_N,fy_N,fz_N"]
     time = np.arange(320) / (40.0 * SPEED)
@@ -111,7 +111,7 @@ def run(folder: Path, out: Path) -> dict[str, object]:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory, rows: list[str]) -> Path:
-    """Output folder of the undisturbed recording."""
+    """Return the output folder of the undisturbed recording."""
     folder = tmp_path_factory.mktemp("plain")
     run(record(folder / "r", rows), folder / "out")
     return folder / "out"
@@ -138,7 +138,7 @@ def test_derivatives_agree_with_finite_differences(
         less = chips.evaluate(phi - step[0], feed, rho - np.array(step[1:]))[0]
         expected = (more - less) / (2.0 * max(step))
         error = np.abs(slope[:, :, n] - expected).max(axis=0) / np.abs(expected).max(axis=0)
-        assert np.median(error) < 1e-6  # a single rotation within the step of a kink shows half of it
+        assert np.median(error) < 1e-6  # a single angle within one step of a kink has half the jump
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_derivatives_agree_with_finite_differences(
 def test_forces_agree_with_trochoidal_tooth_paths(
     teeth: int, side: CutSide, ae: float, runout: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Within 0.4 % of the largest force: slices of the simulator, third order in the feed."""
+    """Tolerance of 0.4 % of the largest force: slices of the simulator, and third-order terms in the feed."""
     monkeypatch.setattr(SIMULATOR, "SLICES", 400)
     feed = 1e-4
     cutter = MillingCutter(diameter=DIAMETER, teeth=teeth, helix=math.radians(HELIX), length=0.03)
@@ -165,7 +165,8 @@ def test_true_values_lie_in_the_intervals_and_the_file_reads_back(plain: Path) -
     for entry, truth in zip(found["coefficients"], TRUTH, strict=True):
         low, high = entry["interval"]
         half = 0.5 * (high - low)
-        assert low - half < truth < high + half, entry["name"]  # 90 % intervals: six of six would be luck
+        # 90 % intervals: six of six within them are not expected
+        assert low - half < truth < high + half, entry["name"]
         assert half < 0.2 * truth or entry["name"] == "Kae"
     waveform = found["waveform"]
     assert waveform["runout"]["amplitude_mm"] == pytest.approx(1e3 * RUNOUT, rel=0.1)
@@ -333,9 +334,9 @@ def test_mean_forces_do_not_import_casadi(tmp_path: Path) -> None:
 def test_planned_forces_with_runout_agree_with_trochoidal_tooth_paths(
     teeth: int, side: CutSide, ae: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The order in which the teeth pass decides the chips of three teeth and more: the wrong one is off by 40 %.
+    """The tooth sequence determines the chip thickness with three or more teeth: the wrong sequence gives a 40 % error.
 
-    The model of the planner has circles for trochoids, and an arc of contact that run-out does not change.
+    The planner's model uses circles instead of trochoids, and a contact arc that does not depend on run-out.
     """
     monkeypatch.setattr(SIMULATOR, "SLICES", 400)
     feed, runout = 1e-4, 15e-6

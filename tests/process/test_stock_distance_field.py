@@ -1,4 +1,4 @@
-"""Stock as signed distances: volumes and contact against closed forms, with tool axes in any direction."""
+"""Stock as a signed distance field: volumes and contact against closed forms, with tool axes in any direction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from machopt.process.stock.field_path import remove_field_path
 from machopt.process.stock.height_map_comparison import compare_with_finished_part
 
 CELL = 0.25e-3
-VOLUME, ANGLE = 1e-3, 2.5  # of the volume; degrees
+VOLUME, ANGLE = 1e-3, 2.5  # relative to the volume; degrees
 TURNS = ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.2, -0.5, 0.3), (0.7, 0.4, 1.1), (pi / 4, 0.0, 0.0), (pi / 2, 0.0, 0.0))
 
 
@@ -37,7 +37,7 @@ def build_block(low: tuple[float, ...], high: tuple[float, ...], turn: np.ndarra
 def remove(
     stock: DistanceField, tips: np.ndarray, axes: np.ndarray, radius: float, corner: float = 0.0, height: float = 0.05
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return volume of each move, point of each arc, and low, high (m), start, end (deg) of each arc."""
+    """Return the volume of each move, the point index of each arc, and low, high (m), start, end (deg) of each arc."""
     axes = np.tile(axes, (len(tips), 1)) if axes.ndim == 1 else axes
     wanted = np.ones(len(tips), bool)
     volume, point, rows = remove_field_path(stock, tips, axes, wanted, (radius, corner, 0.0, height))
@@ -60,7 +60,7 @@ def test_volume_of_a_slot_is_exact_in_any_direction(turn: tuple[float, ...], cor
     assert volume.sum() == pytest.approx(section * length + ends, rel=VOLUME)
     assert before - stock.volume == pytest.approx(volume.sum(), rel=1e-9)
     steady = (point > 25) & (point < 40)
-    assert rows[steady, 2].max() == 0.0  # both sides of the slot are material: no thin chip is lost
+    assert rows[steady, 2].max() == 0.0  # material on both sides of the slot: thin chips are included
     assert rows[steady, 3].min() == pytest.approx(180.0)
     assert rows[steady, 1].max() == pytest.approx(depth, abs=0.1 * CELL)
     assert rows[steady, 0].min() == pytest.approx(0.0, abs=0.25 * CELL)
@@ -103,7 +103,8 @@ def build_cone(allowance: float, foot: float = 0.03, height: float = 0.01, lean:
 
 
 def build_ring(shift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return tips and axes of a cutter of radius 5 mm with its side on the cone of ``build_cone``, all around."""
+    """Return tips and axes of a cutter of radius 5 mm with its side on the cone of ``build_cone``, over the full
+    circumference."""
     turn, lean = np.linspace(0, -2 * np.pi, 361), 0.25
     out = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
     axis = np.cos(lean) * np.array([0, 0, 1.0]) - np.sin(lean) * out
@@ -120,7 +121,7 @@ def test_cutter_turning_along_a_conical_wall_removes_the_allowance() -> None:
     assert volume.sum() == pytest.approx(stock.volume - part.volume, rel=VOLUME)
     steady = (point > 60) & (point < 300)
     assert rows[steady, 3].min() == pytest.approx(180.0)
-    bend = 0.025 / np.cos(0.25)  # least radius of curvature of the wall, across the generator
+    bend = 0.025 / np.cos(0.25)  # smallest radius of curvature of the wall, perpendicular to the generator
     d = bend + 5e-3
     wanted = 180 - degrees(acos((d**2 + 5e-3**2 - (bend + 0.8e-3) ** 2) / (2 * d * 5e-3)))
     below = steady & (rows[:, 0] < 11.9e-3)  # the inclined top of the stock ends the contact between 12.1 and 12.3 mm
@@ -147,12 +148,13 @@ def test_remaining_material_and_gouges_have_the_correct_depth(shift: float) -> N
 
 
 def test_gap_in_the_stock_remains_empty() -> None:
-    """Heights along the axis fill a gap; signed distances do not."""
+    """A height map along the axis fills a gap; a signed distance field does not."""
     lower, upper = build_block((0, 0, 0), (0.02, 0.02, 0.004)), build_block((0, 0, 0.008), (0.02, 0.02, 0.012))
     field = build_distance_field(build_body(trimesh.util.concatenate([lower, upper])))
     tips = np.array([[-0.01, 0.01, 0.001], [0.03, 0.01, 0.001]])
     volume = remove(field, tips, np.array([0.0, 0.0, 1.0]), 3e-3)[0].sum()
-    assert volume == pytest.approx(0.02 * 6e-3 * 7e-3, rel=2 * VOLUME)  # short edges: a sixth of a squared cell each
+    # short edges: an error of a sixth of the squared cell size for each
+    assert volume == pytest.approx(0.02 * 6e-3 * 7e-3, rel=2 * VOLUME)
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 1.0], [0, 0, -1.0], [1.0, 0, 0], [0, -1.0, 0]])
@@ -164,7 +166,7 @@ def test_start_inside_material_and_any_rotation_are_accepted(axis: list[float]) 
     assert volume[0] == pytest.approx(pi * 4e-6 * 5e-3, rel=0.01)
     assert np.isfinite(volume).all()
     assert volume[1] >= 0.0
-    assert not len(point)  # no travel, no angle of contact
+    assert not len(point)  # without travel there is no contact angle
 
 
 def test_second_pass_over_a_surface_cuts_air() -> None:
@@ -199,7 +201,7 @@ def test_volume_of_a_narrow_pass_does_not_depend_on_the_grid_offset(turn: tuple[
     assert volume.sum() == pytest.approx(0.06 * ae * 0.005, rel=5e-4)
 
 
-LAYERS = (  # turn rad, cell, radius, depths of both layers, step m
+LAYERS = (  # rotation (rad), cell size, radius, depths of both layers, step (m)
     ((0.0, 0.0, 0.0), 0.5e-3, 8.5e-3, (5e-3, 4e-3), 4e-3),
     ((0.2, -0.5, 0.3), 0.4e-3, 5e-3, (3.1e-3, 3.3e-3), 0.2e-3),
     ((0.3, 0.9, 0.1), 0.3e-3, 6e-3, (2e-3, 4.7e-3), 1e-3),
@@ -211,7 +213,7 @@ LAYERS = (  # turn rad, cell, radius, depths of both layers, step m
 def test_wall_of_the_upper_layer_is_not_in_contact(
     turn: tuple[float, ...], cell: float, radius: float, depths: tuple[float, float], step: float
 ) -> None:
-    """The second layer has the outline of the first one, at its end as well."""
+    """The second layer has the outline of the first one, including its end."""
     Q = Rotation.from_rotvec(turn).as_matrix()
     stock = build_distance_field(build_body(build_block((-0.03, -0.02, -0.015), (0.03, 0.02, 0.0), Q), cell))
     x = np.arange(-0.006, 0.0061, step)
@@ -225,7 +227,7 @@ def test_wall_of_the_upper_layer_is_not_in_contact(
 
 @pytest.mark.parametrize("turn", [TURNS[0], TURNS[3]])
 def test_wall_below_the_cut_is_not_in_contact(turn: tuple[float, ...]) -> None:
-    """A short cutter leaves material above; the next pass of the same outline lies higher."""
+    """A short cutter leaves material above the cut; the next pass with the same outline is higher."""
     Q, cell, height = Rotation.from_rotvec(turn).as_matrix(), 0.4e-3, 8e-3
     stock = build_distance_field(build_body(build_block((-0.02, -0.01, -0.03), (0.02, 0.01, 0.0), Q), cell))
     x = np.arange(-0.026, 0.0101, 2e-3)
@@ -239,14 +241,14 @@ def test_wall_below_the_cut_is_not_in_contact(turn: tuple[float, ...]) -> None:
 
 @pytest.mark.parametrize("turn", TURNS[:4])
 def test_slice_ends_where_the_cutting_width_changes(turn: tuple[float, ...]) -> None:
-    """Half of the stock above a slot was cut before."""
+    """Half of the stock above a slot was removed before."""
     Q, R, cell = Rotation.from_rotvec(turn).as_matrix(), 5e-3, 0.4e-3
     stock = build_distance_field(build_body(build_block((-0.02, -0.015, -0.015), (0.02, 0.015, 0.0), Q), cell))
     x = np.arange(-0.026, 0.0101, 1e-3)
     before = np.column_stack([x, np.full_like(x, R), np.full_like(x, -4.2e-3)])
     path = np.vstack([before, np.add(before[[-1, 0]], [0, 0, 0.03]), before - [0, R, 5.3e-3]])
     _, point, rows = remove(stock, path @ Q.T, Q[:, 2], R)
-    for k in range(len(path) - 20, len(path) - 7):  # away from the round end of the pass before
+    for k in range(len(path) - 20, len(path) - 7):  # away from the round end of the previous pass
         mine = rows[point == k]
         assert (mine[0, 0], mine[0, 1], mine[-1, 1]) == pytest.approx((0.0, 5.3e-3, 9.5e-3), abs=0.2 * cell)
         assert mine[0, 2:] == pytest.approx([0.0, 180.0])
@@ -255,7 +257,7 @@ def test_slice_ends_where_the_cutting_width_changes(turn: tuple[float, ...]) -> 
 
 @pytest.mark.parametrize("turn", TURNS[:4])
 def test_contact_ends_at_the_face_of_the_block(turn: tuple[float, ...]) -> None:
-    """The edge of the block passes through the outline of the cutter: the contact is within 1.75 cells of it."""
+    """The edge of the block crosses the outline of the cutter: the contact angle is accurate to 1.75 cells."""
     Q, R, ae, cell = Rotation.from_rotvec(turn).as_matrix(), 8.5e-3, 4.5e-3, 0.4e-3
     stock = build_distance_field(build_body(build_block((0, 0, -0.012), (0.03, 0.02, 0), Q), cell))
     x = np.arange(0.02, 0.0011, -0.5e-3)

@@ -1,4 +1,4 @@
-"""Stock removal and contact against closed forms and against sampled points."""
+"""Stock removal and contact against closed forms and sampled points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from machopt.process.stock.path_removal import remove_path
 
 CELL = 0.25e-3
 UP = np.array([0.0, 0.0, 1.0])
-VOLUME, ANGLE = 1e-3, 2.5  # of the volume; degrees
+VOLUME, ANGLE = 1e-3, 2.5  # relative to the volume; degrees
 
 
 def build_body(mesh: trimesh.Trimesh, cell: float = CELL) -> StockBody:
@@ -34,7 +34,7 @@ def build_block(low: tuple[float, ...], high: tuple[float, ...]) -> StockBody:
 def remove(
     stock: HeightMap, points: np.ndarray, radius: float, corner: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return volume of each move, point of each arc, and low, high (m), start, end (deg) of each arc."""
+    """Return the volume of each move, the point index of each arc, and low, high (m), start, end (deg) of each arc."""
     wanted = np.ones(len(points), bool)
     volume, point, rows = remove_path(stock, stock.convert_points(points), wanted, (radius, corner, 0.0), 0.05)
     return volume, point, np.column_stack([rows[:, :2], np.degrees(rows[:, 2:])])
@@ -52,7 +52,8 @@ def test_arc_of_a_straight_pass_follows_from_its_radial_depth(ae: float, radius:
     stock = build_height_map(build_block((0, 0, 0), (0.06, 0.04, 0.02)), UP)
     y = ae - radius
     path = build_line((-0.02, y, 0.014), (0.08, y, 0.014), step)
-    path = path if side == "up" else path[::-1]  # the material is left of travel, then right of it
+    # the material is to the left of the travel direction, then to the right
+    path = path if side == "up" else path[::-1]
     volume, point, rows = remove(stock, path, radius)
     inside = np.abs(path[point, 0] - 0.03) < 0.01
     theta = degrees(acos(1 - ae / radius))
@@ -60,7 +61,7 @@ def test_arc_of_a_straight_pass_follows_from_its_radial_depth(ae: float, radius:
     assert np.abs(rows[inside, 2] - wanted[0]).max() < ANGLE
     assert np.abs(rows[inside, 3] - wanted[1]).max() < ANGLE
     assert rows[inside, 1] - rows[inside, 0] == pytest.approx(0.006, abs=1e-7)
-    assert inside.sum() == (np.abs(path[:, 0] - 0.03) < 0.01).sum()  # every point, one arc
+    assert inside.sum() == (np.abs(path[:, 0] - 0.03) < 0.01).sum()  # one arc at every point
     assert volume.sum() == pytest.approx(0.06 * 0.006 * ae, rel=VOLUME)
 
 
@@ -108,19 +109,21 @@ def test_entering_a_flat_face_opens_the_arc_around_the_feed_direction() -> None:
 
 
 def test_pocket_corner_increases_the_arc_as_its_geometry_requires() -> None:
-    """A cutter runs along a wall towards a wall across it: both are in contact from a radius before the corner on."""
+    """A cutter moves along a wall towards a perpendicular wall: both are in contact from one radius before the
+    corner."""
     stock = build_height_map(build_block((-0.05, -0.05, 0), (0.05, 0.05, 0.02)), UP)
     R, ae, z = 6e-3, 2e-3, 0.01
     clear = np.concatenate([build_line((-0.03, y, z), (0.02, y, z)) for y in np.arange(-0.03, 0.0001, 4e-3)])
-    remove(stock, clear, R)  # material from y = 4 mm + … on, and from x = 26 mm on
+    remove(stock, clear, R)  # leaves material from y = 4 mm + … and from x = 26 mm on
     wall = clear[:, 1].max() + R
     path = build_line((-0.02, wall + ae - R, z), (0.02 + 3e-3, wall + ae - R, z))
     _, point, rows = remove(stock, path, R)
     n = len(path) - 1
     mine = rows[point == n]
-    beyond = 0.026 - path[n, 0]  # distance of the wall across
+    beyond = 0.026 - path[n, 0]  # distance to the perpendicular wall
     assert mine[:, 2].min() == pytest.approx(0.0, abs=ANGLE)
-    exit_angle = degrees(pi - acos(1.0) - (0.5 * pi - acos(beyond / R)))  # where the wall across leaves the circle
+    # where the perpendicular wall crosses the circle
+    exit_angle = degrees(pi - acos(1.0) - (0.5 * pi - acos(beyond / R)))
     assert mine[:, 3].max() == pytest.approx(exit_angle, abs=2 * ANGLE)
     along = rows[(point > 20) & (path[point, 0] < 0.0)]
     assert along[:, 3] == pytest.approx(degrees(acos(1 - ae / R)), abs=ANGLE)
@@ -134,10 +137,11 @@ def test_arc_on_a_circle_inside_a_round_pocket_follows_from_two_circles() -> Non
     turn = np.linspace(0, 2 * pi, 721)
     path = np.column_stack([rho * np.cos(turn), rho * np.sin(turn), np.full_like(turn, -0.005)])
     volume, point, rows = remove(stock, path, R)
-    cosine = (0.020**2 - rho**2 - R**2) / (2 * rho * R)  # angle at the cutter's centre from the radius to the crossing
+    # angle at the cutter center between the radius and the intersection
+    cosine = (0.020**2 - rho**2 - R**2) / (2 * rho * R)
     theta = degrees(acos(cosine))
-    some = (point > 60) & (point < 600)  # later the cutter reaches what it cut first
-    start, end = rows[some, 2], rows[some, 3]  # anticlockwise: the wall is right of travel
+    some = (point > 60) & (point < 600)  # later the cutter reaches the start of the cut
+    start, end = rows[some, 2], rows[some, 3]  # counter-clockwise travel: the wall is to the right
     assert np.abs(start - (180 - theta)).max() < ANGLE
     assert np.abs(end - 180).max() < 1.0
     assert volume.sum() == pytest.approx(pi * ((0.020 + ae) ** 2 - 0.020**2) * 0.015, rel=2 * VOLUME)
@@ -154,7 +158,7 @@ def test_repeated_pass_cuts_air() -> None:
 
 @pytest.mark.parametrize("corner", [0.0, 1.5e-3, 4e-3])
 def test_random_path_leaves_the_stock_of_sampled_columns(corner: float) -> None:
-    """Columns of the block against every pose, a hundredth of a millimetre apart."""
+    """Columns of the block compared with every pose at intervals of 0.2 mm."""
     R = 4e-3
     rng = np.random.default_rng(5)
     corners = np.column_stack(
@@ -208,7 +212,7 @@ def test_steps_of_the_stock_give_separate_slices() -> None:
     mine = rows[point == int(np.argmin(np.abs(path[:, 0] - 0.03)))]
     assert mine[:, :2] == pytest.approx(np.array([[0.0, 0.004], [0.004, 0.008]]), abs=1e-6)
     assert mine[0, 2:] == pytest.approx([0, 180], abs=ANGLE)
-    assert mine[1, 2:] == pytest.approx([0, 90], abs=ANGLE)  # left of travel: y > 0
+    assert mine[1, 2:] == pytest.approx([0, 90], abs=ANGLE)  # left of the travel direction: y > 0
 
 
 @pytest.mark.parametrize(("cell", "word"), [(1e-7, "at most"), (6e-3, "at least")])
@@ -241,13 +245,13 @@ def test_gouges_and_remaining_material_have_correct_depth_and_volume() -> None:
 @pytest.mark.parametrize(("radius", "offset"), [(8.5e-3, 1e-3), (6e-3, 1e-3), (8e-3, 2.3e-3)])
 @pytest.mark.parametrize("step", [0.5e-3, 3.7e-3])
 def test_slot_end_crossing_the_outline_at_a_small_angle_ends_the_arc(radius: float, offset: float, step: float) -> None:
-    """The round end of the slot before and the cutter are two circles of one radius, ``offset`` apart."""
+    """The round end of the previous slot and the cutter are two circles of equal radius, ``offset`` apart."""
     stock = build_height_map(build_block((-0.03, -0.02, 0), (0.03, 0.02, 0.02)), UP)
     remove(stock, build_line((-0.012, 0.0, 0.01), (0.02, 0.0, 0.01)), radius)
     path = build_line((0.015, offset, 0.01), (-0.012, offset, 0.01), step)
     _, point, rows = remove(stock, path, radius)
     mine = rows[point == len(path) - 1]
-    crossing = degrees(acos(0.5 * offset / radius))  # from the left of travel
+    crossing = degrees(acos(0.5 * offset / radius))  # angle from the left of the travel direction
     assert len(mine) == 1
     assert mine[0, 2] == pytest.approx(crossing, abs=2 * ANGLE)
     assert mine[0, 3] == pytest.approx(180.0, abs=ANGLE)
@@ -255,7 +259,7 @@ def test_slot_end_crossing_the_outline_at_a_small_angle_ends_the_arc(radius: flo
 
 @pytest.mark.parametrize("ahead", [2.5e-3, 3.8e-3, 5e-3])
 def test_cusp_against_a_wall_tangent_to_the_cutter_is_in_contact(ahead: float) -> None:
-    """The cutter runs along its own wall towards a place that it cut before: a cusp is left beside the wall."""
+    """The cutter moves along its own wall towards an area that it cut before: a cusp remains next to the wall."""
     stock = build_height_map(build_block((-0.03, -0.03, 0), (0.03, 0.03, 0.02)), UP)
     radius = 8.5e-3
     remove(stock, build_line((0.02, -0.01, 0.01), (0.0, -0.01, 0.01)), radius)
@@ -268,7 +272,7 @@ def test_cusp_against_a_wall_tangent_to_the_cutter_is_in_contact(ahead: float) -
 
 
 def test_volume_below_the_end_face_equals_a_disc_segment() -> None:
-    """The end of a cutter descends over the side of a block, at random distances."""
+    """The end face of a cutter descends over the side of a block, at random distances."""
     stock, radius, depth = build_height_map(build_block((0, 0, 0), (0.06, 0.04, 0.02)), UP), 5e-3, 1e-3
     rng, off = np.random.default_rng(3), []
     for d in rng.uniform(-0.95, 0.95, 200):
