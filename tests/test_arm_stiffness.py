@@ -1,4 +1,4 @@
-"""Stiffness at the TCP against loaded springs, the equations of the papers and their Table 2."""
+"""Stiffness at the TCP, compared with loaded springs, the equations of the papers and their Table 2."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from machopt.stiffness.joint_compliance import (
 from machopt.stiffness.joint_stiffness import GRID_FACE_TOLERANCE_M, compute_joint_stiffness
 
 CELL = Path(__file__).resolve().parent.parent / "cells" / "kr500_milling"
-# jiao2022, Table 2, degrees: tag 1 before and after optimisation, tag 2 before and after; and its stiffness in N/mm
+# jiao2022, Table 2, degrees: tag 1 before and after optimization, tag 2 before and after; then the stiffness in N/mm
 TABLE_2 = np.radians(
     [
         [19.552, -29.545, 83.973, 106.112, -101.226, 146.022],
@@ -51,7 +51,7 @@ def arm() -> tuple[Robot, np.ndarray, np.ndarray]:
 
 
 def extend_tool(T_flange_tcp: np.ndarray, by: float) -> np.ndarray:
-    """The tool's tip moved out along its axis."""
+    """Return the tool with its tip moved outwards along the tool axis."""
     T = T_flange_tcp.copy()
     T[:3, 3] += by * T[:3, 2]
     return T
@@ -68,19 +68,19 @@ def draw_regular_joints(n: int, seed: int) -> np.ndarray:
 def test_compliance_equals_the_nonlinear_equilibrium_of_loaded_springs(
     arm: tuple[Robot, np.ndarray, np.ndarray],
 ) -> None:
-    """Joint springs in equilibrium with a force at the tip, solved with the full nonlinear kinematics."""
+    """Joint springs in static equilibrium with a force at the tip, solved with the full nonlinear kinematics."""
     robot, tool, k = arm
     q = draw_regular_joints(5, 0)
     _, J = robot.compute_fk_jacobian(q, tool)
     C = compute_translational_compliance(J, k)
     np.testing.assert_allclose(C, np.swapaxes(C, 1, 2), atol=1e-22)
     for i in range(len(q)):
-        for force in 0.1 * np.eye(3):  # N; small, so that the change of J under load (second order) does not count
+        for force in 0.1 * np.eye(3):  # N; small, so that the change of J under load (second order) is negligible
             x = q[i]
-            for _ in range(20):  # least energy ½ Σ k dq² − f·p(q): dq = Jᵀf/k at the deflected state
+            for _ in range(20):  # minimum energy ½ Σ k dq² − f·p(q): dq = Jᵀf/k at the deflected configuration
                 x = q[i] + robot.compute_fk_jacobian(x, tool)[1][:3].T @ force / k
             moved = robot.compute_fk(x, tool)[:3, 3] - robot.compute_fk(q[i], tool)[:3, 3]
-            # displacements are ~1e-7 m: rounding of FK 1e-16·3 m and (dq)² ~ 1e-14 leave 1e-6 of them
+            # displacements are ~1e-7 m: FK rounding of 1e-16·3 m and (dq)² ~ 1e-14 give a relative error of 1e-6
             np.testing.assert_allclose(moved, C[i] @ force, atol=1e-6 * np.abs(moved).max() + 2e-15)
             np.testing.assert_allclose(compute_deflection(J[i], k, force), C[i] @ force, rtol=1e-12, atol=1e-20)
 
@@ -96,7 +96,8 @@ def test_loaded_state_has_minimum_energy(arm: tuple[Robot, np.ndarray, np.ndarra
     dq = robot.compute_fk_jacobian(q, tool)[1][:3].T @ force / k
     best = energy(dq)
     for step in np.random.default_rng(2).normal(size=(200, 6)) * 0.05 * np.abs(dq).max():
-        assert energy(dq + step) > best - 1e-3 * abs(best)  # geometric stiffness: a share of about |f| L / k
+        # geometric stiffness: a relative contribution of about |f| L / k
+        assert energy(dq + step) > best - 1e-3 * abs(best)
     assert best == pytest.approx(
         -0.5 * force @ compute_deflection(robot.compute_fk_jacobian(q, tool)[1], k, force), rel=2e-3
     )
@@ -129,7 +130,7 @@ def test_softer_joint_never_stiffens_the_tcp(arm: tuple[Robot, np.ndarray, np.nd
         ).all()
 
 
-# --- the paper's index -------------------------------------------------------------------------------------
+# --- the index of the paper --------------------------------------------------------------------------------
 
 
 def test_constrained_stiffness_is_the_block_of_the_inverse(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
@@ -137,9 +138,9 @@ def test_constrained_stiffness_is_the_block_of_the_inverse(arm: tuple[Robot, np.
     _, J = robot.compute_fk_jacobian(draw_regular_joints(20, 4), tool)
     K = compute_constrained_stiffness(J, np.broadcast_to(k, (20, 6)))
     for i in range(20):
-        whole = np.linalg.inv(J[i] @ np.diag(1 / k) @ J[i].T)  # eq. 1, and its partition in eq. 13
+        whole = np.linalg.inv(J[i] @ np.diag(1 / k) @ J[i].T)  # Eq. 1, and its partition in Eq. 13
         np.testing.assert_allclose(K[i], whole[:3, :3], rtol=1e-7)
-        # by what it means: force for a unit translation while moments keep the orientation
+        # by its definition: the force for a unit translation while moments keep the orientation constant
         loaded = whole @ np.r_[np.eye(3)[0], 0, 0, 0]
         np.testing.assert_allclose(K[i][:, 0], loaded[:3], rtol=1e-7)
 
@@ -165,12 +166,12 @@ def test_constrained_stiffness_ignores_the_tool_length_and_real_stiffness_does_n
 
 
 def literal_index(J: np.ndarray, k: np.ndarray, direction: np.ndarray) -> float:
-    """Eqs. 16–23 word for word: eigenvalues, the line through the ellipsoid, the fourth root."""
+    """Compute Eqs. 16–23 literally: eigenvalues, intersection of a line with the ellipsoid, fourth root."""
     C = J @ np.diag(1 / k) @ J.T
     K_fd = np.linalg.inv(C)[:3, :3]
     lam, V = np.linalg.eigh(K_fd.T @ K_fd)
     e = V.T @ direction
-    t = 1 / np.sqrt(np.sum(e**2 / lam**2))  # eqs. 17–18: where the line x = e t meets the ellipsoid
+    t = 1 / np.sqrt(np.sum(e**2 / lam**2))  # Eqs. 17–18: intersection of the line x = e t with the ellipsoid
     x = e * t
     lam_d = np.sqrt(x @ x)  # eq. 22
     return float(np.sqrt(lam_d))  # eq. 23
@@ -198,26 +199,27 @@ def test_index_along_a_principal_axis_is_the_principal_stiffness(arm: tuple[Robo
 
 
 def test_table_2_of_the_paper_is_too_high_and_reverses_the_ranking(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
-    """Table 2's own configurations: K_fd along the tool is 3 to 10 times the real stiffness and prefers the softer."""
+    """For the configurations of Table 2, K_fd along the tool is 3 to 10 times the real stiffness, and ranks the
+    softer one higher."""
     robot, tool, k = arm
     T, J = robot.compute_fk_jacobian(TABLE_2, tool)
     stiffness, axial = np.broadcast_to(k, (4, 6)), T[:, :3, 2]
     paper = compute_jiao_index(J, stiffness, axial) / 1e3  # N/mm
     real = 1e-3 / compute_directional_compliance(J, stiffness, axial)
-    # one set of constants (eq. 38) instead of the paper's unpublished grid: within 20 % of what it printed
+    # one set of constants (Eq. 38) instead of the unpublished grid: within 20 % of the printed values
     np.testing.assert_allclose(paper, PRINTED, rtol=0.20)
     ratio = paper / real
     assert ratio.min() > 2.9
     assert ratio.max() < 10.5
     for before, after in ((0, 1), (2, 3)):
-        assert paper[after] > 2 * paper[before]  # the paper's gain
-        assert real[after] < real[before]  # is a loss at the tip
-    # the quadratic form of K_fd itself says the same as its fourth-root index
+        assert paper[after] > 2 * paper[before]  # the improvement stated in the paper
+        assert real[after] < real[before]  # is a reduction of the real stiffness at the tip
+    # the quadratic form of K_fd gives the same result as the fourth-root index
     fixed = np.einsum("mi,mij,mj->m", axial, compute_constrained_stiffness(J, stiffness), axial) / 1e3
     assert (fixed / real > 2.9).all()
 
 
-# --- the grid ----------------------------------------------------------------------------------------------
+# --- grid --------------------------------------------------------------------------------------------------
 
 
 def cube(shape: tuple[int, int, int] = (2, 3, 2)) -> ArmStiffness:
@@ -234,20 +236,21 @@ def value(stiffness: ArmStiffness, *position: float) -> float:
 
 
 def test_inside_faces_edges_and_corners_of_the_grid() -> None:
-    s = cube()  # value of cell (ix, iy, iz) is 1 + ix + 2 iy + 6 iz: x fastest
+    s = cube()  # the value of cell (ix, iy, iz) is 1 + ix + 2 iy + 6 iz: x fastest
     cell = lambda ix, iy, iz: 1.0 + ix + 2 * iy + 6 * iz  # noqa: E731  # three indices, one line
     for ix, iy, iz in np.ndindex(2, 3, 2):
         assert value(s, 1.3 + 0.6 * ix, -0.6 + 0.6 * iy, 0.5 + 0.6 * iz) == cell(ix, iy, iz)
-    assert value(s, 1.6, -0.6, 0.5) == (cell(0, 0, 0) + cell(1, 0, 0)) / 2  # a face of two
-    assert value(s, 1.6, -0.3, 0.5) == np.mean([cell(a, b, 0) for a in (0, 1) for b in (0, 1)])  # an edge of four
+    assert value(s, 1.6, -0.6, 0.5) == (cell(0, 0, 0) + cell(1, 0, 0)) / 2  # a face shared by two cells
+    # an edge shared by four cells
+    assert value(s, 1.6, -0.3, 0.5) == np.mean([cell(a, b, 0) for a in (0, 1) for b in (0, 1)])
     assert value(s, 1.6, 0.3, 0.8) == np.mean(
         [cell(a, b, c) for a in (0, 1) for b in (1, 2) for c in (0, 1)]
-    )  # a corner
-    # vertex, side and plane that belong to only one cell, on the outside
+    )  # a corner shared by eight cells
+    # outer vertex, edge and face that belong to one cell only
     assert value(s, 1.0, -0.9, 0.2) == cell(0, 0, 0)
     assert value(s, 2.2, 0.9, 1.4) == cell(1, 2, 1)
     assert value(s, 1.0, -0.6, 0.5) == cell(0, 0, 0)
-    assert value(s, 1.6, -0.9, 0.2) == (cell(0, 0, 0) + cell(1, 0, 0)) / 2  # an outer edge's shared end
+    assert value(s, 1.6, -0.9, 0.2) == (cell(0, 0, 0) + cell(1, 0, 0)) / 2  # an outer edge point shared by two cells
     assert value(s, 1.6 + 2 * GRID_FACE_TOLERANCE_M, -0.6, 0.5) == cell(1, 0, 0)
     assert value(s, 1.6 - 2 * GRID_FACE_TOLERANCE_M, -0.6, 0.5) == cell(0, 0, 0)
 
@@ -278,7 +281,7 @@ def test_grid_rule_is_the_mean_of_the_cells_containing_the_point(half: list[int]
     rows = []
     for iz, iy, ix in np.ndindex(2, 3, 2):
         low = s.grid.origin + 0.6 * np.array([ix, iy, iz])
-        if (p >= low - 1e-9).all() and (p <= low + 0.6 + 1e-9).all():  # closed boxes; 1e-9 m for the sums' rounding
+        if (p >= low - 1e-9).all() and (p <= low + 0.6 + 1e-9).all():  # closed boxes; 1e-9 m for rounding of the sums
             rows.append(s.grid.joints[ix + 2 * (iy + 3 * iz)])
     found = compute_joint_stiffness(s, p)
     assert bool(found.is_in_grid) == bool(rows)
@@ -303,7 +306,7 @@ def test_arm_uses_the_stiffness_at_its_tcp(arm: tuple[Robot, np.ndarray, np.ndar
     elasticity = ArmElasticity(robot, tool, grid)
     J, joint, inside = elasticity.compute_jacobian(TABLE_2)
     np.testing.assert_array_equal(inside, np.ones(4, bool))
-    np.testing.assert_array_equal(joint, [EQ_39, EQ_39, EQ_40, EQ_40])  # tag 1 lies at −y, tag 2 at +y
+    np.testing.assert_array_equal(joint, [EQ_39, EQ_39, EQ_40, EQ_40])  # tag 1 is at −y, tag 2 at +y
     np.testing.assert_allclose(J, robot.compute_fk_jacobian(TABLE_2, tool)[1])
     far = ArmElasticity(robot, tool, replace(grid, joints=2 * k)).compute_jacobian(np.zeros((1, 6)))
     np.testing.assert_array_equal(far[1][0], 2 * k)

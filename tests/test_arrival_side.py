@@ -1,5 +1,5 @@
-"""Gear hysteresis: located from rising and falling loads, included for both arrival directions, absent without a
-cause."""
+"""Gear hysteresis: located from increasing and decreasing loads, included for both arrival directions, absent
+without a cause."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def build_tests(loop: bool) -> LoadTestExperiment:
 def test_pairs_have_the_same_load_on_both_branches() -> None:
     tests = build_tests(True)
     rising, falling = find_branch_pairs(tests)
-    assert len(rising) == 3 * len(np.unique(tests.cycle))  # of four loads up the highest has no falling reading
+    # of four increasing loads the highest has no reading on unloading
+    assert len(rising) == 3 * len(np.unique(tests.cycle))
     assert (tests.cycle[rising] == tests.cycle[falling]).all()
     assert (rising < falling).all()
 

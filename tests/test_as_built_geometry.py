@@ -50,7 +50,7 @@ def test_planner_and_verifier_build_the_same_arm() -> None:
     robot, arm = load_robot(cell), UrdfKinematics(cell)
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (50, 6))
     stance = arm.compute_configuration(q)
-    # both multiply the same matrices in another order: rounding of metres
+    # both multiply the same matrices in different order: rounding of metres
     np.testing.assert_allclose(robot.compute_fk(q, cell.tool.T_flange_tcp), stance.tcp, atol=1e-13)
     np.testing.assert_allclose(
         robot.nominal_robot.compute_fk(q), UrdfKinematics(cell, drawn=True).compute_configuration(q).flange, atol=1e-13
@@ -58,10 +58,10 @@ def test_planner_and_verifier_build_the_same_arm() -> None:
     state = robot.compute_state(q, cell.tool.T_flange_tcp, bodies=True)
     np.testing.assert_allclose(
         compute_gravity_torque(robot, load_masses(cell), state)[0], arm.compute_gravity_torque(q), atol=1e-9
-    )  # of 1e3
+    )  # relative to torques of 1e3
     assert (
         1e-3 < np.abs(robot.compute_fk(q) - robot.nominal_robot.compute_fk(q)).max() < 2e-2
-    )  # millimetres, not nothing
+    )  # a difference of millimetres
 
 
 def test_link_of_the_arm_carries_its_bodies() -> None:
@@ -79,12 +79,12 @@ def test_branches_of_the_nominal_arm_lead_to_the_as_built_arm(name: str) -> None
     T = robot.compute_fk(q)
     found, drawn = build_solver(robot).solve(T), build_solver(robot.nominal_robot).solve(T)
     there = np.isfinite(found.q[..., 0])
-    assert np.abs(robot.compute_fk(np.nan_to_num(found.q)) - T[:, None])[there].max() < 1e-9  # ik_built.MET
+    assert np.abs(robot.compute_fk(np.nan_to_num(found.q)) - T[:, None])[there].max() < 1e-9  # tolerance ik_built.MET
     apart = np.abs(np.angle(np.exp(1j * (found.q - drawn.q))))
     regular = there & (drawn.wrist > 0.2) & (drawn.elbow > 0.2) & (drawn.shoulder > 0.1)
-    assert apart[regular].max() < 0.1  # milliradians over a sine of 0.2, twice: the same branch under the same index
+    assert apart[regular].max() < 0.1  # milliradians divided by sines of 0.2, twice: the same branch has the same index
     own = np.abs(np.angle(np.exp(1j * (found.q - q[:, None])))).max(axis=2)
-    assert np.mean(np.nanmin(np.where(there, own, 9.0), axis=1) < 1e-6) > 0.9  # the rest lies at a singularity
+    assert np.mean(np.nanmin(np.where(there, own, 9.0), axis=1) < 1e-6) > 0.9  # the others are at a singularity
 
 
 def test_geometry_differs_from_joint_offsets() -> None:
@@ -125,7 +125,8 @@ def test_new_geometry_adds_to_known_geometry() -> None:
 
 @pytest.mark.slow
 def test_plan_on_an_as_built_arm_is_verified(tmp_path: Path) -> None:
-    """Joints are exported for the built arm, Cartesian targets as the controller reckons: both are read back."""
+    """Joint targets are exported for the as-built arm, and Cartesian targets for the nominal kinematics of the
+    controller; both are read back."""
     line = "stiffness: stiffness.yaml"
     cell = changed_cell(tmp_path, (line, f"{line}\nkinematics: kinematics.yaml"))
     text = (
@@ -135,4 +136,5 @@ def test_plan_on_an_as_built_arm_is_verified(tmp_path: Path) -> None:
         '  - {effect: geometry, location: "joint:5", parameters: {xyz_mm: [0, -0.2, 0.1], turn_mrad: [0.2, 0, 0.3]}}\n'
     )
     write_geometry_file(cell, text)
-    assert optimize(cell, toolpath(tmp_path, PASS), tmp_path / "out", "--post", "krl") == 0  # 4: not verified
+    # exit code 4 would be: not verified
+    assert optimize(cell, toolpath(tmp_path, PASS), tmp_path / "out", "--post", "krl") == 0

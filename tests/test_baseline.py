@@ -1,4 +1,4 @@
-"""Baselines: CAM default rotation, and jiao2022 sections 3.2 and 4 against the equations of the paper."""
+"""Baselines: CAM default rotation, and jiao2022 sections 3.2 and 4, compared with the equations of the paper."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ from machopt.planning.stations.planning_path import PlanningPath, build_planning
 from machopt.stiffness.joint_compliance import compute_jiao_index
 
 C, R = MoveKind.CUT, MoveKind.RAPID
-K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad, as large as a KR240's
+K = np.array([1.4e6, 4.0e5, 9.4e5, 3.6e5, 3.7e5, 3.8e5])  # N·m/rad, of the magnitude of a KR240
 OPTIONS = PlanOptions(collision=False)
 
 
 def facing_cell(folder: FilePath, pitch: float = -90.0, height: float = 1.4) -> Cell:
-    """A wall in front of the robot; the spindle square to axis 6. At pitch −90° the tool lies along base x."""
+    """Return a cell with a wall in front of the robot and the spindle perpendicular to axis 6. At pitch −90° the
+    tool axis is along base x."""
     cell = small_cell(folder, stiffness=ArmStiffness(joints=K))
     T_tcp = pose(0.25, 0.0, 0.15, np.pi / 2)  # tool axis along the flange's x
     wall = pose(1.55, 0.0, height, np.radians(pitch))
@@ -45,7 +46,7 @@ def facing_cell(folder: FilePath, pitch: float = -90.0, height: float = 1.4) -> 
 
 
 def milling(tilt: float = 0.0, n: int = 21) -> Toolpath:
-    """One pass across the wall, the tool axis swaying by ``tilt`` rad."""
+    """Return one pass across the wall with an oscillating tool axis (amplitude ``tilt`` rad)."""
     rows: Rows = []
     for k, y in enumerate(np.linspace(-0.15, 0.25, n)):
         axis = (np.sin(tilt * np.sin(0.3 * k)), np.sin(tilt * np.cos(0.2 * k)), 1.0)
@@ -54,7 +55,7 @@ def milling(tilt: float = 0.0, n: int = 21) -> Toolpath:
 
 
 def holes(tilt: float = 0.0) -> Toolpath:
-    """Holes along base y, unevenly spaced, each entered from a rapid point above."""
+    """Return unevenly spaced holes along base y, each entered from a rapid point above."""
     rows: Rows = []
     for k, y in enumerate([-0.2, -0.12, 0.0, 0.03, 0.2, 0.3]):
         axis = np.array([np.sin(tilt * k / 5), 0.0, np.cos(tilt * k / 5)])
@@ -73,7 +74,7 @@ def paper(setup: PlanningSetup, path: PlanningPath, options: PlanOptions = OPTIO
 
 
 def paper_roll(setup: PlanningSetup, path: PlanningPath, phi: np.ndarray) -> np.ndarray:
-    """γ of eq. 27 by scipy: the tool's own axes as the paper has them (its x is the tool axis), Rz Ry Rx in base."""
+    """Compute γ of Eq. 27 with SciPy: tool axes as in the paper (its x is the tool axis), Rz Ry Rx in base."""
     every = np.arange(len(path.index), dtype=np.int32)
     T = setup.arm.machine.T_base_workpiece_zero @ compute_tcp_poses(path, every, np.nan_to_num(phi))
     permuted = T[:, :3, [2, 0, 1]]
@@ -113,7 +114,8 @@ def test_cam_default_starts_nearest_to_home_and_is_continuous(tmp_path: FilePath
     ok = np.flatnonzero(a.reason == InfeasibilityReason.OK)
     assert len(ok) > 10
     steps = np.abs(np.diff(a.q[ok], axis=0)).max(axis=1)[np.diff(ok) == 1]
-    assert np.degrees(steps.max()) < 60  # more would be another configuration; the path weaves, so the rotation does
+    # more would be a change of configuration; the path oscillates, and so does the rotation
+    assert np.degrees(steps.max()) < 60
     assert len(set(a.branch[ok].tolist())) == 1
     np.testing.assert_array_equal(
         np.isin(a.reason, [InfeasibilityReason.OK, InfeasibilityReason.NO_PATH]), a.branch >= 0
@@ -130,7 +132,7 @@ def test_roll_angle_equals_equation_27_where_defined(tmp_path: FilePath, tilt: f
     np.testing.assert_allclose(
         wrap_angle(_compute_roll(path, setup.arm, every) - paper_roll(setup, path, np.zeros(len(every)))), 0, atol=1e-9
     )
-    for phi in (-2.0, 0.7):  # and it grows with phi one to one
+    for phi in (-2.0, 0.7):  # and it increases with phi with slope 1
         np.testing.assert_allclose(
             wrap_angle(paper_roll(setup, path, np.full(len(every), phi)) - _compute_roll(path, setup.arm, every) - phi),
             0,
@@ -139,14 +141,15 @@ def test_roll_angle_equals_equation_27_where_defined(tmp_path: FilePath, tilt: f
 
 
 def test_roll_angle_is_constant_where_the_spindle_points_down(tmp_path: FilePath) -> None:
-    """Eq. 27 has no roll at β = ±90°: about it a swaying axis would turn it right round."""
+    """Eq. 27 is singular at β = ±90°: there an oscillating tool axis would change the roll by a full turn."""
     setup, path = prepare_path(facing_cell(tmp_path, pitch=0.0, height=0.7), milling(0.15))
     every = np.arange(len(path.index), dtype=np.int32)
     literal, used = paper_roll(setup, path, np.zeros(len(every))), _compute_roll(path, setup.arm, every)
     assert np.ptp(np.unwrap(literal)) > np.radians(90)
     assert np.ptp(np.unwrap(used)) < np.radians(15)
     down = np.degrees(LEAST_TILT)
-    assert 20 < down < 45  # between a spindle down (paper's Table 2) and one square to the wall (its figures)
+    # between a vertical spindle (Table 2 of the paper) and one perpendicular to the wall (its figures)
+    assert 20 < down < 45
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.15])
@@ -158,15 +161,15 @@ def test_trajectory_rolls_in_proportion_to_the_index_and_reaches_the_end(tmp_pat
     psi = np.unwrap(paper_roll(setup, path, a.phi)[rows])
     expected = psi[0] + np.arange(len(rows)) / (len(rows) - 1) * (psi[-1] - psi[0])
     np.testing.assert_allclose(psi, expected, atol=1e-9)
-    assert abs(psi[-1] - psi[0]) <= np.pi + 1e-9  # the short way round
-    for p in rows[[0, -1]]:  # eq. 26: whole steps of 10° from the initial posture
+    assert abs(psi[-1] - psi[0]) <= np.pi + 1e-9  # the shorter direction
+    for p in rows[[0, -1]]:  # Eq. 26: whole steps of 10° from the initial posture
         steps = a.phi[p] / STEP
         assert abs(steps - round(steps)) < 1e-6
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.3])
 def test_holes_roll_in_proportion_to_the_coordinate_and_reach_the_end(tmp_path: FilePath, tilt: float) -> None:
-    """Eq. 34, along the axis with the longest way (here y)."""
+    """Eq. 34, along the axis with the longest travel (here y)."""
     setup, path = prepare_path(facing_cell(tmp_path), holes(tilt))
     a = paper(setup, path)
     keys, rows, fraction = _group_key_points(path, setup.arm)[0]
@@ -175,12 +178,12 @@ def test_holes_roll_in_proportion_to_the_coordinate_and_reach_the_end(tmp_path: 
     np.testing.assert_allclose(fraction, (y + 0.2) / 0.5, atol=1e-9)
     psi = np.unwrap(paper_roll(setup, path, a.phi)[rows])
     np.testing.assert_allclose(psi, psi[0] + fraction * (psi[-1] - psi[0]), atol=1e-9)
-    for first, last in path.runs:  # the drill keeps its rotation from the rapid point to the bottom
+    for first, last in path.runs:  # the rotation is constant from the rapid point to the bottom of the hole
         assert np.ptp(a.phi[first : last + 1]) < 1e-9
 
 
 def test_key_points_use_the_stiffest_ten_degree_rotation(tmp_path: FilePath) -> None:
-    """Steps 1–5 of section 3.2, tried one by one in the branch that was taken."""
+    """Steps 1–5 of section 3.2, evaluated one by one in the selected branch."""
     setup, path = prepare_path(facing_cell(tmp_path), milling())
     a = paper(setup, path)
     rows = np.flatnonzero(path.counted)
@@ -199,7 +202,7 @@ def test_key_points_use_the_stiffest_ten_degree_rotation(tmp_path: FilePath) -> 
                 scores[step] = compute_jiao_index(J, K, R_bw @ path.axis[p])
         best = max(scores, key=lambda s: scores[s])
         assert wrap_angle(a.phi[p] - best * STEP) == pytest.approx(0.0, abs=1e-9)
-        assert len(scores) < 36  # some rotations were dropped as infeasible
+        assert len(scores) < 36  # some rotations are infeasible
 
 
 def _is_regular(setup: PlanningSetup, T: np.ndarray, b: int) -> bool:
@@ -235,7 +238,7 @@ def test_each_milling_run_has_its_own_key_points(tmp_path: FilePath) -> None:
     for k in range(3):
         assert np.isfinite(a.phi[path.run == k]).all()
         p = at_point(path, 3 * k)
-        assert a.phi[p] == pytest.approx(a.phi[p + 1])  # the rapid point takes the rotation it leads to
+        assert a.phi[p] == pytest.approx(a.phi[p + 1])  # the rapid point has the rotation of the following hole
 
 
 def test_unreachable_path_is_data_not_an_exception(tmp_path: FilePath) -> None:

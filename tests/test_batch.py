@@ -37,7 +37,7 @@ def rows(out: Path) -> dict[str, dict[str, str]]:
         return {row["toolpath"].partition(".")[0].removeprefix("jobs/"): row for row in csv.DictReader(lines)}
 
 
-# ── what goes wrong in one job stays there ──────────────────────────────────────────────────────────────────────────
+# ── errors of one job do not affect the others ───────────────────────────────────────────────────────────────────────
 
 
 def test_crash_hang_or_memory_overrun_of_a_job_is_reported_and_isolated(scheduler: str, tmp_path: Path) -> None:
@@ -46,14 +46,14 @@ def test_crash_hang_or_memory_overrun_of_a_job_is_reported_and_isolated(schedule
     jobs = folder_of(tmp_path, **bad, **good, no="infeasible", open="unverified")
     message: list[BatchProgress] = []
     listed = tmp_path / "list.csv"
-    limits = {"deaf": "1,", "fat": ",150"}  # s, MiB; a stub job needs some 10 ms and 25 MiB
+    limits = {"deaf": "1,", "fat": ",150"}  # s, MiB; a stub job needs about 10 ms and 25 MiB
     listed.write_text(
         "toolpath,time_limit_s,memory_limit_MiB\n"
         + "".join(f"jobs/{f.name},{limits.get(f.stem, ',')}\n" for f in sorted(jobs.iterdir()))
     )
     request = request_for(listed, tmp_path / "out", scheduler=scheduler)
     outcome = run_batch(request, message.append)
-    assert outcome.exit_code == 4  # one failed verification outranks the crashes
+    assert outcome.exit_code == 4  # a failed verification has priority over crashes
     found = rows(tmp_path / "out")
     assert {name for name, row in found.items() if row["verdict"] == "done"} == set(good)
     assert "killed by SIGSEGV" in found["boom"]["reason"]
@@ -67,7 +67,7 @@ def test_crash_hang_or_memory_overrun_of_a_job_is_reported_and_isolated(schedule
     assert times_run(tmp_path) == dict.fromkeys((*bad, *good, "no", "open"), 1)
     pids = {int((tmp_path / "ran" / f"{name}.nc").read_text()) for name in bad}
     left = [p for p in psutil.process_iter(["status"]) if _group(p.pid) in pids and p.info["status"] != "zombie"]
-    assert left == []  # the children of the deaf one have ended with it
+    assert left == []  # the child processes of the job that ignores signals have ended, too
     assert (message[0].done, message[-1].done, message[-1].total, message[-1].trouble) == (0, 11, 11, 7)
     assert message[-1].remaining_time == 0.0
 
@@ -100,7 +100,7 @@ def test_finished_jobs_remain_and_failed_ones_are_retried(scheduler: str, tmp_pa
     changed = run_batch(replace(request, keep_failed=True))
     assert (changed.done, changed.reused) == (1, 3)
     assert times_run(tmp_path) == {"a": 2, "b": 1, "broken": 2, "no": 1}
-    # an option that all jobs have changes all; one that says what holds anyway changes none
+    # an option that changes all jobs recomputes all; an option with its default value recomputes none
     assert run_batch(replace(request, overrides=("seed=0",), keep_failed=True)).done == 0
     assert run_batch(replace(request, overrides=("seed=1",), keep_failed=True)).done == 4
 
@@ -117,7 +117,7 @@ def test_changed_cell_file_and_missing_result_are_detected(scheduler: str, tmp_p
     stiffness.write_text(stiffness.read_text() + "# measured again\n")
     assert run_batch(request).done == 2
     moved = tmp_path / "moved"
-    jobs.rename(moved)  # other labels, same jobs: taken over
+    jobs.rename(moved)  # other labels, same jobs: results are reused
     assert run_batch(replace(request, jobs=(str(moved),))).done == 0
     assert len(list((tmp_path / "out" / "jobs").iterdir())) == 2
 
@@ -130,7 +130,7 @@ def test_one_process_per_job_where_forking_is_unsafe(tmp_path: Path) -> None:
         server = ProcessServer("test", "batch_stub_jobs", forks=False)
         job = {"request": {"toolpath": str(jobs / f"{name}.nc")}}
         try:
-            # 60 s are for the start of an interpreter on a busy machine; the deaf one gets 0.5 s
+            # 60 s cover the start of an interpreter on a busy machine; the job that ignores signals gets 0.5 s
             limit = 0.5 if name == "deaf" else 60.0
             ended = server.run_job(
                 JobSpec(
@@ -151,14 +151,14 @@ def test_one_process_per_job_where_forking_is_unsafe(tmp_path: Path) -> None:
     assert (tmp_path / "good" / "out" / "points.csv").exists()
 
 
-# ── beside each other ────────────────────────────────────────────────────────────────────────────────────────────────
+# ── concurrent batches ────────────────────────────────────────────────────────────────────────────────────────────────
 
 
 def test_two_batches_at_once_are_independent(tmp_path: Path) -> None:
-    """The port of Dask's status pages is taken; a warning would be an error here."""
+    """The port of Dask's status pages is in use; a warning would be an error here."""
     jobs = folder_of(tmp_path, a="sleep 0")
     with socket.socket() as taken:
-        with contextlib.suppress(OSError):  # by another cluster on this machine
+        with contextlib.suppress(OSError):  # the port may be in use by another cluster on this machine
             taken.bind(("0.0.0.0", 8787))
             taken.listen()
         assert run_batch(request_for(jobs, tmp_path / "out", workers=1)).exit_code == 0
@@ -198,7 +198,7 @@ def test_batch_jobs_equal_single_commands_and_batches_are_compared(scheduler: st
     (tmp_path / "mine.toml").write_text(read_post_text("urscript"))
     posts = ("krl", str(tmp_path / "mine.toml"))
     outs = []
-    # on the workers of a cluster, and in a process of this one: each process that serves jobs takes seconds to start
+    # on the workers of a cluster, and in a local process: each process that runs jobs takes seconds to start
     for name, cell, where in (("one", CELL, scheduler), ("two", tmp_path / "softer", None)):
         jobs = tmp_path / f"{name}.yaml"
         jobs.write_text(list_text.format(cell))
@@ -221,18 +221,20 @@ def test_batch_jobs_equal_single_commands_and_batches_are_compared(scheduler: st
     for name in ("points.csv", "trajectory.csv", *programs):
         assert (made / name).read_bytes() == (tmp_path / "single" / name).read_bytes(), name
     checked = Verify(cell=CELL, toolpath=place / "three.csv", out=made)
-    assert run_verify(checked).verification.failed == ()  # the batch's own files beside the result are in its manifest
+    # the files that the batch adds to the result are in its manifest
+    assert run_verify(checked).verification.failed == ()
     row = rows(tmp_path / "one")["parts/three"]
     assert row["programs"] == "krl/three_csv.src mine/three_csv.script"
     found = json.loads((tmp_path / "single" / "result.json").read_text())
-    assert float(row["gain_percent"]) == pytest.approx(found["objective"]["gain"][0]["mean_percent"], rel=1e-5)  # %.6g
+    # written with %.6g
+    assert float(row["gain_percent"]) == pytest.approx(found["objective"]["gain"][0]["mean_percent"], rel=1e-5)
     assert (tmp_path / "one" / row["report"]).exists()
     with (tmp_path / "two" / "compare.csv").open() as lines:
         differences = {r["toolpath"]: r for r in csv.DictReader(lines)}
     three = differences["parts/three.csv"]
     assert three["verdict_before"] == three["verdict"]
     assert three["verdict"].startswith("done")
-    assert float(three["mean"]) < float(three["mean_before"])  # stiffness, with a softer second joint
+    assert float(three["mean"]) < float(three["mean_before"])  # stiffness, with a softer joint 2
 
 
 @pytest.mark.proof
@@ -272,7 +274,7 @@ assert all(len(f.signatures) == 1 for f in kernels), [f.signatures for f in kern
     assert done.returncode == 0, done.stderr
 
 
-# ── refused before anything starts ──────────────────────────────────────────────────────────────────────────────────
+# ── refused before the start ──────────────────────────────────────────────────────────────────────────────────────────
 
 
 def test_invalid_jobs_are_refused_before_the_start(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Batch under machine faults: killed servers and workers, full disks, edited files."""
+"""Batch under machine faults: killed process servers and workers, full disks, edited files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="POSIX signals")
 
 
 def servers() -> list[psutil.Process]:
-    """The process servers that this process has started."""
+    """Return the process servers that this process has started."""
     out = []
     for p in psutil.Process().children():
         with contextlib.suppress(psutil.Error):
@@ -41,7 +41,7 @@ def servers() -> list[psutil.Process]:
 
 @contextlib.contextmanager
 def repeat_meanwhile(action: Callable[[], None], pause: Callable[[], float]) -> Iterator[None]:
-    """Do something again and again beside the block."""
+    """Repeat an action in a thread while the block runs."""
     over = threading.Event()
 
     def loop() -> None:
@@ -68,7 +68,7 @@ def test_randomly_killed_servers_and_jobs_never_hang_a_batch(seed: int, tmp_path
     killed = []
 
     def kill() -> None:
-        with contextlib.suppress(psutil.Error):  # one that has just ended
+        with contextlib.suppress(psutil.Error):  # it may just have ended
             victims = [p for server in servers() for p in (server, *server.children(recursive=True))]
             if victims and len(killed) < 5:
                 victim = draw.choice(victims)
@@ -104,12 +104,12 @@ def spec_of(tmp_path: Path, words: str, limit: float = 60.0) -> JobSpec:
 
 
 def test_dead_server_is_reported_on_every_request(tmp_path: Path) -> None:
-    """The system closes a killed process's pipe before it tells that the process has ended."""
+    """The system closes the pipe of a killed process before it reports that the process has ended."""
     server = ProcessServer("test", "batch_stub_jobs", forks=True)
     (tmp_path / "work").mkdir()
     try:
         assert server.run_job(spec_of(tmp_path, "sleep 0"), str(tmp_path / "work")).how == "ended"
-        server._process.send_signal(signal.SIGKILL)  # not reaped: nobody asked the system yet
+        server._process.send_signal(signal.SIGKILL)  # the exit status has not been read yet
         assert [server._wait_for_answer(JobStartedMessage, 60.0) for _ in range(3)] == [None] * 3
         assert not server.is_alive
     finally:
@@ -139,7 +139,7 @@ def test_time_limit_holds_without_an_answer_of_the_server(tmp_path: Path, monkey
 
 
 def until_gone(pid: int) -> None:
-    """A killed process takes a moment to go, and stays as a name where nobody asks how it ended."""
+    """Wait until a killed process has ended; it may remain as a zombie until its exit status is read."""
     with contextlib.suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
         while process.status() != psutil.STATUS_ZOMBIE:
@@ -184,7 +184,7 @@ def test_batch_without_workers_ends_and_can_be_resumed(tmp_path: Path, monkeypat
     assert (outcome.exit_code, outcome.reused) == (0, 1)
 
 
-# ── the disk ─────────────────────────────────────────────────────────────────────────────────────────────────────────
+# ── disk ──────────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
 @pytest.mark.parametrize("step", ["_list_in_manifest", "sync_tree", "sync_folder"])
@@ -202,7 +202,8 @@ def test_batch_killed_while_moving_a_result_resumes_to_the_same_bytes(
     request = request_for(jobs, tmp_path / "out", workers=1)
     with monkeypatch.context() as patch:
         patch.setattr(job_store, step, die)
-        patch.setattr(job_store.shutil, "rmtree", lambda *_, **__: None)  # a killed process clears nothing away
+        # a killed process does not delete its temporary files
+        patch.setattr(job_store.shutil, "rmtree", lambda *_, **__: None)
         with pytest.raises(Killed):
             run_batch(request)
     assert run_batch(request).exit_code == 0
@@ -229,7 +230,8 @@ def test_job_lost_to_a_full_disk_is_retried(tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr("machopt.commands.optimize.run.run_optimize", full)
     found = job_process.run({"request": {"cell": ".", "toolpath": "a.nc", "plan_file": None}}, tmp_path / "out")
-    assert (found["exit_code"], found["verdict"]) == (1, job_process.NOT_WRITTEN)  # 1 is tried again, 2 is an answer
+    # exit code 1 is tried again, 2 is a final result
+    assert (found["exit_code"], found["verdict"]) == (1, job_process.NOT_WRITTEN)
 
 
 def test_batch_manifest_contains_the_summary_and_is_absent_while_running(tmp_path: Path) -> None:
@@ -252,7 +254,7 @@ def test_batch_manifest_contains_the_summary_and_is_absent_while_running(tmp_pat
 
 
 def test_edited_result_is_recomputed_only_with_force(tmp_path: Path) -> None:
-    """As far as it has a manifest; the jobs here have none, so one is written for them."""
+    """The check needs a manifest; these stub jobs have none, so the test writes one."""
     from machopt.data_types.manifest import FolderManifest
     from machopt.output import write_manifest
 
@@ -272,11 +274,11 @@ def test_edited_result_is_recomputed_only_with_force(tmp_path: Path) -> None:
     assert run_batch(replace(request, overwrite=True)).done == 1
 
 
-# ── the key ──────────────────────────────────────────────────────────────────────────────────────────────────────────
+# ── job key ───────────────────────────────────────────────────────────────────────────────────────────────────────────
 
 
 def test_every_shipped_file_is_part_of_the_key(tmp_path: Path) -> None:
-    """One of each kind of file is changed; what Python and numba store beside them is none of them."""
+    """One file of each type is changed; cache files of Python and numba have no influence."""
     package = tmp_path / "machopt"
     shutil.copytree(Path(machopt.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     kinds = {f.suffix: f for f in sorted(package.rglob("*")) if f.is_file()}
@@ -289,7 +291,7 @@ def test_every_shipped_file_is_part_of_the_key(tmp_path: Path) -> None:
     (package / "__pycache__").mkdir()
     (package / "__pycache__" / "run.cpython-311.pyc").write_bytes(b"made")
     (package / "__pycache__" / "solve.nbi").write_bytes(b"made")
-    stored = package / "report" / "templates" / "__pycache__"  # by the first report of an installation
+    stored = package / "report" / "templates" / "__pycache__"  # created by the first report of an installation
     stored.mkdir(parents=True, exist_ok=True)
     (stored / "report.html.cpython-311-abc").write_bytes(b"made")
     assert compute_package_hash(package) in observed

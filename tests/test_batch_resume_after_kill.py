@@ -1,4 +1,4 @@
-"""Killed or stopped batches that are resumed: no loss, no repetition, identical bytes."""
+"""Killed or stopped batches that are resumed: no lost job, no repeated job, identical bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from machopt.batch.request import BatchRequest
 from machopt.batch.run import run_batch
 
 ROOT = Path(__file__).resolve().parents[1]
-PATIENCE = 300.0  # s that only something stuck takes, on a busy machine too
+PATIENCE = 300.0  # s; exceeded only by a blocked process, also on a busy machine
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
@@ -48,7 +48,7 @@ def driver(jobs: Path, out: Path, entry: str = "batch_stub_jobs") -> subprocess.
 
 
 def wait_for(process: subprocess.Popen[str], number: int) -> None:
-    """Until the driver says that so many jobs are finished."""
+    """Wait until the driver reports this number of finished jobs."""
     assert process.stdout is not None
     for line in process.stdout:
         if int(line) >= number:
@@ -62,9 +62,9 @@ def list_finished_jobs(out: Path) -> set[str]:
 
 @pytest.mark.slow
 def test_sixty_jobs_killed_and_resumed_equal_an_undisturbed_run(scheduler: str, tmp_path: Path) -> None:
-    """Gates hold what must not be over yet, so that nothing here depends on how fast the machine is.
+    """Gate files hold back jobs that must not be finished yet, so that the test does not depend on the machine's speed.
 
-    The driver is killed while two jobs of the second third are at work, a server while it has one of the last.
+    The driver is killed during two jobs of the second third, a process server during one of the last third.
     """
     words = [*["sleep 0"] * 20, *["gate first"] * 20, *["gate second"] * 18]
     names = {f"job{n:02d}": word for n, word in enumerate(words)}
@@ -80,7 +80,7 @@ def test_sixty_jobs_killed_and_resumed_equal_an_undisturbed_run(scheduler: str, 
         f.unlink()
 
     with driver(jobs, out) as process:
-        wait_for(process, 21)  # boom and the first twenty
+        wait_for(process, 21)  # the crashed job and the first twenty
         servers = servers_of(process)
         process.kill()
     had = list_finished_jobs(out)
@@ -94,15 +94,15 @@ def test_sixty_jobs_killed_and_resumed_equal_an_undisturbed_run(scheduler: str, 
         wait_for(process, 41)
         next(
             p for p in psutil.Process(process.pid).children() if is_process_server(p)
-        ).kill()  # another is started, which takes its job again
+        ).kill()  # a new server starts and takes its job again
         second.touch()
         assert process.wait(timeout=PATIENCE) == 1
 
     count = times_run(tmp_path)
     assert set(count) == {*names, "no", "boom"}
-    twice = {name for name, times in count.items() if times > 1} - {"boom"}  # a crash is tried again
+    twice = {name for name, times in count.items() if times > 1} - {"boom"}  # a crashed job is tried again
     assert twice.isdisjoint(had)
-    assert len(twice) <= 3  # the two at work at the first kill, and the one of the killed server
+    assert len(twice) <= 3  # two jobs running at the first kill, and the job of the killed server
     assert max(count.values()) == 2
     assert contents(out) == contents(whole)
     assert run_batch(request_for(jobs, out, scheduler=scheduler, keep_failed=True)).done == 0
@@ -110,8 +110,8 @@ def test_sixty_jobs_killed_and_resumed_equal_an_undisturbed_run(scheduler: str, 
 
 @pytest.mark.proof
 def test_fifteen_real_jobs_on_two_workers_killed_and_resumed(scheduler: str, tmp_path: Path) -> None:
-    """Shipped cells with small toolpaths, KRL programs, one crash, one job over its time; undisturbed on a scheduler
-    of its own, then killed half-way on a local cluster and resumed: the same bytes but for the times told in them."""
+    """Shipped cells with small toolpaths, KRL programs, one crash, one job above its time limit; first undisturbed
+    on its own scheduler, then killed halfway on a local cluster and resumed: the same bytes except for times."""
     jobs = small_jobs(tmp_path)
     gate, whole, out = tmp_path / "gate", tmp_path / "whole", tmp_path / "out"
     gate.touch()
@@ -123,7 +123,7 @@ def test_fifteen_real_jobs_on_two_workers_killed_and_resumed(scheduler: str, tmp
     counts = undisturbed.result.to_json_types()["counts"]
     assert isinstance(counts, dict)
     assert (counts["crashed"], counts["over time"]) == (1, 1)
-    assert 3 * counts["done"] >= 2 * (JOBS - 2)  # the CAM's default rotation cannot be driven everywhere
+    assert 3 * counts["done"] >= 2 * (JOBS - 2)  # the CAM default rotation is not feasible everywhere
     assert counts["done"] + counts.get("infeasible", 0) == JOBS - 2
     assert set(times_run(tmp_path).values()) == {1}
     for f in (gate, *(tmp_path / "ran").iterdir()):
@@ -144,8 +144,8 @@ def test_fifteen_real_jobs_on_two_workers_killed_and_resumed(scheduler: str, tmp
     count = {int(name): times for name, times in times_run(tmp_path).items()}
     assert sorted(count) == list(range(JOBS))
     twice = {number for number, times in count.items() if times > 1}
-    assert {n for n in twice if n < GATED} == {3, 7}  # the crash and the late one are tried again
-    assert len(twice) <= 4  # and the two at work at the kill
+    assert {n for n in twice if n < GATED} == {3, 7}  # the crash and the job above its time limit are tried again
+    assert len(twice) <= 4  # and the two jobs running at the kill
     mine, theirs = contents(out), contents(whole)
     assert sorted(mine) == sorted(theirs)
     assert sum(name.endswith(".src") for name in mine) == counts["done"]
@@ -153,7 +153,7 @@ def test_fifteen_real_jobs_on_two_workers_killed_and_resumed(scheduler: str, tmp
 
 
 def remove_times(name: str, data: bytes) -> bytes:
-    """A job's file without what it says of its own computing time."""
+    """Return a job's file without its computing times."""
     if name.endswith("/result.json"):
         return json.dumps({k: v for k, v in json.loads(data).items() if k not in ("timings_s", "outputs")}).encode()
     if name.endswith("/manifest.json"):
@@ -173,7 +173,7 @@ def is_process_server(process: psutil.Process) -> bool:
 
 
 def servers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
-    """The process servers of a driver and the jobs they run."""
+    """Return the process servers of a driver and the jobs that they run."""
     family = psutil.Process(process.pid).children(recursive=True)
     found = [p for p in family if is_process_server(p)]
     assert found
@@ -181,7 +181,8 @@ def servers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
 
 
 def wait_until_gone(servers: list[psutil.Process]) -> None:
-    """No process server or job outlives its driver; it takes some 10 ms, and longer on a loaded machine."""
+    """Wait until all process servers and jobs have ended after their driver; about 10 ms, longer on a loaded
+    machine."""
     _, alive = psutil.wait_procs(servers, timeout=60.0)
     assert alive == []
 

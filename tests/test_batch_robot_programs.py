@@ -1,4 +1,5 @@
-"""Robot programs of a batch: ``--post``, ``post`` and ``posts`` in lists, and template files in the key of a job."""
+"""Robot programs of a batch: ``--post``, ``post`` and ``posts`` in job lists, and template files in the key of a
+job."""
 
 from __future__ import annotations
 
@@ -90,7 +91,7 @@ def test_key_contains_post_names_and_the_bytes_of_templates(tmp_path: Path) -> N
     with_file = replace(plain, posts=(str(mine),))
     before = key_of(with_file)
     assert isinstance(before, ReadyJob)
-    assert str(mine) in before.inputs  # a job whose template changes while it runs is no result
+    assert str(mine) in before.inputs  # a job whose template changes during the run gives no result
     moved = tmp_path / "elsewhere" / "mine.toml"
     moved.parent.mkdir()
     moved.write_text(mine.read_text())
@@ -99,7 +100,7 @@ def test_key_contains_post_names_and_the_bytes_of_templates(tmp_path: Path) -> N
     assert key(with_file) != before.key
     mine.write_text(read_post_text("krl").replace("A6 @{a6:.5f}", "A6 @{a7"))
     faulty = key_of(with_file)
-    assert isinstance(faulty, RefusedJob)  # before any job is started
+    assert isinstance(faulty, RefusedJob)  # before any job starts
     assert "mine.toml" in faulty.reason
 
 
@@ -187,4 +188,4 @@ def test_unreadable_program_is_the_reason_in_the_summary() -> None:
     message = json.loads(json.dumps(result), object_hook=lambda part: SimpleNamespace(**part))
     found = build_summary_row(cast(OptimizeDocument, message))
     assert found.reason == "a.src: CAM points at point 3 is missing"
-    assert found.programs == ()  # none is left in OUT
+    assert found.programs == ()  # no program remains in the output folder

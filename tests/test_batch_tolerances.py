@@ -53,7 +53,7 @@ def test_missing_process_file_is_refused_before_the_first_job(tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_summary_contains_the_outcome_of_each_job(tmp_path: Path) -> None:
-    """The same numbers as result.json; another process.yaml is another job."""
+    """The same numbers as in result.json; another process.yaml gives another job."""
     (tmp_path / "holes.csv").write_text(HOLES)
     own = (CELL / "process.yaml").read_text().replace("    kind: drilling", "    spindle_rpm: 4000\n    kind: drilling")
     for name, limit in (("narrow", "0.1"), ("wide", "5.0")):
@@ -77,7 +77,7 @@ def test_summary_contains_the_outcome_of_each_job(tmp_path: Path) -> None:
         }
         assert (int(row["in_tolerance"]), int(row["with_tolerance"])) == (counts["pass"], 2)
         (tolerance,) = process["tolerances"]
-        assert float(row["worst_error_mm"]) == pytest.approx(tolerance["worst_error_mm"], rel=1e-5)  # %.6g
+        assert float(row["worst_error_mm"]) == pytest.approx(tolerance["worst_error_mm"], rel=1e-5)  # written with %.6g
         assert int(row["worst_error_point"]) == tolerance["worst_point"]
         assert counts["pass" if name == "wide" else "fail"] == 2
     assert run_batch(request).reused == 1

@@ -1,4 +1,4 @@
-"""Beams and stepped cylinders divided into slices, against the equations of two papers."""
+"""Beams and stepped cylinders, compared with a numerical sum over slices and with the equations of two papers."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from machopt.effects.compliance_matrices.beam_compliance import (
     compute_torsion_compliance,
 )
 
-EI, GJ, EA = 3.0e5, 2.2e5, 4.0e8  # N·m², N·m², N: a steel tube of about 120 mm
+EI, GJ, EA = 3.0e5, 2.2e5, 4.0e8  # N·m², N·m², N: a steel tube of about 120 mm diameter
 
 
 def slices(w: np.ndarray, length: float, stiffness: list[tuple[float, float, float, float]], n: int) -> np.ndarray:
-    """Twist (6,) of a clamped bar's end under a wrench there, added up slice by slice; x along the bar.
+    """Compute the twist (6,) of the end of a clamped bar under a wrench there by a sum over slices; x along the bar.
 
-    ``stiffness``: (up to which share of the length, EI, GJ, EA). Each slice turns by κ dx and stretches by ε dx, and
-    what it turns by moves the end by the lever that is left.
+    ``stiffness``: (up to which share of the length, EI, GJ, EA). Each slice rotates by κ dx and extends by ε dx; its
+    rotation displaces the end by the remaining lever.
     """
     x = (np.arange(n) + 0.5) / n
     section = np.array(stiffness)[np.searchsorted([s[0] for s in stiffness], x)]
@@ -39,7 +39,7 @@ def test_cantilever_equals_the_integrated_beam_equation() -> None:
     L = 0.45
     C = compute_bending_compliance(L) / EI + compute_torsion_compliance(L) / GJ + compute_axial_compliance(L) / EA
     by_slices = np.column_stack([slices(e, L, [(1.0, EI, GJ, EA)], 4000) for e in np.eye(6)])
-    # the midpoint rule on a quadratic: 1/(4 n²) of it, 1.6e-8
+    # midpoint rule on a quadratic function: relative error 1/(4 n²) = 1.6e-8
     np.testing.assert_allclose(C, by_slices, rtol=1e-7, atol=1e-20)
 
 
@@ -52,9 +52,10 @@ def test_stepped_cylinder_equals_many_slices() -> None:
     total = sum(s.length for s in steps)
     ends = np.cumsum([s.length for s in steps]) / total
     parts = [(e + 1e-12, s.EI, s.GJ, s.EA) for e, s in zip(ends, steps, strict=True)]
-    by_slices = np.column_stack([slices(e, total, parts, 6000) for e in np.eye(6)])  # 30 µm, a step never inside one
+    # 30 µm; steps are at slice boundaries
+    by_slices = np.column_stack([slices(e, total, parts, 6000) for e in np.eye(6)])
     np.testing.assert_allclose(compute_stepped_beam_compliance(steps), by_slices, rtol=1e-7, atol=1e-18)
-    # the section moments by adding up rings: ∫ r² dA over the annulus is twice the bending one
+    # section moments by a sum over rings: ∫ r² dA over the annulus is twice the bending moment of area
     r = np.linspace(0.0125, 0.030, 200_001)
     middle = 0.5 * (r[1:] + r[:-1])
     polar = float(np.sum(2 * np.pi * middle**3 * np.diff(r)))
@@ -64,9 +65,11 @@ def test_stepped_cylinder_equals_many_slices() -> None:
 
 
 def test_tian2025_equations_2_and_3_omit_the_lever_arms() -> None:
-    """The sum of L³/3EI against the slices: right for one cylinder, a quarter of the truth for two halves.
+    """The sum of L³/3EI compared with the slices: correct for one cylinder, a quarter of the correct value for two
+    halves.
 
-    With two halves of one bar the sum is 2 (L/2)³/3EI, a quarter of L³/3EI; a soft holder far from the tip is worse.
+    With two halves of one bar the sum is 2 (L/2)³/3EI, a quarter of L³/3EI; the error is larger for a soft holder far
+    from the tip.
     """
     bar, half = BeamCylinder(0.02, 0.1, 210e9), BeamCylinder(0.02, 0.05, 210e9)
     assert compute_tian2025_tip_compliance([bar]) == pytest.approx(
@@ -78,7 +81,7 @@ def test_tian2025_equations_2_and_3_omit_the_lever_arms() -> None:
     np.testing.assert_allclose(
         compute_stepped_beam_compliance([half, half]), compute_stepped_beam_compliance([bar]), rtol=1e-12, atol=1e-22
     )
-    holder, bur = BeamCylinder(0.016, 0.06, 110e9), BeamCylinder(0.008, 0.05, 210e9)  # an aluminium holder, a steel bur
+    holder, bur = BeamCylinder(0.016, 0.06, 110e9), BeamCylinder(0.008, 0.05, 210e9)  # an aluminum holder, a steel bur
     right, printed = (
         compute_stepped_beam_compliance([holder, bur])[1, 1],
         compute_tian2025_tip_compliance([holder, bur]),
@@ -87,15 +90,14 @@ def test_tian2025_equations_2_and_3_omit_the_lever_arms() -> None:
     area_for_polar = (
         compute_cylinder_compliance(replace(bar, youngs=2 * bar.youngs))[1, 1] / compute_cylinder_compliance(bar)[1, 1]
     )
-    assert area_for_polar == pytest.approx(0.5)  # and "polar moment of inertia", taken by the word, halves it again
+    assert area_for_polar == pytest.approx(0.5)  # the literal use of "polar moment of inertia" halves it again
 
 
 def planar_beam_as_zhang2025(length: float, EI: float, EA: float) -> np.ndarray:
-    """(6, 6) matrix of zhang2025 eqs. 17 and 19 as printed: two nodes of a plane beam, [u, v, θ] at each.
+    """Return the (6, 6) matrix of zhang2025 Eqs. 17 and 19 as printed: two nodes of a plane beam, [u, v, θ] at each.
 
-    The paper uses it, through its pseudo-inverse, as if it were the spatial stiffness of one end. It is not: its rows
-    4–6 belong to the other end of the beam, so a force along z meets the axial stiffness of the far node. For
-    comparison only.
+    The paper uses its pseudo-inverse as the spatial stiffness of one end. This is incorrect: rows 4–6 belong to the
+    other end of the beam, so a force along z acts on the axial stiffness of the far node. For comparison only.
     """
     L = length
     a, b, c, d, e = EA / L, 12 * EI / L**3, 6 * EI / L**2, 4 * EI / L, 2 * EI / L
@@ -112,23 +114,24 @@ def planar_beam_as_zhang2025(length: float, EI: float, EA: float) -> np.ndarray:
 
 
 def test_zhang2025_equations_17_and_19_are_not_the_stiffness_of_one_end() -> None:
-    """The printed 6 × 6 is singular and its pseudo-inverse is no cantilever: the figures side by side."""
+    """The printed 6 × 6 matrix is singular, and its pseudo-inverse is not a cantilever: comparison of the values."""
     L = 0.4
     K = planar_beam_as_zhang2025(L, EI, EA)
-    assert np.linalg.matrix_rank(K / np.abs(K).max(), tol=1e-12) == 3  # a free plane beam: three rigid motions
+    assert np.linalg.matrix_rank(K / np.abs(K).max(), tol=1e-12) == 3  # a free plane beam has three rigid motions
     for rigid in ([1, 0, 0, 1, 0, 0], [0, 1, 0, 0, 1, 0], [0, 0, 1, 0, L, 1]):
         assert np.abs(K @ rigid).max() < 1e-9 * np.abs(K).max()
-    # clamped at the first node, which the paper says the beam is, its other half is the cantilever, in the plane
+    # clamped at the first node, as the paper assumes, the other half of the matrix is the plane cantilever
     right = compute_bending_compliance(L) / EI + compute_torsion_compliance(L) / GJ + compute_axial_compliance(L) / EA
     plane = np.ix_([0, 1, 5], [0, 1, 5])
     np.testing.assert_allclose(np.linalg.inv(K[3:, 3:]), right[plane], rtol=1e-9, atol=1e-18)
-    # what the paper inserts instead, read as it does for (x, y, z, rx, ry, rz)
+    # the matrix that the paper uses instead, interpreted for (x, y, z, rx, ry, rz)
     P = np.linalg.pinv(K, rcond=1e-12)
     assert P[0, 0] / right[0, 0] == pytest.approx(0.25, rel=1e-9)  # along x: 4 times too stiff
-    assert P[1, 1] < 0.15 * right[1, 1]  # across: the ends share the motion and turn rigidly
-    # row 3 is the near end's turn about z, but a force along z meets it: the number depends on the unit of length
+    assert P[1, 1] < 0.15 * right[1, 1]  # lateral: both ends move together and rotate rigidly
+    # row 3 is the rotation of the near end about z, but is used for a force along z: the value depends on the length
+    # unit
     assert P[2, 2] > 0.2 * L / EI
-    assert right[2, 2] == pytest.approx(right[1, 1])  # a round beam bends alike in both planes
+    assert right[2, 2] == pytest.approx(right[1, 1])  # a round beam has the same bending compliance in both planes
     assert not np.isclose(P[2, 2], P[1, 1], rtol=0.5)
-    assert P[3, 3] == pytest.approx(P[0, 0], rel=1e-9)  # a moment about x meets the other end's stretching
-    assert P[0, 3] == pytest.approx(-P[0, 0], rel=1e-9)  # and stretches the near end
+    assert P[3, 3] == pytest.approx(P[0, 0], rel=1e-9)  # a moment about x is assigned the extension of the other end
+    assert P[0, 3] == pytest.approx(-P[0, 0], rel=1e-9)  # and extends the near end

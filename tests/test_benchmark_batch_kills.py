@@ -1,4 +1,4 @@
-"""Short run of the benchmark of killed batches: finished jobs remain."""
+"""Short run of the benchmark of killed batches: finished jobs are preserved."""
 
 from __future__ import annotations
 
@@ -22,4 +22,4 @@ def test_killed_batches_lose_nothing() -> None:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "WRONG" not in done.stdout
-    assert "killed" in done.stdout  # else nothing was tried
+    assert "killed" in done.stdout  # otherwise nothing was tested

@@ -1,4 +1,4 @@
-"""Bushing simulator against independent facts."""
+"""Bushing simulator, compared with independent results."""
 
 import sys
 from pathlib import Path
@@ -48,7 +48,7 @@ def _move(arm, q, point, force):
 @pytest.mark.parametrize("name", sorted(ROBOTS))
 def test_small_loads_move_the_tcp_by_J_C_Jt(name):
     robot, arm = _build(name)
-    # without weight: the tangent at rest is J C Jᵀ alone, no geometric stiffness
+    # without weight the tangent at rest is J C Jᵀ, without geometric stiffness
     arm = assemble_arm(robot, HiddenPhysics(robot.springs, 0 * robot.masses, 0.0, robot.tool_center))
     arm.chain.bodies[0] = arm.chain.bodies[0].__class__(**{**vars(arm.chain.bodies[0]), "mass": 0.0})
     q = _draw_postures(robot)
@@ -63,7 +63,7 @@ def test_joint_torques_equal_those_of_the_weights():
     q = _draw_postures(robot)
     torque = _solve(arm, q, []).torque
     expected = compute_gravity_torque(robot, q, robot.masses, robot.tool_mass)
-    # the sagged posture has levers that differ by the sag, about 2 mm of 2 m
+    # the levers of the deflected posture differ by the deflection, about 2 mm of 2 m
     np.testing.assert_allclose(torque, expected, atol=4e-3 * np.abs(expected).max())
 
 
@@ -72,7 +72,7 @@ def test_forces_are_the_gradient_of_the_energy_and_balance():
     q = _draw_postures(robot)
     loads = [PointLoad(arm.tool_body, robot.tcp, np.tile([300.0, -200.0, 500.0], (COUNT, 1)))]
     state = _solve(arm, q, loads)
-    assert state.residual < 1e-3  # N, N·m of loads of kN
+    assert state.residual < 1e-3  # N, N·m, for loads of some kN
     rng = np.random.default_rng(0)
     # away from equilibrium: residual · step = change of energy (central difference)
     moved = move_posture(state.posture, rng.normal(0, 1e-6, (COUNT, len(arm.chain.bodies), 6)))
@@ -80,7 +80,7 @@ def test_forces_are_the_gradient_of_the_energy_and_balance():
     residual = arm.chain.compute_balance(moved, q, loads)[0]
     rise = 0.5 * sum(s * arm.chain.compute_energy(move_posture(moved, s * step), q, loads) for s in (1, -1))
     np.testing.assert_allclose(rise, np.sum(residual * step, axis=(1, 2)), rtol=1e-4)
-    # equilibrium is a minimum
+    # the equilibrium is an energy minimum
     lowest = arm.chain.compute_energy(state.posture, q, loads)
     assert np.all(arm.chain.compute_energy(moved, q, loads) > lowest)
 
@@ -148,7 +148,7 @@ def test_creep_is_rate_dependent_and_converges():
 def test_backlash_opens_by_its_width_between_opposite_torques():
     law = gears.RoundedPlay(1, 3e-4, 1e6)
     path = _follow(law, [-600.0, 600.0], 1.0)
-    assert path[1] - path[0] == pytest.approx(3e-4, rel=0.1)  # less the seal's 2 %
+    assert path[1] - path[0] == pytest.approx(3e-4, rel=0.1)  # minus 2 % for the seal
 
 
 def test_soft_pedestal_moves_a_pose_like_its_springs():
@@ -157,7 +157,8 @@ def test_soft_pedestal_moves_a_pose_like_its_springs():
     force = np.tile([0.0, 300.0, 0.0], (COUNT, 1))
     hard = _move(_build("m710")[1], q, robot.tcp, force)
     tcp = compute_frames(robot, q)[2]
-    # bolts of 4e8/4 N/m at ±0.2 m in y: tilt about x is M/(4 k b²); shear 4·3e8/4; torsion 3e8 (0.36² + 0.2²)
+    # bolts of 4e8/4 N/m at ±0.2 m in y: tilt compliance about x from M/(4 k b²); shear 4·3e8/4; torsion 3e8 (0.36² +
+    # 0.2²)
     tilt = -300.0 * tcp[:, 2] / (4e8 * 0.2**2)
     twist = 300.0 * tcp[:, 0] / (3e8 * (0.36**2 + 0.2**2))
     turn = np.stack([tilt, 0 * tilt, twist], axis=1)

@@ -1,7 +1,7 @@
-"""Concealed effects: some cases of benchmarks/diagnosis_chain_benchmark, from the recording to the name.
+"""Simulated hidden effects: some cases of benchmarks/diagnosis_chain_benchmark, from the recording to the named effect.
 
-The whole benchmark (246 cases a set) is run by hand, its figures in docs/evidence.md. Here: one case of each kind of
-answer, generated anew, diagnosed as a user would, with nothing but the cell and the recording at hand.
+The whole benchmark (246 cases per set) is run manually; its results are in docs/evidence.md. Here: one case of each
+type of result, newly generated and diagnosed like a user's data, with only the cell and the recording.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import run_chain_benchmark
 import score_diagnoses
 
 CASES = {
-    "null/deflection.1": set(),  # ugly: heavy tails, rounding, a session's own shift
+    "null/deflection.1": set(),  # difficult noise: heavy tails, rounding, a shift of one session
     "null/absolute.3": set(),
     "deflection/joint_hysteresis.2/large": {("joint_hysteresis", "joint:3")},
     "deflection/link_compliance.6/large": {("link_compliance", "link:4")},
@@ -42,14 +42,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run_in_this_process(command: list[str], *, cwd: str, **_: object) -> SimpleNamespace:
-    """Stand in for ``subprocess.run``: a start of Python and its libraries takes as long as a short diagnosis."""
+    """Replace ``subprocess.run``, because the start of Python and its libraries takes as long as a short diagnosis."""
     with contextlib.chdir(cwd):
         return SimpleNamespace(returncode=main(command[command.index("diagnose") :]), stderr="")
 
 
 @pytest.mark.proof
 def test_concealed_effects_are_named_and_nothing_else(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In this process; the next test starts the command as the benchmark does."""
+    """Runs in this process; the next test starts the command like the benchmark."""
     monkeypatch.setattr(run_chain_benchmark.subprocess, "run", run_in_this_process)
     answers = {}
     for truth in sorted(folder.glob("*.truth.json")):
@@ -64,7 +64,8 @@ def test_concealed_effects_are_named_and_nothing_else(folder: Path, monkeypatch:
 
 @pytest.mark.proof
 def test_effect_outside_the_catalogue_is_a_mismatch_without_a_name(tmp_path: Path) -> None:
-    """What predicts unseen poses better is told, however little it closes: as a part, beside what is left."""
+    """A law that predicts unseen poses better is reported, however small its share, as a partial explanation with
+    the remaining mismatch."""
     assert generate_cases.main(["--set", "dev", "--out", str(tmp_path), "--only", "outside/bearing_play.3"]) == 0
     (truth,) = tmp_path.glob("*.truth.json")
     _, _, problem = run_chain_benchmark.diagnose(tmp_path / truth.name.removesuffix(".truth.json"), [])
@@ -73,4 +74,4 @@ def test_effect_outside_the_catalogue_is_a_mismatch_without_a_name(tmp_path: Pat
     assert answer.said is not None
     assert answer.said["verdict"] == ("partly_explained" if answer.findings else "unexplained")
     final = answer.said["final"]
-    assert final["repeatable_rmse"] > 0.5 * answer.said["baseline"]["repeatable_rmse"]  # most of it is still there
+    assert final["repeatable_rmse"] > 0.5 * answer.said["baseline"]["repeatable_rmse"]  # most of the mismatch remains

@@ -1,6 +1,6 @@
 """Simulator of benchmarks/diagnosis_chain_benchmark: physics against closed forms, files against the reader, score.
 
-Nothing here compares it with machopt's own models: it is there to test them.
+The simulator serves to test machopt's models, so it is not compared with them here.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def kr240() -> Nominal:
 
 
 def pinocchio_jacobian(nominal: Nominal, q: Array) -> tuple[Array, Array]:
-    """J (6, 6) at the TCP and its position, by other software."""
+    """Compute J (6, 6) at the TCP and the TCP position with pinocchio."""
     model = pin.buildModelFromUrdf(str(nominal.urdf))
     data = model.createData()
     frame = model.getFrameId("flange")
@@ -69,7 +69,7 @@ def test_small_load_agrees_with_j_c_jt(name: str) -> None:
         J, tip = pinocchio_jacobian(nominal, q[k])
         assert empty.position[k] == pytest.approx(tip, abs=1e-12)
         expected = J @ (J.T @ (1e-3 * w[k]) / nominal.stiffness)
-        # displacements of 0.1 µm and less: what is left is second order in them and the last digits of positions
+        # displacements of at most 0.1 µm: the remainder is of second order and rounding of the positions
         assert loaded.position[k] - empty.position[k] == pytest.approx(expected[:3], abs=1e-12, rel=1e-4)
 
 
@@ -85,7 +85,7 @@ def test_gear_torques_under_weight_equal_pinocchio(kr240: Nominal) -> None:
     torque = Statics(arm).settle(Setting(q, np.zeros((4, 6)))).torque
     for k in range(4):
         fixed = pin.computeGeneralizedGravity(model, model.createData(), q[k])
-        assert torque[k] == pytest.approx(-fixed, abs=5e-3)  # of up to 8 kN·m; the springs give 1e-7 rad
+        assert torque[k] == pytest.approx(-fixed, abs=5e-3)  # of up to 8 kN·m; the springs deflect by 1e-7 rad
 
 
 def test_curvature_of_the_potential_is_the_slope_of_the_forces() -> None:
@@ -107,7 +107,7 @@ def test_curvature_of_the_potential_is_the_slope_of_the_forces() -> None:
     h = 1e-6
     steps = h * np.eye(7)
     slope = np.stack([(forces(x + s)[0] - forces(x - s)[0])[0] / (2 * h) for s in steps], axis=1)
-    # central differences of numbers of a few hundred: 1e-13 · 1e3 / 1e-6
+    # central differences of values of some hundreds: 1e-13 · 1e3 / 1e-6
     assert H[0] == pytest.approx(slope, abs=2e-4)
 
 
@@ -117,7 +117,7 @@ def test_clamped_beam_agrees_with_closed_forms() -> None:
     k = np.array([stiff[d] for d in range(len(chain))])
     J = chain.forward(np.zeros((1, len(chain)))).jacobian()[0]
     C = (J / k) @ J.T
-    hinged = 1.0 / (4 * 10**2)  # ten pieces: the discretisation's own error of L³/3EI
+    hinged = 1.0 / (4 * 10**2)  # discretization error of L³/3EI with ten pieces
     assert C[2, 2] == pytest.approx(length**3 / (3 * EI), rel=1.01 * hinged)
     assert C[2, 2] != pytest.approx(length**3 / (3 * EI), rel=0.5 * hinged)
     assert C[2, 4] == pytest.approx(-(length**2) / (2 * EI), rel=1e-12)
@@ -133,11 +133,13 @@ def test_tapered_shank_deflects_like_the_sum_of_its_pieces() -> None:
     k = np.array([stiff[d] for d in range(len(chain))])
     J = chain.forward(np.zeros((1, len(chain)))).jacobian()[0]
     assert tip_softness(beam, length) == pytest.approx(((J / k) @ J.T)[1, 1], rel=1e-12)
-    assert tip_softness(beam, length) < 0.9 * length**3 / (3 * EI)  # stiff where a load at the tip bends it most
+    # stiffer at the root, where a load at the tip causes the largest bending
+    assert tip_softness(beam, length) < 0.9 * length**3 / (3 * EI)
 
 
 def test_hysteresis_width_follows_from_the_recorded_loads() -> None:
-    """Joint 2 of a motion bears weight: its torque ranges over half of what it reaches, and so far goes the loop."""
+    """Joint 2 carries weight in the motion: its torque varies over half of its range, which determines the width of
+    the loop."""
     case = next(c for c in case_list.cases() if c.key == "motion/joint_hysteresis.6/large")
     scene = Scene(replace(case, parts=(Part("joint_hysteresis", ("joint:2",), "large"),)), (1, 2, 3), CELLS, True)
     world, found = scene.world([1.0])
@@ -151,12 +153,12 @@ def test_plate_on_four_bolts_tilts_by_its_moment_and_opens_on_one_side() -> None
     half, k = 0.35, 3e8
     even, loose = np.full(4, k), np.array([k, k, 0.1 * k, 0.1 * k])
     x = np.zeros((2, 6))
-    x[:, 4] = [1e-4, -1e-4]  # about y: corners at −x rise, or sink
+    x[:, 4] = [1e-4, -1e-4]  # about y: corners at −x move up, or down
     f, K = Plate(half, even, even, k).force(x)
     assert f[:, 4] == pytest.approx(4 * k * half**2 * x[:, 4], rel=1e-9)
     assert K[0, 4, 4] == pytest.approx(4 * k * half**2, rel=1e-9)
     f, _ = Plate(half, even, loose, k).force(x)
-    assert f[0, 4] == pytest.approx(2.2 * k * half**2 * 1e-4, rel=1e-6)  # the two that rise are loose
+    assert f[0, 4] == pytest.approx(2.2 * k * half**2 * 1e-4, rel=1e-6)  # the two corners that move up are loose
     assert f[1, 4] == pytest.approx(-4 * k * half**2 * 1e-4, rel=1e-6)
 
 
@@ -174,8 +176,9 @@ def test_backlash_shows_only_without_preload_by_weight(kr240: Nominal) -> None:
         x = which.settle(Setting(q, w, gravity=gravity)).x
         return float(abs(x[0, 2] - x[1, 2]))
 
-    assert twist(0.0, statics) - twist(0.0, plain) == pytest.approx(2 * b, rel=0.02)  # seal drag: 1 % of k inside
-    # weight keeps one flank in contact: what is left is the roughness of the contact and K_C of another posture
+    # seal drag inside the gap: 1 % of k
+    assert twist(0.0, statics) - twist(0.0, plain) == pytest.approx(2 * b, rel=0.02)
+    # weight keeps one flank in contact: the contact roughness and K_C of another posture remain
     assert abs(twist(1.0, statics) - twist(1.0, plain)) < 0.01 * 2 * b
 
 
@@ -191,7 +194,7 @@ def test_dry_friction_hysteresis_is_rate_independent(law: Law) -> None:
 
     slow, fast = area(400, 1000.0), area(400, 1e-3)
     assert slow == fast > 0
-    assert area(1600, 1.0) == pytest.approx(slow, rel=0.01)  # of the trapezoidal rule over the corners
+    assert area(1600, 1.0) == pytest.approx(slow, rel=0.01)  # error of the trapezoidal rule at the corners
 
 
 def test_creep_ends_after_its_slowest_element() -> None:
@@ -207,8 +210,8 @@ def test_creep_ends_after_its_slowest_element() -> None:
 
 
 def test_hysteresis_width_of_one_slipping_element() -> None:
-    """τ = k δ + drag that has slid to ±f: at zero torque the branches lie 2 f/k apart."""
-    law = BoucWen(1e6, 20.0, 1e-6)  # builds up at once: a Coulomb element
+    """τ = k δ + drag that has slipped to ±f: at zero torque the branches are 2 f/k apart."""
+    law = BoucWen(1e6, 20.0, 1e-6)  # immediate build-up: a Coulomb element
     assert loop_width(law, 500.0) == pytest.approx(2 * 20.0 / 1e6, rel=0.02)
 
 
@@ -218,13 +221,13 @@ def test_pins_stiffen_to_the_sum_of_their_springs() -> None:
     _, soft = law.torque(np.zeros(1), np.zeros(1), law.start(1), hold)
     _, hard = law.torque(np.array([5e-3]), np.zeros(1), law.start(1), hold)
     tau = [law.torque(np.array([s * 3e-4]), np.zeros(1), law.start(1), hold)[0][0] for s in (1, -1)]
-    assert soft[0] == pytest.approx(1e5, rel=1e-3)  # the contacts' roughness is a hundredth of the first gap
+    assert soft[0] == pytest.approx(1e5, rel=1e-3)  # the contact roughness is a hundredth of the first gap
     assert hard[0] == pytest.approx(5e5, rel=1e-6)
     assert tau[0] == pytest.approx(-tau[1], rel=1e-12)
 
 
 def test_compensator_torque_is_force_times_lever_at_two_poses() -> None:
-    """s² = a² + L² − 2 a L cos(φ): torque F a L sin φ / s, as the law of cosines gives it."""
+    """s² = a² + L² − 2 a L cos(φ): torque F a L sin φ / s by the law of cosines."""
     a, L, F0, rate = 0.2, 0.7, 4000.0, 2e5
     law = Balancer(Spring(1e6), np.array([0.0, 1, 0]), np.array([0, 0, L]), np.array([0, 0, a]), F0, rate, L - a)
     for q in (0.5, -1.2):
@@ -243,7 +246,7 @@ def test_warming_has_the_given_time_constants() -> None:
     t = np.array([300.0, 1500.0, 9000.0])
     expected = 10.0 * (1 - (slow * np.exp(-t / slow) - fast * np.exp(-t / fast)) / (slow - fast))
     rise, hall = heat.temperatures(t)
-    assert rise == pytest.approx(expected, abs=0.03)  # Euler steps of 5 s on 600 s
+    assert rise == pytest.approx(expected, abs=0.03)  # Euler steps of 5 s with a time constant of 600 s
     assert hall == pytest.approx([21.0] * 3)
     assert heat.growth(t)[2][0] == pytest.approx(1.2e-5 * expected, rel=0.02)
 
@@ -266,32 +269,32 @@ def test_closed_load_cycle_returns_its_energy_or_dissipates_slip(kr240: Nominal,
         tip.append(e.position[0])
         gear.append(e.torque[0, 2])
         twist.append(e.x[0, statics.model.joint[2]] - q[0, 2])
-    again = slice(48, None)  # the second round closes on itself
+    again = slice(48, None)  # the second cycle is closed
     work = np.trapezoid(shares[again], np.array(tip)[again] @ force)
     stored = 0.5 * abs(np.ptp(shares) * np.ptp(np.array(tip) @ force)) / 4
     if not dry:
-        assert abs(work) < 1e-6 * stored  # the path is the same up and down, so is the rule's error
+        assert abs(work) < 1e-6 * stored  # same path in both directions, so the integration error cancels
     else:
         lost = np.trapezoid(np.array(gear)[again], np.array(twist)[again])
         assert lost > 1e-3 * stored
-        assert work == pytest.approx(lost, rel=0.02)  # trapezoidal rule over 48 steps
+        assert work == pytest.approx(lost, rel=0.02)  # trapezoidal rule with 48 steps
 
 
 def test_link_on_its_spring_vibrates_at_its_natural_frequency() -> None:
     k, m = 4e5, 250.0
     load = np.zeros(4000)
-    load[:1] = 1000.0  # let go after the first instant
+    load[:1] = 1000.0  # released after the first sample
     x, _ = motion_simulation._swing(load, np.full(4000, m), k, 0.0)
     crossings = np.flatnonzero(np.diff(np.sign(x)) > 0)
     period = np.diff(crossings).mean() / motion_simulation.FINE
-    assert period == pytest.approx(2 * np.pi * np.sqrt(m / k), rel=2e-3)  # a sample of 1 ms over many periods
-    assert np.abs(x[-200:]).max() == pytest.approx(np.abs(x[:200]).max(), rel=0.02)  # nothing damps it
+    assert period == pytest.approx(2 * np.pi * np.sqrt(m / k), rel=2e-3)  # resolution of 1 ms over many periods
+    assert np.abs(x[-200:]).max() == pytest.approx(np.abs(x[:200]).max(), rel=0.02)  # no damping
 
 
 def test_lagging_servo_follows_a_ramp_with_lag_and_dead_time() -> None:
     t = np.arange(3000) / motion_simulation.FINE
     late = motion_simulation._lagged(2.0 * t, 0.020, 0.006)
-    # a sampled lag trails by up to one sample more
+    # a sampled lag may be delayed by one additional sample
     assert (2.0 * t - late)[-1] / 2.0 == pytest.approx(0.026, abs=0.001)
 
 
@@ -342,7 +345,7 @@ def test_case_list_is_complete() -> None:
         "servo_lag",
         "joint_elasticity",
     }
-    assert set(singles) == vocabulary  # units and outliers stand under broken records
+    assert set(singles) == vocabulary  # units and outliers are in the group of corrupted records
     for effect in vocabulary:
         levels = {c.parts[0].level for c in listed if c.group == "single" and c.parts[0].effect == effect}
         assert levels == {"small", "medium", "large"}
@@ -387,7 +390,7 @@ def test_reader_accepts_every_kind_of_recording(folder: Path) -> None:
         cell = load_cell(case / "cell")
         assert cell.stiffness.joints == pytest.approx(truth["nominal_stiffness_Nm_per_rad"])
         off = np.array(truth["true_stiffness_Nm_per_rad"]) / cell.stiffness.joints
-        assert np.abs(np.log(off)).max() > 0.02  # the true ones are others
+        assert np.abs(np.log(off)).max() > 0.02  # the true stiffnesses differ from those of the cell
         fixed = {p.relative_to(case).parts[0] for p in case.rglob("*")}
         assert fixed == {"cell", "recording"}
         written = "".join(p.read_text(encoding="utf-8") for p in case.rglob("*.yaml"))
@@ -409,7 +412,7 @@ def test_truth_contains_the_requested_size(folder: Path) -> None:
                 assert effect["visible"]["ratio_to_noise"] == pytest.approx(1.2, rel=0.25)
         if truth["group"] == "null":
             assert truth["verdicts"] == ["consistent"]
-            # the clean shop itself leaves less than a third of one reading's noise
+            # the systematic errors of a null case are less than a third of the noise of one reading
             assert truth["dirt"]["ratio_to_noise"] < 0.35
         assert truth["oracle"]["rmse"] <= truth["oracle"]["rmse_with_outliers"]
     assert observed >= 4
@@ -448,7 +451,7 @@ def figures(folder: Path) -> tuple[dict[str, tuple[float, int]], list[str]]:
 
 
 def test_score_judges_intervals_by_their_own_level() -> None:
-    """Where both were told those of 90 % were judged as if they were meant to hold in 95 of 100."""
+    """If both intervals are given, those of 90 % were scored as if they were 95 % intervals."""
     size = {"value": 1.0, "unit": "arcmin"}
     truth = {"effects": [{"effect": "joint_backlash", "location": "joint:2", "parameters": {"width": size}}]}
     width = {"value": 0.9, "unit": "arcmin", "ci95": [0.75, 1.05], "ci90": [0.8, 0.98]}

@@ -1,4 +1,4 @@
-"""Energy simulator: rigid motions, beams and gears against textbook results; null cases."""
+"""Energy simulator: rigid motions, beams and gears, compared with textbook results; null cases."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_simulator_does_not_import_machopt() -> None:
 
 
 def test_simulator_imports_have_no_cycles() -> None:
-    """No late import hides one, nor one that only a type checker reads."""
+    """Late imports and imports for type checkers count, too."""
     own = {path.stem for path in HERE.glob("*.py")}
     arrows: dict[str, set[str]] = {}
     for path in HERE.glob("*.py"):
@@ -47,7 +47,7 @@ def test_simulator_imports_have_no_cycles() -> None:
         named |= {n.module or "" for n in nodes if isinstance(n, ast.ImportFrom)}
         arrows[path.stem] = named & own
     assert sum(map(len, arrows.values())) > 30
-    list(TopologicalSorter(arrows).static_order())  # CycleError names the files of a circle
+    list(TopologicalSorter(arrows).static_order())  # CycleError names the files of a cycle
 
 
 def test_motions_compose_like_matrices() -> None:
@@ -69,10 +69,10 @@ def test_slender_beam_agrees_with_the_closed_form() -> None:
 
 
 def test_hysteresis_width_follows_from_the_recorded_loads() -> None:
-    """What it would open to under torques that never came stood in the truth: no recording has that."""
+    """The true width was that of full opening under torques that did not occur in the recording."""
     far, near = (gear_models.opening(gear_models.dahl(2e-4, 60.0, "cycle"), load) for load in (600.0, 12.0))
     assert far == pytest.approx(2e-4, rel=1e-3)
-    a = np.exp(-2.0 * 12.0 / 60.0)  # of the way to the other branch, left after a quarter of the cycle
+    a = np.exp(-2.0 * 12.0 / 60.0)  # remaining share of the distance to the other branch after a quarter of the cycle
     back = (2.0 - a) * a - 1.0
     forth = 1.0 - (2.0 - (1.0 + back) * a) * a
     assert near == pytest.approx(1e-4 * abs(forth - back), rel=1e-6)
@@ -81,7 +81,7 @@ def test_hysteresis_width_follows_from_the_recorded_loads() -> None:
 
 
 def test_two_springs_agree_with_the_linear_sum_for_small_loads() -> None:
-    """Light loads: the tip moves by the sum of J_i J_i·w / k_i, whatever else the solver does."""
+    """Under small loads the tip moves by the sum of J_i J_i·w / k_i."""
     rng = np.random.default_rng(3)
     robot = robot_models.draw("kr240", rng)
     q = robot.home[None] + rng.uniform(-0.3, 0.3, (4, 6))
@@ -98,11 +98,11 @@ def test_two_springs_agree_with_the_linear_sum_for_small_loads() -> None:
     small = np.einsum("njd,nj->nd", J, np.einsum("njd,nd->nj", J, w[:, :3]) / robot.stiffness)
     assert dq.place(loaded["tcp"]) - dq.place(free["tcp"]) == pytest.approx(
         small, abs=0.02 * np.abs(small).max()
-    )  # what weights stiffen
+    )  # stiffening by weight
 
 
 def test_gear_hysteresis_cycle_closes() -> None:
-    """A full loop of Dahl's gear is as wide as it says, and comes back to itself."""
+    """A full loop of the Dahl model has the stated width and is closed."""
     one = np.r_[np.linspace(-1, 1, 200), np.linspace(1, -1, 200)]
     torque = 1000.0 * np.tile(one, 3)
     n = len(torque)
@@ -114,7 +114,7 @@ def test_gear_hysteresis_cycle_closes() -> None:
 
 @pytest.mark.parametrize("gear", [gear_models.dahl(1e-3, 50.0, "kept"), gear_models.preisach(1e-3, 1000.0, "kept")])
 def test_gears_with_memory_dissipate_energy(gear: elastic_arm.Gear) -> None:
-    """Over a closed loop ∮ τ dφ > 0: an angle that ran ahead of its torque would drive a motor."""
+    """Over a closed loop ∮ τ dφ > 0: an angle that leads its torque would generate energy."""
     torque = 1000.0 * np.tile(np.r_[np.linspace(-1, 1, 200), np.linspace(1, -1, 200)], 2)
     n = len(torque)
     script = elastic_arm.Script(np.zeros((n, 6)), np.zeros((n, 6)), np.arange(n) * 1.0, *(np.zeros(n, dtype=int),) * 3)
@@ -131,7 +131,7 @@ def test_springs_explain_a_null_case(lab: str) -> None:
     clean = channel_dispatch.measured(scene, channel_dispatch.table(scene, quiet, rng), quiet)
     before = np.sqrt(np.mean(quiet.y[:, :3] ** 2))
     assert np.sqrt(np.mean((clean - quiet.y)[:, :3] ** 2)) < 0.2 * before
-    # finite motions leave less than a third of a reading's noise
+    # errors of finite motions are less than a third of the noise of a reading
     assert np.sqrt(np.mean(quiet.left() ** 2)) < 0.35
 
 
@@ -145,7 +145,8 @@ def test_effect_has_the_requested_strength() -> None:
 
 
 def test_torques_equal_the_rate_of_energy() -> None:
-    """What the joints give is what kinetic and potential energy take up: Newton and Euler against Leibniz."""
+    """The joint power equals the change of kinetic and potential energy: Newton–Euler compared with the energy
+    balance."""
     rng = np.random.default_rng(5)
     robot = robot_models.draw("rx160*", rng)
     scene = motion_recording.Motion(
@@ -153,7 +154,7 @@ def test_torques_equal_the_rate_of_energy() -> None:
     )
     rows = np.arange(400, 440)
     power = np.sum(scene.dynamic * scene.qd, axis=1)[rows]
-    # energy of the same arm by its own inertia: torque at unit acceleration, without weight or speed
+    # energy of the same arm from its inertia: torque at unit acceleration, without weight or velocity
     rest = motion_recording.newton_euler(robot, scene.q, 0 * scene.qd, 0 * scene.qdd)
     energy = np.zeros(len(scene.q))
     for j in range(6):
@@ -192,7 +193,8 @@ def test_case_set_has_the_listed_cases() -> None:
 
 
 def test_springs_alone_explain_a_null_set_of_poses() -> None:
-    """From the cell's springs, Gauss and Newton on six compliances end at the noise: no geometry, no frame needed."""
+    """From the springs of the cell, Gauss–Newton on six compliances converges to the noise: no geometry or frame
+    correction is needed."""
     rng = np.random.default_rng(8)
     nominal = robot_models.draw("irb6700", rng)
     scene = pose_recording.PoseSet(nominal, robot_models.as_built(nominal, rng), pose_recording.POSE_LABS["fixed"], rng)

@@ -1,4 +1,4 @@
-"""The G-code reader against LinuxCNC's interpreter: a small part of benchmarks/linuxcnc_compare.py."""
+"""The G-code reader, compared with LinuxCNC's interpreter: a small part of benchmarks/linuxcnc_compare.py."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_random_programs_are_read_equally(seed: int) -> None:
     [("G1 X5", "G1 X5.01"), ("G1 X5", "G0 X5"), ("G3 X0 Y5 I-5 J0", "G2 X0 Y5 I-5 J0"), ("G80", "X7\nG80")],
 )
 def test_comparison_detects_differences(tmp_path: Path, line: str, instead: str) -> None:
-    """A cut of another length, as a rapid, an arc the other way round, a hole more."""
+    """A cut with another length, a rapid instead of a cut, an arc in the other direction, an additional hole."""
     text = "G21 G90 G98\nG0 X0 Y0 Z10\nF300\nG1 X5\nG3 X0 Y5 I-5 J0\nG81 X1 Y1 Z-1 R2\nG80\nG1 X9\nM2\n"
     assert compare(text).kind == "agree"
     file = tmp_path / "a.ngc"
@@ -44,7 +44,7 @@ def test_comparison_detects_differences(tmp_path: Path, line: str, instead: str)
 
 
 def test_random_programs_contain_every_kind_of_block() -> None:
-    """Every kind of block is in the programs of the test, so that silence means agreement."""
+    """The programs of the test contain every type of block, so that no difference means agreement."""
     text = "\n".join(program(s) for s in SEEDS).upper()
     words = [
         "G52",

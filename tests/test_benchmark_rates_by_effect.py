@@ -55,7 +55,8 @@ def answered(tmp_path: Path) -> Path:
     case(tmp_path, "d", "null", [], [("joint_creep", "joint:1", 1.0)])
     case(tmp_path, "e", "record", [effect("units", "column:dx_mm", 1.0)], [("outliers", "rows:3,4", 1.0)])
     case(tmp_path, "f", "outside", [], [])
-    (tmp_path / "g.truth.json").write_text((tmp_path / "f.truth.json").read_text().replace('"f"', '"g"'))  # never run
+    # not diagnosed
+    (tmp_path / "g.truth.json").write_text((tmp_path / "f.truth.json").read_text().replace('"f"', '"g"'))
     return tmp_path
 
 

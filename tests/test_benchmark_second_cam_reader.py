@@ -20,7 +20,7 @@ RAPID = float("nan")
 
 
 def path(*, arcs: bool) -> list[Leg]:
-    """Rapid in, a plunge, a square corner, a quarter and a three-quarter circle, out."""
+    """Return a path of a rapid move, a plunge, a square corner, a quarter and a three-quarter circle, and a retract."""
     at = [
         np.array(p, dtype=float)
         for p in ((0, 0, 20), (0, 0, -1), (30, 0, -1), (40, 10, -1), (40, 50, -1), (40, 50, 20))
@@ -43,7 +43,7 @@ def write(folder: Path, name: str, seed: int = 1) -> Path:
     return file
 
 
-@pytest.mark.parametrize("name", [n for n in DIALECTS if n != "hsm"])  # MOVARC is not read by the second reader
+@pytest.mark.parametrize("name", [n for n in DIALECTS if n != "hsm"])  # the second reader does not support MOVARC
 def test_both_readers_agree(tmp_path: Path, name: str) -> None:
     verdict = cam_reader_comparison.judge(write(tmp_path, name), name)
     assert (verdict.refused, verdict.second, verdict.differs) == ("", "", []), verdict
@@ -51,7 +51,7 @@ def test_both_readers_agree(tmp_path: Path, name: str) -> None:
 
 
 def test_comparison_detects_a_shifted_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it compares can fail: the second reader is given a file in which one coordinate is another."""
+    """The comparison can fail: the second reader reads a file in which one coordinate is changed."""
     file = write(tmp_path, "krl")
     read = cam_reader_comparison.second_cam_reader.read
 

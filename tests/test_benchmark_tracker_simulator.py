@@ -1,4 +1,4 @@
-"""Tracker simulator of measured poses: independent of machopt; cases are made, diagnosed and scored."""
+"""Tracker simulator of measured poses: independent of machopt; cases are generated, diagnosed and scored."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MODULES = ("dh_arms", "tracker_recording", "random_cases", "run_tracker_benchmar
 
 @pytest.fixture(scope="module")
 def yard() -> Iterator[dict[str, ModuleType]]:
-    """Its modules; other benchmarks have some of the same names."""
+    """Import the modules of the benchmark; other benchmarks contain modules with the same names."""
     before = {name: sys.modules.pop(name, None) for name in MODULES}
     sys.path.insert(0, str(HERE))
     yield {name: importlib.import_module(name) for name in MODULES}
@@ -75,7 +75,7 @@ def test_every_group_draws_different_cases_per_seed(yard: dict[str, ModuleType])
 
 @pytest.mark.slow
 def test_case_is_made_diagnosed_and_scored(yard: dict[str, ModuleType], tmp_path: Path) -> None:
-    """Through the command line: the zero offsets of the shortest of eight draws."""
+    """With the command line: zero offsets in the smallest of eight random cases."""
     draws, run = yard["random_cases"], yard["run_tracker_benchmark"]
     case = min(draws.cases(1, "zeros", 8), key=lambda c: c.habit.poses * c.habit.sessions)
     case.make(tmp_path / case.name)

@@ -1,4 +1,4 @@
-"""Blend zones of a written program against the rule of its post."""
+"""Blend zones of a written program, compared with the rule of its post."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from machopt.verification.folder.programs.blend_zones import check_blend_zones
 
 @dataclass(frozen=True)
 class Moves:
-    blend: float  # m, the tolerance
+    blend: float  # m, tolerance
     count: int
 
     def __len__(self) -> int:
@@ -23,7 +23,8 @@ class Moves:
 
 
 def is_stop_a_fault(room: float, turn: float = 1e-4) -> bool:
-    """Whether a stop is a fault where ``room`` m are free for a zone and the lines all but go straight on."""
+    """Return whether an exact stop is a fault if ``room`` m are available for a blend zone and the lines are almost
+    straight."""
     n = 3
     law = BlendZones(np.full(n, SHORTEST), np.ones(n, bool), np.full(n, turn), np.full(n, room))
     parsed = SimpleNamespace(dialect="krl", blend=np.zeros(n), line=np.arange(n))
@@ -34,9 +35,9 @@ def is_stop_a_fault(room: float, turn: float = 1e-4) -> bool:
 
 @pytest.mark.parametrize("beyond", [0.0, 1e-9, 5e-7])
 def test_exact_stop_without_room_for_the_smallest_blend_zone_is_accepted(beyond: float) -> None:
-    """Points 0.051 mm apart: the post and who writes it again differ by the digits of the coordinates.
+    """Points 0.051 mm apart: post and verifier differ by the printed digits of the coordinates.
 
-    A right plan of 300,000 points failed by three such moves.
+    A correct plan with 300,000 points failed because of three such moves.
     """
     assert not is_stop_a_fault(SHORTEST + HALF * beyond)
 

@@ -28,7 +28,7 @@ from machopt.planning.stations.planning_path import build_planning_path, compute
 
 
 def build_leaning_cut(n: int) -> Way:
-    """A cut whose tool axis leans more and more, at the far end of the reach."""
+    """Return a cut with increasing inclination of the tool axis, at the end of the workspace."""
     rows: Rows = [((0, 0, 0.05), (0.0, 0.0, 1.0), MoveKind.RAPID)]
     for f in np.linspace(0, 1, n):
         rows.append(((0.9 * f, 0.1 * f, 0.0), (0.5 * f, 0.1, 1.0 - 0.2 * f), MoveKind.CUT))
@@ -62,7 +62,7 @@ def test_one_thread_and_three_give_the_same_bytes(setup: PlanningSetup, monkeypa
 
 
 def test_each_candidate_has_the_requested_pose(setup: PlanningSetup) -> None:
-    """The fixed point's rotation off the grid included."""
+    """Including the rotation of the fixed point, which is not on the grid."""
     path, arm = build_leaning_cut(30), setup.arm
     c = enumerate_candidates(path, arm, OPTIONS)
     poses = arm.machine.T_base_workpiece_zero @ compute_tcp_poses(path, path.stations, c.phi_at())
@@ -95,7 +95,7 @@ def test_whole_turns_cover_the_joint_range(upper: float, shift: float) -> None:
         q = np.full((1, 6), float(wrap_angle(message)))
         shift_angles(origin, q)
         assert ((q >= origin - 1e-12) & (q <= origin + 2 * np.pi)).all()
-        if abs(message) < 3 * np.pi:  # as far as turns of one either way go
+        if abs(message) < 3 * np.pi:  # range of one turn in either direction
             assert np.abs(q + windings - message).max(axis=1).min() < 1e-9
 
 
@@ -167,7 +167,7 @@ def test_unusable_branches_are_left_out_with_their_reasons(setup: PlanningSetup)
 def test_branch_usable_at_few_stations_has_joints_everywhere(
     setup: PlanningSetup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A block of stations without it is solved again."""
+    """A block of stations without this branch is solved again."""
     path, size = build_leaning_cut(200), 7
     monkeypatch.setattr(module, "CHUNK", 24 * size)
     every = enumerate_candidates(path, setup.arm, OPTIONS, every_branch=True)

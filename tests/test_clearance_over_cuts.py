@@ -25,7 +25,7 @@ RADIUS = 5e-3
 
 
 def rotate_axis_evenly(a: np.ndarray, b: np.ndarray, f: float) -> np.ndarray:
-    """The axis turned evenly from a to b."""
+    """Return the axis rotated uniformly from a to b."""
     angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
     if angle < 1e-12:
         return a
@@ -37,7 +37,7 @@ STEPPED: Rows = [*SLOT, ((0, 0.004, 0.02), UP, R), ((0, 0.004, -0.01), UP, A), (
 
 
 def tools(*places: tuple[float, float, float], tilt: float = 0.0) -> np.ndarray:
-    """(S, 4, 4) tools that look down, tilted about x."""
+    """Return downward tool poses (S, 4, 4), tilted about x."""
     c, s = np.cos(tilt), np.sin(tilt)
     T = np.tile(np.eye(4), (len(places), 1, 1))
     T[:, :3, :3] = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ np.diag([1.0, -1.0, -1.0])
@@ -49,8 +49,8 @@ def test_tip_below_a_cut_is_below_it_by_the_exact_distance() -> None:
     level = CutSurface(toolpath(SLOT), RADIUS)
     assert level.under(tools((0.05, 0, 0.01))) == 0.0
     np.testing.assert_allclose(level.under(tools((0.05, 0, 0.01), (0.05, 0.001, -0.003), (0.03, 0, -0.002))), 0.003)
-    assert level.under(tools((0.05, 0.1, -0.07))) == 0.0  # beside it nobody knows
-    assert level.under(tools((0.05, 0, -0.003), tilt=np.radians(40.0))) == 0.0  # so oblique it says nothing
+    assert level.under(tools((0.05, 0.1, -0.07))) == 0.0  # no information next to the cut
+    assert level.under(tools((0.05, 0, -0.003), tilt=np.radians(40.0))) == 0.0  # too oblique for a statement
     assert level.under(tools((0.05, 0, -0.003), tilt=np.radians(20.0))) > 0.002
 
 
@@ -86,7 +86,7 @@ def test_part_geometry_takes_precedence(tmp_path: Path) -> None:
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     assert cell.workpiece.geometry
     assert CutSurface.build(cell, toolpath(SLOT)) is None
-    assert CutSurface.build(bare, toolpath(SLOT[:2])) is None  # nothing is cut
+    assert CutSurface.build(bare, toolpath(SLOT[:2])) is None  # no cutting move
     assert CutSurface.build(bare, toolpath(SLOT)) is not None
 
 
@@ -107,7 +107,7 @@ def rapid(barred: object, *, known_free: bool = False) -> RapidMove | BlockedRap
 
 
 def test_blocked_move_takes_a_detour() -> None:
-    """Also where it is known to touch nothing; the first way that is not barred is taken."""
+    """Also if the move is known to be collision-free; the first detour that is not blocked is used."""
     for known in (False, True):
         move = rapid(low_in_the_middle, known_free=known)
         assert isinstance(move, RapidMove)
@@ -121,7 +121,7 @@ def low_in_the_middle(q: np.ndarray) -> bool:
 
 
 def test_rapid_tree_respects_blocked_regions(tmp_path: Path) -> None:
-    """Where no detour is allowed it finds a way over the cuts, with bodies or without: it was told as blocked."""
+    """Without detours a path over the cuts is found, with and without collision bodies; it was reported as blocked."""
     cell = small_cell(tmp_path)
     wall = CollisionShape(name="wall", kind="box", size=(0.4, 0.02, 0.4), mesh=None, T_parent_shape=pose(1.1, 0.0, 0.2))
     robot, shapes = load_chain(cell)
@@ -152,7 +152,7 @@ def test_all_ways_blocked_is_the_reason() -> None:
 
 
 def test_moves_from_and_to_home_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They went anywhere; only a home that lies under a cut itself lets them."""
+    """These moves were not checked; only a home position below a cut permits them."""
     requested: list[bool] = []
 
     def rapid(*_: object, space: FreeSpace, **__: object) -> BlockedRapid:
@@ -171,5 +171,5 @@ def test_moves_from_and_to_home_are_checked(monkeypatch: pytest.MonkeyPatch) -> 
     )
     for a, b in ((high, point), (point, high), (point, point), (low, point), (point, low)):
         maker.rapid(a, b, 0)
-    maker.rapid(replace(low, change=True), point, 0)  # nobody rests at a change of tools
+    maker.rapid(replace(low, change=True), point, 0)  # a tool change is no rest pose
     assert requested == [True, True, True, False, False, True]

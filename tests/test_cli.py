@@ -1,4 +1,4 @@
-"""Whole commands through ``machopt.cli.main``: exit codes, messages, folders, determinism, an independent check."""
+"""Complete commands with ``machopt.cli.main``: exit codes, messages, folders, determinism, an independent check."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CHECK_PLAN = ROOT.parent / "shared" / "tools" / "check_plan.py"
 HEADER = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min"
 Row = tuple[float, float, float, str, str]  # x, y, z, move, feed
 
-# a short pass over the cylinder head, in and out under feed
+# a short pass over the cylinder head, with approach and retract at feed
 PASS: list[Row] = [
     (-100, 0, 60, "rapid", ""),
     (-100, 0, 5, "approach", "1000"),
@@ -47,7 +47,7 @@ def toolpath(folder: Path, rows: Sequence[Row], name: str = "pass.csv") -> Path:
 
 
 def changed_cell(folder: Path, *edits: tuple[str, str], base: Path = KR500) -> Path:
-    """A copy of a shipped cell with words of its cell.yaml replaced."""
+    """Copy a shipped cell and replace text in its cell.yaml."""
     cell = folder / "cell"
     shutil.copytree(base, cell)
     text = (cell / "cell.yaml").read_text()
@@ -60,7 +60,7 @@ def changed_cell(folder: Path, *edits: tuple[str, str], base: Path = KR500) -> P
 
 @pytest.fixture(scope="module")
 def passed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Table and OUT of the short pass, planned once; who changes OUT copies it."""
+    """Return table and output folder of the short pass, planned once; a test that changes the folder copies it."""
     folder = tmp_path_factory.mktemp("passed")
     table = toolpath(folder, PASS)
     assert optimize(KR500, table, folder / "out") == 0
@@ -83,7 +83,8 @@ def gammas(out: Path) -> list[float]:
 
 
 def true_points(table: Path, out: Path) -> Path:
-    """The table as the independent program reads it: rapid or cut, rows without a feed take the one that follows."""
+    """Write the table for the independent program: moves are rapid or cut, and rows without a feed get the following
+    one."""
     rows = list(csv.DictReader(line for line in table.read_text().splitlines() if not line.startswith("#")))
     feed = "1000"
     for row in reversed(rows):
@@ -99,15 +100,15 @@ def true_points(table: Path, out: Path) -> Path:
 
 
 def check_plan(cell: Path, table: Path, out: Path) -> None:
-    """Ask the acceptance program, which shares no code with the product."""
+    """Run the acceptance program, which shares no code with machopt."""
     if not CHECK_PLAN.exists():
         pytest.skip(f"{CHECK_PLAN} is not here: the acceptance program lies beside a development checkout only")
     pytest.importorskip("coal")
     points = true_points(table, out.parent / "true_points.csv")
-    program = runpy.run_path(str(CHECK_PLAN))  # in this process, which has loaded most of what it imports
+    program = runpy.run_path(str(CHECK_PLAN))  # in this process, which has already loaded most of its imports
     message = io.StringIO()
     with contextlib.redirect_stdout(message), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it is not ours to mend
+        warnings.simplefilter("ignore")  # warnings of the external program
         code = program["main"]([str(cell), str(points), str(out)])
     assert code == 0, message.getvalue()
 
@@ -137,14 +138,14 @@ def test_every_shipped_cell_is_planned_and_independently_checked(
     assert written
     assert set(written) <= names
     found = result(out)
-    assert str(found["verdict"]).split(", ")[0] == "done"  # what the cell leaves out stands behind it
+    assert str(found["verdict"]).split(", ")[0] == "done"  # the verdict may also list omitted checks of the cell
     assert found["verification"]["passed"] is True  # type: ignore[index]
     check_plan(CELLS / cell, TOOLPATHS / path, out)
 
 
 @pytest.mark.slow
 def test_cam_export_runs_end_to_end(tmp_path: Path) -> None:
-    """The first fifth of the groove, whose tool axis turns; cylinder_head_face.cls is the job of `make run`."""
+    """The first fifth of the groove with its changing tool axis; cylinder_head_face.cls is the job of `make run`."""
     lines = (TOOLPATHS / "contour_5axis.nc").read_text(encoding="utf-8").splitlines()
     place = re.search(r" X\S+ Y\S+ ", lines[490])
     assert place is not None
@@ -198,7 +199,8 @@ def test_earlier_output_is_replaced_and_a_foreign_folder_is_not(
 
 
 def _heed_interrupts() -> None:
-    """A shell starts background jobs with SIGINT ignored, and children inherit that."""
+    """Restore the default SIGINT handler; a shell starts background jobs with SIGINT ignored, and child processes
+    inherit that."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -228,7 +230,7 @@ def _run_until(stage: str, number: int, table: Path, out: Path) -> int:
 @pytest.mark.parametrize(
     ("number", "code", "stage"),
     [
-        (signal.SIGTERM, 143, "verifying"),  # half is written; that of INT: tests/test_output_folder.py
+        (signal.SIGTERM, 143, "verifying"),  # half of the output is written; for INT see tests/test_output_folder.py
         (signal.SIGKILL, -9, "verifying"),
     ],
 )
@@ -240,7 +242,7 @@ def test_killed_run_leaves_no_partial_output(number: int, code: int, stage: str,
     left = [f.name for f in folder.iterdir()]
     assert left == [] if number != signal.SIGKILL else all(name.startswith(".out.") for name in left)
     if left:
-        assert optimize(KR500, table, folder / "out") == 0  # it does not stand in the way, and is cleared away
+        assert optimize(KR500, table, folder / "out") == 0  # the remainder does not prevent a new run, and is deleted
         assert [f.name for f in folder.iterdir()] == ["out"]
 
 
@@ -354,8 +356,8 @@ def test_allow_gaps_plans_the_reachable_rest(tmp_path: Path, capsys: pytest.Capt
     assert str(result(out)["verdict"]).startswith("done with gaps: 1 point not cut")
     capsys.readouterr()
     verify = ["verify", str(KR500), str(table), str(out), "--quiet"]
-    assert main(verify) == 0  # as the manifest says; the gap stands in the verdict
-    assert main([*verify, "--set", "allow_gaps=false"]) == 4  # whoever does not allow it is told
+    assert main(verify) == 0  # uses allow_gaps from the manifest; the verdict states the gap
+    assert main([*verify, "--set", "allow_gaps=false"]) == 4  # with allow_gaps=false the gap is an error
 
 
 @pytest.mark.parametrize(
@@ -373,7 +375,8 @@ def test_fixed_rotations_are_respected(tmp_path: Path) -> None:
     assert (
         optimize(KR500, toolpath(tmp_path, PASS), tmp_path / "out", "--set", "fixed=[{point: 5, gamma_deg: 20}]") == 0
     )
-    assert gammas(tmp_path / "out")[3] == pytest.approx(20, abs=0.5)  # deg: retiming rounds it off; 2 … 13 are cut
+    # deg; retiming smooths the rotation; 2 … 13 are cutting points
+    assert gammas(tmp_path / "out")[3] == pytest.approx(20, abs=0.5)
 
 
 @pytest.mark.parametrize(
@@ -390,9 +393,10 @@ def test_valid_options_are_accepted(options: list[str], tmp_path: Path) -> None:
     "rows", [PASS[2:-2], [PASS[0], *PASS[2:-2], PASS[-1]]], ids=["cuts only", "rapid to and from the cut"]
 )
 def test_rapid_move_from_inside_a_cut_retracts_along_the_tool_axis(rows: list[Row], tmp_path: Path) -> None:
-    """The cutter stands in the workpiece where the rapid move begins: it is drawn out along its axis first.
+    """The rapid move starts with the cutter in the workpiece: it first retracts along the tool axis.
 
-    Between two bores, where there is material: the pass of 22 mm begins 15 mm before the middle of the head.
+    The position is between two bores, where there is material: the pass of 22 mm starts 15 mm before the middle of the
+    head.
     """
     deep = [(x + 85, y, z - 5 if move == "cut" else z, move, feed) for x, y, z, move, feed in rows]
     table = toolpath(tmp_path, deep)
@@ -410,7 +414,8 @@ def test_holes_drilled_at_feed_and_left_in_rapid(tmp_path: Path) -> None:
 
 
 def test_dense_points_with_tangential_lead_in_and_lead_out(tmp_path: Path) -> None:
-    """0.02 mm apart at 1500 mm/min: fifteen points a sample, and no corner that slows the change of move."""
+    """Points 0.02 mm apart at 1500 mm/min: fifteen points per sample, and no corner that slows the change of the
+    move type."""
     words = ["approach"] * 200 + ["cut"] * 300 + ["retract"] * 200
     rows: list[Row] = [(-100 + 0.02 * i, 0, -0.5, move, "1500") for i, move in enumerate(words)]
     table = toolpath(tmp_path, [(-100, 0, 60, "rapid", ""), *rows, (-86, 0, 60, "rapid", "")])
@@ -437,7 +442,7 @@ def test_verify_refuses_a_changed_trajectory(
 
     def shifted(line: str) -> str:
         cells = line.split(",")
-        cells[5] = f"{float(cells[5]) + 0.01:.9f}"  # q2 by 0.01°: some 0.4 mm at the tool
+        cells[5] = f"{float(cells[5]) + 0.01:.9f}"  # q2 by 0.01°: about 0.4 mm at the tool
         return ",".join(cells)
 
     middle = cut[len(cut) // 2]

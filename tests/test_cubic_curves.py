@@ -1,4 +1,4 @@
-"""The cubic curves of the planner against scipy.interpolate."""
+"""The cubic curves of the planner, compared with scipy.interpolate."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from machopt.planning.smoothing.cubic_curves import (
     interpolate_monotone,
 )
 
-SAME = 1e-13  # the same sums, in an order that a compiler may still contract
+SAME = 1e-13  # the same sums, possibly in a different order after compilation
 
 
 def test_b_splines_equal_scipy() -> None:
@@ -40,6 +40,6 @@ def test_monotone_curves_equal_scipy() -> None:
     rng = np.random.default_rng(5)
     for m in (2, 3, 4, 30):
         for _ in range(20):
-            x, y = np.cumsum(rng.uniform(0.01, 1.0, m)), np.round(rng.normal(size=m), 1)  # also level stretches
+            x, y = np.cumsum(rng.uniform(0.01, 1.0, m)), np.round(rng.normal(size=m), 1)  # also with constant sections
             at = np.r_[x, rng.uniform(x[0], x[-1], 40)]
             assert np.allclose(interpolate_monotone(x, y, at), PchipInterpolator(x, y)(at), rtol=0, atol=SAME)

@@ -1,4 +1,4 @@
-"""D-optimal choice of readings against brute force and independent algebra."""
+"""D-optimal choice of readings, compared with exhaustive search and independent algebra."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from machopt.measurement.design.reading_noise import ReadingNoise
 def build_random_design(
     seed: int, poses: int = 6, loads: int = 4, rows: int = 2, unknowns: int = 3, shared: float = 0.5
 ) -> DesignProblem:
-    """Random responses, noise of different size and shape for each reading, a correlated pose error."""
+    """Return random responses, noise of different size and shape for each reading, and a correlated pose error."""
     rng = np.random.default_rng(seed)
     n = poses * loads
     half = rng.normal(size=(n, rows, rows))
@@ -45,7 +45,7 @@ def every_design(problem: DesignProblem, poses: int, loads: int):
 
 
 def whiten_design(problem: DesignProblem, blocks, columns=None):
-    """Whitened responses of a design from its full covariance matrix, pose errors and all."""
+    """Return the whitened responses of a design from its full covariance matrix, including pose errors."""
     m = problem.models[0]
     rows = [n for b in blocks for n in b]
     D = len(problem.shared)
@@ -71,7 +71,7 @@ def test_chosen_design_is_the_best_of_all(poses: int, loads: int, shared: float,
     problem = build_random_design(seed, shared=shared)
     found = find_d_optimal_design(problem, poses, loads, rng=np.random.default_rng(0), starts=8)
     best = max(compute_design_criterion(problem, blocks) for blocks in every_design(problem, poses, loads))
-    assert found.value == pytest.approx(best, abs=1e-9)  # 8 starts find the global optimum of problems this small
+    assert found.value == pytest.approx(best, abs=1e-9)  # 8 starts find the global optimum of such small problems
     assert compute_design_criterion(problem, found.blocks) == pytest.approx(found.value, abs=1e-9)
 
 
@@ -86,9 +86,9 @@ def test_bound_is_below_the_true_efficiency(loads: int) -> None:
         poor = [designs[i] for i in rng.integers(len(designs), size=10)]
         for blocks in (good.blocks, *poor):
             true = np.exp((compute_design_criterion(problem, blocks) - best) / 3)
-            # the ridge of the criterion, 1e-4 of information, is not in the bound
+            # the bound does not include the ridge of the criterion, 1e-4 of the information
             assert compute_efficiency_bound(problem, type(good)(blocks, 0.0), loads) <= true * (1 + 1e-3)
-        assert compute_efficiency_bound(problem, good, loads) > 0.3  # says something: 0 would hold for anything
+        assert compute_efficiency_bound(problem, good, loads) > 0.3  # not trivial: a bound of 0 would always hold
 
 
 def build_large_design(seed: int = 3) -> DesignProblem:
@@ -119,14 +119,15 @@ def test_fewer_candidates_than_requested_are_all_taken() -> None:
 
 
 def test_unit_of_an_unknown_has_no_influence() -> None:
-    """With constant noise log det only gains a constant: the design does not depend on the prior stiffness."""
+    """With constant noise, scaling an unknown adds a constant to log det: the design does not depend on the prior
+    stiffness."""
     problem = build_large_design()
     m = problem.models[0]
     scaled = DesignProblem(
         (ModelBelief(m.response * np.array([3.0, 0.2, 1, 7, 0.5, 2]), m.covariance),), problem.pose, problem.shared
     )
     a, b = (find_d_optimal_design(p, 8, 2, rng=np.random.default_rng(0)) for p in (problem, scaled))
-    # the ridge is the only thing with a unit; it moves log det by less than 1e-4
+    # only the ridge has a unit; it changes log det by less than 1e-4
     assert compute_design_criterion(problem, b.blocks) == pytest.approx(a.value, abs=1e-3)
 
 
@@ -144,7 +145,7 @@ def test_design_for_several_priors_maximises_their_mean() -> None:
 def test_accuracy_names_unobservable_parameters() -> None:
     rng = np.random.default_rng(0)
     A = rng.normal(size=(40, 5))
-    A[:, 3] = -2.0 * A[:, 1]  # these two only appear together
+    A[:, 3] = -2.0 * A[:, 1]  # only a combination of these two is observable
     A[:, 4] = 0.0
     found = compute_expected_accuracy(A.T @ A)
     assert found.unidentified_groups == ((1, 3), (4,))
@@ -171,7 +172,7 @@ def test_smallest_sufficient_number_is_found(first: int, target: float) -> None:
 
 
 def test_reversed_second_round_cancels_a_steady_drift() -> None:
-    """Second round backwards: the mean time of both visits is the same at every pose."""
+    """The second round is in reverse order: the mean time of both visits is the same for every pose."""
     blocks = [(0, 1), (5, 4), (9,), (12, 13)]
     visits = build_schedule(blocks, 2, np.random.default_rng(0))
     assert sorted(v.reading for v in visits) == sorted(2 * [n for b in blocks for n in b])
@@ -196,14 +197,14 @@ def test_visiting_order_is_short() -> None:
     way = order_poses_by_travel(q, home, v)
     assert sorted(way.tolist()) == list(range(7))
     best = min(seconds(p) for p in itertools.permutations(range(7)))
-    assert seconds(way) <= 1.15 * best  # 2-opt is no global optimiser; 15 % is its usual worst on few points
+    assert seconds(way) <= 1.15 * best  # 2-opt is no global optimizer; its error on few points is usually at most 15 %
 
 
 def test_noise_of_a_reading_by_simulation() -> None:
     noise = ReadingNoise(displacement=12e-6, cycle=15e-6, pose=30e-6, force=0.01, targets=0.2, cycles=3)
     rng = np.random.default_rng(0)
     true = np.array([[1e-3, 0, 0, 2e-3, 0, 0]])
-    size = np.repeat([1.0, 5.0], 3)  # rotations are seen at 0.2 m
+    size = np.repeat([1.0, 5.0], 3)  # rotations are measured with a lever of 0.2 m
     n = 200_000
     loads, b = 0.01 * rng.normal(size=(n, 1)), 30e-6 * rng.normal(size=(n, 6)) * size
     cycles = np.zeros((n, 6))
@@ -212,7 +213,7 @@ def test_noise_of_a_reading_by_simulation() -> None:
         cycles += (white[0] - (white[1] + white[2]) / 2 + 15e-6 * rng.normal(size=(n, 6))) * size / 3
     found = np.cov((true * (1 + loads) + b + cycles).T)
     expected = noise.covariance(true)[0] + noise.shared()
-    # 200,000 draws give a variance to 0.3 %, a covariance to that share of both deviations
+    # 200,000 draws give a variance to 0.3 %, and a covariance to the same share of both standard deviations
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((found - expected) / scale).max() < 0.015
     assert noise.reading == pytest.approx(np.sqrt(1.5 * 12**2 + 15**2 + 30**2) * 1e-6)

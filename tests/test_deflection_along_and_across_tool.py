@@ -1,4 +1,4 @@
-"""Worst deflection along and across the tool axis: equal in document, terminal and page, with intervals."""
+"""Worst deflection along and perpendicular to the tool axis: equal in document, terminal and page, with intervals."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ def test_deflection_is_split_with_its_interval(tmp_path: Path, capsys: pytest.Ca
     worst = json.loads((out / "result.json").read_text())["worst_point"]
     along, across, whole = (worst[f"deflection_{k}mm"] for k in ("along_", "across_", ""))
     assert along**2 + across**2 == pytest.approx(whole**2, rel=1e-9)
-    assert abs(along) > 0.9 * whole  # a drill pushes along its axis
+    assert abs(along) > 0.9 * whole  # the drilling force acts along the tool axis
     half = {
         k: 0.5 * (worst[f"deflection_{k}ci90_mm"][1] - worst[f"deflection_{k}ci90_mm"][0])
         for k in ("", "along_", "across_")
     }
-    most = (abs(along) * half["along_"] + across * half["across_"]) / whole  # the gradients add up to the whole's
+    # the gradients of both components add up to that of the total
+    most = (abs(along) * half["along_"] + across * half["across_"]) / whole
     assert 0.0 < half[""] <= most * (1 + 1e-9)
     page = (out / "report.html").read_text()
     for value in (along, across, *worst["deflection_along_ci90_mm"]):

@@ -25,7 +25,7 @@ DISTRIBUTION = {
     "eaik": "eaik",
     "hppfcl": "coal",
 }
-"""Import name → distribution, of what installs outside the usual folder or need not be there."""
+"""Import name → distribution, for packages that are not installed in the usual folder or may be missing."""
 TOOLS = {
     "editables",
     "ruff",
@@ -37,7 +37,7 @@ TOOLS = {
 
 
 def name_of(requirement: str) -> str:
-    """Normalised as the index does it."""
+    """Return the distribution name in the normalized form of the package index."""
     found = re.match(r"[A-Za-z0-9._-]+", requirement)
     assert found, requirement
     return re.sub(r"[-_.]+", "-", found[0]).lower()
@@ -50,7 +50,8 @@ def list_declared_distributions(*extras: str) -> set[str]:
 
 @cache
 def list_imports(folder: str) -> frozenset[tuple[str, str]]:
-    """Top-level packages that the Python files of a folder import, also late or as words, with where."""
+    """Return the top-level packages that the Python files of a folder import, with the place; also late imports and
+    imports by name."""
     return frozenset(_iterate_imports(folder))
 
 
@@ -79,7 +80,7 @@ def known_packages() -> Mapping[str, list[str]]:
 
 
 def list_own_modules(folder: str) -> set[str]:
-    """Modules beside the importing one: tests and benchmarks import each other."""
+    """Return modules of the same folder: tests and benchmarks import each other."""
     return {p.stem for p in (ROOT / folder).rglob("*.py")} | {p.name for p in (ROOT / folder).rglob("*") if p.is_dir()}
 
 
@@ -115,7 +116,8 @@ def test_every_declared_dependency_is_imported() -> None:
 
 
 def test_upper_bounds_state_the_version_that_failed() -> None:
-    """Upper bounds are set where a newer version was tried and failed; the table in benchmarks/README.md says so."""
+    """Upper bounds are set only where a newer version was tested and failed; they are listed in
+    benchmarks/README.md."""
     lists = [PROJECT["dependencies"], *PROJECT["optional-dependencies"].values()]
     for requirement in (r for requirements in lists for r in requirements):
         assert re.search(r">=\d", requirement), requirement
@@ -140,7 +142,7 @@ def test_lock_files_contain_all_dependencies_with_hashes(lock: Path, extras: tup
     entries = re.split(r"^(?=[A-Za-z0-9])", text, flags=re.MULTILINE)[1:]
     assert all("--hash=sha256:" in entry for entry in entries)
     message = re.sub(r"#.*", "", text)
-    assert not re.search(r"/|^-|--(?!hash=)", message, re.MULTILINE)  # no host, no path, no option of an installer
+    assert not re.search(r"/|^-|--(?!hash=)", message, re.MULTILINE)  # no host, no path, no installer option
 
 
 def test_documentation_is_built_from_pinned_packages_without_machopt() -> None:
@@ -157,7 +159,7 @@ def test_job_and_tests_use_the_same_versions() -> None:
 
 
 def test_lowest_tested_versions_are_the_bounds() -> None:
-    """What `make lowest` tries is what pyproject.toml promises, to the last number."""
+    """`make lowest` tests exactly the lowest versions in pyproject.toml."""
     pinned = pins(LOWEST)
     extras = PROJECT["optional-dependencies"]
     lists = [PROJECT["dependencies"], extras["batch"], extras["parquet"], extras["dev"]]
@@ -169,7 +171,7 @@ def test_lowest_tested_versions_are_the_bounds() -> None:
 
 
 def numbers(version: str) -> tuple[int, ...]:
-    """2.2 and 2.2.0 are the same version."""
+    """Convert a version to numbers without trailing zeros: 2.2 and 2.2.0 are the same version."""
     parts = [int(p) for p in version.split(".")]
     while parts and parts[-1] == 0:
         parts.pop()
@@ -193,7 +195,7 @@ def test_container_image_copies_existing_public_files() -> None:
     document = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = document["tool"]["hatch"]["build"]["targets"]["wheel"]
     files = [PROJECT["readme"], *PROJECT["license-files"], *wheel["packages"]]
-    files += [hook["path"] for hook in wheel["hooks"].values()]  # without its hook the wheel is not built at all
+    files += [hook["path"] for hook in wheel["hooks"].values()]  # without its hook the wheel cannot be built
     assert {"pyproject.toml", *(file.split("/")[0] for file in files)} <= copied
     observed = {t[1:] for t in (ROOT / ".dockerignore").read_text(encoding="utf-8").split() if t.startswith("!")}
     assert copied == observed

@@ -1,4 +1,4 @@
-"""Mean model discrepancy of a stiffness file: equals the candidate columns, and enters a plan."""
+"""Mean model discrepancy of a stiffness file: equals the candidate columns, and is included in a plan."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ NAMES = (
 
 
 def doubt(*, counted: bool = True) -> ModelDiscrepancy:
-    """A little of everything."""
+    """Return a discrepancy with a contribution of every type."""
     rng = np.random.default_rng(3)
     size = np.where([n.split(" ")[0] in (*CURVE_SMOOTHING, LOOP_COLUMN) for n in NAMES], 1e-4, 3e-8)
     size[[" x" in n or " y" in n or " z" in n for n in NAMES]] = 1e-9
@@ -76,12 +76,13 @@ def test_shift_equals_the_sum_of_candidate_columns() -> None:
     np.testing.assert_allclose(np.einsum("mij,mj->mi", C, w), small, rtol=1e-7, atol=1e-13)
     about = DiscrepancyModel.build(counted)
     assert about is not None
-    assert not about.ways[0].any()  # what is said is the mean
+    assert not about.ways[0].any()  # only the mean is included
     assert suspects.ways[0].any()
 
 
 def test_loaded_weight_and_geometric_stiffness_count_once() -> None:
-    """K_C of the load alone and ``loaded`` are what the equilibrium under weight and load is, each counted once."""
+    """K_C of the load alone and the term ``loaded`` together equal the equilibrium under weight and load, without
+    double counting."""
     _, robot, T = made.cell()
     rng = np.random.default_rng(6)
     q, w = made.CENTRE + rng.normal(0, 0.4, (7, 6)), np.hstack([rng.normal(0, 1500, (7, 3)), np.zeros((7, 3))])
@@ -90,7 +91,7 @@ def test_loaded_weight_and_geometric_stiffness_count_once() -> None:
     g, _ = compute_gravity_torque(robot, masses, state)
     tau = np.zeros_like(g)
     turned = {}
-    for load in (0.0, 1.0):  # q + c τ(q + c τ), to its end
+    for load in (0.0, 1.0):  # q + c τ(q + c τ), iterated to convergence
         tau = g
         for _ in range(60):
             bent = robot.compute_state(q + tau / k, T, bodies=True)
@@ -148,4 +149,4 @@ def test_included_shift_is_compensated_and_reported(tmp_path: Path) -> None:
         left[counted] = np.linalg.norm(p.compensation.offset[rows] + d, axis=1)
         assert compute_residual(p) is not None
         assert ("count in" in describe_model_misfit(p)) is counted
-    assert np.median(left[True]) < 0.2 * np.median(left[False])  # corners leave what they leave
+    assert np.median(left[True]) < 0.2 * np.median(left[False])  # corners leave a remainder

@@ -81,7 +81,7 @@ TWIST_4 = CandidateLaw(
 
 
 def build_small_contests(rng: np.random.Generator) -> tuple[list[ModelContest], np.ndarray, np.ndarray, np.ndarray]:
-    """Six poses with two readings each, three laws against each other."""
+    """Return six poses with two readings each, and three competing laws."""
     N, R, P = 12, 3, 2
     base = rng.normal(size=(N, R, P))
     laws = [rng.normal(size=(N, R, 1)) for _ in range(3)]
@@ -94,7 +94,7 @@ def build_small_contests(rng: np.random.Generator) -> tuple[list[ModelContest], 
 
 
 def test_required_noncentrality_equals_the_textbook_value() -> None:
-    # (2.576 + 1.282)²: two-sided 1 %, power 90 %; tables of Pearson & Hartley give 14.88
+    # (2.576 + 1.282)²: two-sided 1 %, power 90 %; tables of Pearson & Hartley: 14.88
     assert compute_required_noncentrality() == pytest.approx(14.88, abs=0.005)
 
 
@@ -111,7 +111,7 @@ def test_minimum_separation_is_near_the_best_of_all_designs(seed: int) -> None:
     best = max(least(blocks_of(chosen)) for chosen in combinations(range(6), 3))
     found = select_maximin_readings(contests, own, shared, pose, 3, 2, np.random.default_rng(0), starts=6)
     assert sorted(len(b) for b in found) == [2, 2, 2]
-    # exchanges of single readings may end a little short of the best of all designs
+    # exchanges of single readings may end slightly below the best of all designs
     assert least(found) >= 0.9 * best
 
 
@@ -131,11 +131,11 @@ def test_noncentrality_equals_the_mean_residual_of_the_rival() -> None:
 
 
 def share_excluded(rounds: int, size: float) -> float:
-    """Share of draws in which diagnose's test excludes the rival; ``size`` of the law that is true, in sigmas."""
+    """Return the share of draws in which diagnose's test excludes the rival; ``size`` of the true law in sigmas."""
     rng, poses, draws = np.random.default_rng(3), 20, 300
     contest, _, _ = build_even_contest(size, poses)
     A, s = contest.columns.reshape(3 * poses, -1), contest.signal.reshape(-1)
-    B = np.concatenate([A[:, :2], s[:, None]], axis=1)  # base, and the law itself
+    B = np.concatenate([A[:, :2], s[:, None]], axis=1)  # base and the law itself
     hits = 0
     for _ in range(draws):
         y = s + rng.normal(size=len(s)) / np.sqrt(rounds)
@@ -147,7 +147,7 @@ def share_excluded(rounds: int, size: float) -> float:
 
 
 def build_even_contest(size: float, poses: int) -> tuple[ModelContest, np.ndarray, tuple[tuple[int, ...], ...]]:
-    """A law that a rival imitates for the most part, alike at every pose."""
+    """Return a law that a rival reproduces for the most part, equally at every pose."""
     rng = np.random.default_rng(2)
     base, rival = rng.normal(size=(poses, 3, 2)), rng.normal(size=(poses, 3, 1))
     signal = size * (3.0 * rival[:, :, 0] + rng.choice([-1.0, 1.0], (poses, 3)))
@@ -160,7 +160,7 @@ def test_number_of_rounds_agrees_with_a_simulation(size: float) -> None:
     contest, own, blocks = build_even_contest(size, 20)
     rounds = compute_rounds_to_exclude([contest], own, blocks, contest.columns[:, :, :2])
     assert rounds is not None
-    assert share_excluded(rounds, size) >= 0.85  # nine of ten, counted on 300 draws
+    assert share_excluded(rounds, size) >= 0.85  # nominal 90 %, estimated from 300 draws
     assert rounds == 1 or share_excluded(max(rounds // 2, 1), size) < 0.85
 
 
@@ -169,8 +169,9 @@ def test_rival_seen_in_few_poses_is_not_excluded_by_repetition() -> None:
     alone = contest.signal.copy()
     alone[2:] = 3.0 * contest.columns[2:, :, 2]
     assert compute_rounds_to_exclude([replace(contest, signal=alone)], own, blocks, contest.columns[:, :, :2]) is None
-    assert combine_required_rounds([1, 3], [None, 4]) == 4  # as far as rounds do it
-    assert combine_required_rounds([None, None], [None, 7]) == 1  # nothing is gained by ten
+    # the pair that more rounds can separate determines the number
+    assert combine_required_rounds([1, 3], [None, 4]) == 4
+    assert combine_required_rounds([None, None], [None, 7]) == 1  # ten rounds would not help
     assert combine_required_rounds([12], [None]) == 10
 
 
@@ -256,7 +257,8 @@ def test_law_is_the_same_in_other_readings(
 ) -> None:
     cases, q = tests
     steps = select_load_steps([CandidateLaw(effect=effect, location="joint:3")])
-    light = np.flatnonzero(cases.magnitude < 600.0)  # the hanging weights: other largest torques than all loads have
+    # suspended weights: their largest torques differ from those of all loads
+    light = np.flatnonzero(cases.magnitude < 600.0)
     few = predict_cases(cell, fewer(cases, light), q[light], steps)
     h = next(h for h in few.hypotheses if h.name == (effect, "joint:3") and h.law == law)
     shape = h.shapes[0]
@@ -274,8 +276,8 @@ def test_law_is_the_same_in_other_readings(
     alone = predict_law(stand, few, 1.0)
     assert everywhere is not None
     assert alone is not None
-    assert np.abs(alone.signal).max() > 1e-6  # it shows
-    # the same twist at the same reading; thresholds are brought over to 1e-3
+    assert np.abs(alone.signal).max() > 1e-6  # the law has an effect
+    # the same twist at the same reading; thresholds are transferred with an error of 1e-3
     np.testing.assert_allclose(everywhere.signal[light], alone.signal, atol=2e-3 * np.abs(alone.signal).max())
 
 
@@ -296,7 +298,8 @@ def test_plan_noise_comes_from_the_diagnosis_or_the_option() -> None:
     requested = DiscriminationOptions(typed, has_stated_noise=False, targets=0.2)
     three, six = open_(), replace(open_(), coordinates=6, turn=1e-4)
     observed = compute_planning_noise(requested, three, 4)
-    assert observed.shared()[0, 0] ** 0.5 == pytest.approx(0.5e-5)  # what a visit shares is new in each of four rounds
+    # the common error of a visit is new in each of the four rounds
+    assert observed.shared()[0, 0] ** 0.5 == pytest.approx(0.5e-5)
     assert observed.targets is None
     assert compute_planning_noise(requested, six, 1).targets == pytest.approx(0.2)  # 20 µm and 100 µrad
     assert compute_planning_noise(requested, replace(six, turn=None), 1).targets == requested.targets
@@ -341,7 +344,7 @@ def test_law_with_only_a_size_moves_the_tool_by_it(cell: Cell, tests: tuple[Load
     assert nothing is not None
     assert not nothing.signal.any()
     still = replace(at, hypotheses=tuple(replace(h, columns=lambda s, h=h: 0.0 * h.columns(s)) for h in at.hypotheses))
-    assert predict_law(replace(unsized, size=1.0), still, 1.0) is None  # it shows nowhere in these poses
+    assert predict_law(replace(unsized, size=1.0), still, 1.0) is None  # no effect in these poses
 
 
 def test_only_the_nearest_of_many_laws_are_separated(cell: Cell, tests: tuple[LoadCases, np.ndarray]) -> None:
@@ -489,7 +492,7 @@ def test_open_rivals_are_read_from_the_diagnosis(tmp_path: Path) -> None:
 def test_unobserved_spring_comes_from_the_cell(tmp_path: Path) -> None:
     folder = diagnosis(tmp_path / "a", [finding(LINK_4, LINK_3, TWIST_4)])
     data = json.loads((folder / "diagnosis.json").read_text())
-    data["coefficients"][2] |= {"value": -5e-8, "sigma": 5e-8}  # no arm gives way against its load
+    data["coefficients"][2] |= {"value": -5e-8, "sigma": 5e-8}  # a negative compliance is impossible
     data["coefficients"][5] |= {"value": 4e-7, "sigma": 3e-7}
     (folder / "diagnosis.json").write_text(json.dumps(data))
     found = read_diagnosis(folder)
@@ -552,10 +555,12 @@ def test_command_plans_the_separation_of_two_links(tmp_path: Path) -> None:
     assert {pair["one"]["location"], pair["two"]["location"]} == {"link:3", "link:4"}
     assert pair["told_apart"]
     assert pair["noncentrality_planned"] >= message["noncentrality_needed"]
-    assert pair["noncentrality_per_cycle"] > 2.0 * pair["random_noncentrality_per_cycle"]  # else the search is idle
+    # otherwise the search has no benefit
+    assert pair["noncentrality_per_cycle"] > 2.0 * pair["random_noncentrality_per_cycle"]
     assert message["cycles"] >= pair["cycles_for_power"]
     table = read_poses_csv(folder / "poses.csv")
-    assert pair["cycles_until_diagnose_excludes"] <= message["cycles"]  # by its own test, which six poses do not pass
+    # by diagnose's own test, which six poses do not pass
+    assert pair["cycles_until_diagnose_excludes"] <= message["cycles"]
     assert 6 < len(np.unique(table.pose)) <= MOST_POSES
     assert "Explanations it separates" in (folder / "report.html").read_text()
     assert "1 of 1 pairs" in done.message
@@ -575,7 +580,7 @@ def test_load_cycles_have_steps_where_a_law_has_memory(tmp_path: Path) -> None:
     assert message["steps"] == [0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0]
     table = read_poses_csv(folder / "poses.csv")
     first = np.linalg.norm(table.wrench[:8, :3], axis=1)
-    np.testing.assert_allclose(first, first[3] * np.array(message["steps"]), atol=1e-3)  # N, as printed
+    np.testing.assert_allclose(first, first[3] * np.array(message["steps"]), atol=1e-3)  # N, with the printed digits
     with (folder / "recording_template" / "data.csv").open(encoding="utf-8") as text:
         rows = list(csv.DictReader(text))
     assert [r["branch"] for r in rows[:8]] == ["load"] * 4 + ["unload"] * 4

@@ -11,7 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PLACES = ("docs", "cells", "toolpaths", "benchmarks", "machopt", "tests")  # of the repository, that hold pages
+# folders of the repository that contain pages
+PLACES = ("docs", "cells", "toolpaths", "benchmarks", "machopt", "tests")
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def test_every_key_is_described(reference: ModuleType) -> None:
 
 
 def test_every_page_is_listed_once_in_the_contents() -> None:
-    """`make docs` fails on the same, and on anchors too; here it takes no Sphinx."""
+    """`make docs` also detects this and checks anchors; this test needs no Sphinx."""
     folder = DOCS / "site"
     listed: list[Path] = []
     for block in re.findall(r"```\{toctree\}\n(.*?)```", (folder / "index.md").read_text(encoding="utf-8"), re.DOTALL):

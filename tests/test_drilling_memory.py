@@ -10,9 +10,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from drilling_memory import measure
 
-BASE = 400.0  # MiB of a job of a few holes, compiled code and the cell's bodies included
-PER_HOLE = 0.6  # MiB, six stations of a grid of 72 rotations and 8 branches
-PER_SAMPLE = 1.1e-3  # MiB of a sample of the motion
+BASE = 400.0  # MiB of a job with a few holes, including compiled code and the bodies of the cell
+PER_HOLE = 0.6  # MiB, six stations with a grid of 72 rotations and 8 branches
+PER_SAMPLE = 1.1e-3  # MiB per sample of the motion
 
 
 @pytest.mark.slow

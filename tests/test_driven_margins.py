@@ -1,4 +1,4 @@
-"""Margins hold for the driven motion, whose rotation is rounded."""
+"""Margins hold for the executed motion, whose rotation is smoothed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.pipeline.planning_setup import StageTimings
 from machopt.verification.motion.checks.requested_choices import MARGIN_TOLERANCE_DEG
 
-# down, then along x, where the rotation turns at once: the arm's first joint stands farthest out at the corner
+# down, then along x with an abrupt change of rotation: joint 1 has its extreme value at the corner
 ROWS: Rows = [((-0.1, -0.1, z), UP, R if z == 0.08 else C) for z in (0.08, 0.03, 0.0105, 0.01)]
 ROWS += [((-0.1 + 0.01 * k, -0.1, 0.01), UP, C) for k in (1, 2, 3)]
 PINS = tuple(FixedRotation(n, g) for n, g in zip(range(3, 7), (-1.6, -1.8, -1.95, -2.1), strict=True))
@@ -34,12 +34,12 @@ OPTIONS = PlanOptions(collision=False, fixed=PINS)
 TOOL = Tool(
     T_flange_tcp=pose(0.1, 0, 0.3, 0.7), mass=20.0, com=np.zeros(3), geometry=(), cutter=CutterGeometry(0.012, 0.06)
 )
-ON_IT = np.radians(1e-5)  # so near the margin the planned pose stands
+ON_IT = np.radians(1e-5)  # distance of the planned pose from the margin
 
 
 @pytest.fixture(scope="module")
 def on_the_margin(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Plan]:
-    """A cell whose joint limit the plan stands at, and the plan."""
+    """Return a cell with a joint limit at the extreme value of the plan, and the plan."""
     cell = small_cell(tmp_path_factory.mktemp("cell"), stiffness=ArmStiffness(joints=K), tool=TOOL)
     path = toolpath(ROWS)
     least = plan_path(cell, path, OPTIONS).chosen.assignment.q[:, 0].min()
@@ -77,7 +77,7 @@ def test_such_a_plan_is_repeated_with_a_larger_margin(on_the_margin: tuple[Cell,
     assert done.timeline is not None
     assert done.timeline.trajectory is not None
     assert (done.plan.chosen.assignment.reason == InfeasibilityReason.OK).all()
-    assert done.plan.options == OPTIONS  # what was asked, not what was kept beside it
+    assert done.plan.options == OPTIONS  # the requested options, not those used internally
     margin = np.degrees(done.points.table.limit_margin)
     assert margin.min() > np.degrees(OPTIONS.limit_margin) - MARGIN_TOLERANCE_DEG
 
@@ -103,7 +103,7 @@ def test_placement_uses_the_driven_margin(on_the_margin: tuple[Cell, Plan], monk
     assert done.timeline is not None
     assert done.timeline.trajectory is not None
     assert not placed.obstruction
-    assert placed.seconds == done.timeline.trajectory.time[-1]  # as optimize drives it
+    assert placed.seconds == done.timeline.trajectory.time[-1]  # the same motion as in optimize
     assert placed.plan.options == OPTIONS
     monkeypatch.setattr("machopt.planning.job.job_planner.MAX_MARGIN_REPLANS", 0)
     placed = plan_at_placement(build_single_segment(cell, toolpath(ROWS)), carried, NO_SHIFT, OPTIONS)

@@ -92,7 +92,7 @@ def test_joint_segment_may_dwell() -> None:
 
 
 def test_dwell_is_at_the_point_and_later_events_after_the_lift() -> None:
-    """Point 3 is left by a lift that the file has no move for: M5 alone waits for it, the dwell does not."""
+    """After point 3 a retract is added that is not in the file: M5 alone is placed after it, the dwell is not."""
     index = np.array([np.nan, 0.0, 1.0, 2.0, 3.0, 3.0, np.nan])
     drawn = np.array([False, False, False, False, False, True, False])
     off, dwell = ToolpathEvent(4, "spindle", "M5", 0.0), ToolpathEvent(4, "dwell", "G4", 0.5)
@@ -102,14 +102,14 @@ def test_dwell_is_at_the_point_and_later_events_after_the_lift() -> None:
 
     assert at(off) == [6]
     assert at(dwell, off) == [5, 6]
-    assert at(off, dwell) == [5, 5]  # in the file's order
+    assert at(off, dwell) == [5, 5]  # in the order of the file
     assert at(ToolpathEvent(2, "dwell", "G4", 0.5)) == [3]
 
 
 def check_dwell(
     point: np.ndarray[Any, Any], x: np.ndarray[Any, Any], *events: ToolpathEvent
 ) -> tuple[bool | None, str]:
-    """The check of a machine of which axis 1 (rad) drives the tool (m) along x."""
+    """Return the check result for a machine whose axis 1 (rad) moves the tool (m) along x."""
     q = np.zeros((len(x), 6))
     q[:, 0] = x
     tcp = np.tile(np.eye(4), (len(x), 1, 1))
@@ -125,7 +125,7 @@ def check_dwell(
 
 
 def build_dwell_motion(stand: int) -> np.ndarray[Any, Any]:
-    """A tool that goes 30 mm and rests at 10 mm for so many samples."""
+    """Return the position of a tool that moves 30 mm and rests at 10 mm for ``stand`` samples."""
     ramp = np.array([1e-7, 1e-6, 1e-5, 5e-5, 1e-4])
     up = np.concatenate([ramp, np.full(60, 1.6e-4), ramp[::-1]])
     up *= 0.01 / up.sum()
@@ -160,7 +160,7 @@ def test_no_check_without_dwells_and_stops() -> None:
 
 
 def test_dwell_between_moves_without_displacement(tmp_path: Path) -> None:
-    """G0, G1 to the same place, a dwell, again such a move, and on: where it stands is told."""
+    """G0, G1 to the same point, a dwell, another such move, and a real move: the position of the dwell is defined."""
     folder, job = external_folder(tmp_path, rail=True), tmp_path / "job.nc"
     job.write_text("G21 G90 G17\nG0 X60 Y0 Z0\nG1 X60 F1200\nG4 P0.5\nG1 X60\nG1 X90\nG0 Z20\nM30\n")
     requested = ["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", "--post", "krl"]

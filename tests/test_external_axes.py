@@ -39,7 +39,7 @@ _ON_TOP = '<parent link="s2"/><child link="base_link"/>'
 
 
 def slots(*starts: float, x: float = 0.0) -> Rows:
-    """A short slot along y from each place, come to by a rapid move."""
+    """Return a short slot along y from each position, after a rapid move."""
     rows: Rows = []
     for y in starts:
         rows += [((x, y, 0.05), UP, MoveKind.RAPID)]
@@ -49,14 +49,14 @@ def slots(*starts: float, x: float = 0.0) -> Rows:
 
 
 def separate_operations(path: Toolpath) -> Toolpath:
-    """Every run an operation of its own."""
+    """Return the path with each run as a separate operation."""
     operation = (np.cumsum(path.move == MoveKind.RAPID) - 1).astype(np.int32)
     labels = tuple(ToolpathOperation(f"op{k}", "trajectory") for k in range(int(operation[-1]) + 1))
     return replace(path, operation=operation, operations=labels)
 
 
 def compute_driven_joints(p: Plan, path: Toolpath) -> np.ndarray:
-    """(S, 6 + E) the exported motion."""
+    """Return the exported motion (S, 6 + E)."""
     motion = build_timeline(p, path).trajectory
     assert motion is not None
     return np.hstack([motion.q, motion.external])
@@ -74,13 +74,13 @@ def test_external_axis_value_equals_a_cell_built_there(tmp_path: FilePath, kind:
         compute_driven_joints(plan_path(cell, path, OPTIONS), path),
         compute_driven_joints(plan_path(still, path, OPTIONS), path),
     )
-    np.testing.assert_allclose(ours[:, :6], theirs, atol=1e-9)  # rounding of T, through Newton steps
+    np.testing.assert_allclose(ours[:, :6], theirs, atol=1e-9)  # rounding of T, amplified by Newton steps
     np.testing.assert_array_equal(ours[:, 6:], np.full((len(ours), len(cell.external_joints)), e))
 
 
 @pytest.mark.slow
 def test_each_operation_has_one_value(tmp_path: FilePath) -> None:
-    """Slots at both ends of a long part: nowhere in reach from one place, and never worse than home."""
+    """Slots at both ends of a long part: not reachable from one rail position, and never worse than home."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     path = separate_operations(toolpath(slots(-2.4, 2.3)))
     p = find_best_plan(cell, path, VALUES)
@@ -101,13 +101,14 @@ def test_chosen_value_is_no_worse_than_home(tmp_path: FilePath) -> None:
     p = find_best_plan(cell, path, replace(OPTIONS, external=(ExternalJointOptions(joint="turn", mode="operation"),)))
     home = plan_path(cell, path, OPTIONS, scale=p.scores.scale)
     assert p.chosen.objective.total <= home.chosen.objective.total
-    assert p.cam_default.objective.total == home.cam_default.objective.total  # the file's rotation, table at home
+    # the rotation of the file, with the table at home
+    assert p.cam_default.objective.total == home.cam_default.objective.total
     inside = replace(OPTIONS, external=(ExternalJointOptions(joint="turn", mode="operation", range=(0.5, 0.6)),))
     assert 0.5 <= find_best_plan(cell, path, inside).path.external[0, 0] <= 0.6
 
 
 def long_slot(length: float, points: int = 24) -> Toolpath:
-    """One slot along the rail, from −length to length."""
+    """Return one slot along the rail, from −length to length."""
     ys = np.linspace(-length, length, points)
     rows: Rows = [((0.0, ys[0], 0.05), UP, MoveKind.RAPID)]
     rows += [((0.0, y, 0.0), UP, MoveKind.CUT) for y in ys]
@@ -130,12 +131,13 @@ def test_part_longer_than_the_reach_is_cut_in_one_run(tmp_path: FilePath) -> Non
     motion = build_timeline(p, path).trajectory
     assert motion is not None
     tip = p.setup.arm.machine.compute_fk(x, cell.tool.T_flange_tcp)[motion.move == MoveKind.CUT][:, :3, 3]
-    assert np.abs(tip[:, 0]).max() < 2e-5  # the slot is straight, whatever the rail does
+    assert np.abs(tip[:, 0]).max() < 2e-5  # the slot is straight for any rail motion
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / OPTIONS.sample
-    assert speed.max() <= 0.05 * 1.001  # the feed is the tool's in the part
+    assert speed.max() <= 0.05 * 1.001  # the feed is that of the tool relative to the part
     message = compute_certificate(p)
     assert message is not None
-    assert message.sequence == pytest.approx(message.grid, rel=0.05)  # one unit, the rail's own way included in both
+    # the same unit; both include the travel of the rail
+    assert message.sequence == pytest.approx(message.grid, rel=0.05)
     assert message.sequence > p.choice.total
 
 
@@ -149,7 +151,7 @@ def test_moving_is_never_worse_than_the_best_value(tmp_path: FilePath, kind: dic
 
 
 def ring(radius: float = 0.12, holes: int = 4) -> Toolpath:
-    """Holes round about, their axes leaning out."""
+    """Return holes on a circle with axes inclined outwards."""
     rows: Rows = []
     for a in np.linspace(0.0, 2.0 * np.pi, holes, endpoint=False):
         axis = (0.6 * np.cos(a), 0.6 * np.sin(a), 0.8)
@@ -247,7 +249,7 @@ def test_unreachable_point_names_the_rail(
 
 
 def test_too_many_joints_are_refused_and_planned_where_one_is_locked(tmp_path: FilePath) -> None:
-    """Four slides, one on another: an internal error."""
+    """Four stacked slides caused an internal error."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K)
     more = "".join(
         f'<link name="s{n}"/><joint name="x{n}" type="prismatic"><parent link="{on}"/><child link="s{n}"/>'
@@ -306,7 +308,7 @@ def test_options_are_written_as_given() -> None:
     assert load_options(message) == options  # type: ignore[arg-type]
     with pytest.raises(InputError, match="slides \\(mm\\) or turns"):
         load_options(None, None, ["external.e1={at_mm: 1, preferred_deg: 2}"])
-    with pytest.raises(InputError, match="slides \\(mm\\) or turns"):  # one says mm, the other degrees
+    with pytest.raises(InputError, match="slides \\(mm\\) or turns"):  # one in mm, the other in degrees
         load_options({"external": {"e1": {"range_mm": [0, 1]}}}, None, ["external.e1.range_deg=[0, 1]"])
 
 
@@ -323,12 +325,13 @@ def test_rapid_move_moves_the_rail(tmp_path: FilePath) -> None:
     assert isinstance(move, RapidMove)
     v = np.diff(move.q, axis=0) / 0.012
     assert (np.abs(v).max(axis=0) <= 0.8 * cell.limits.velocity * 1.001).all()
-    assert np.abs(v[:, 6]).max() > 0.75 * cell.limits.velocity[6]  # the rail goes farthest, and rules
+    # the rail has the longest travel and limits the duration
+    assert np.abs(v[:, 6]).max() > 0.75 * cell.limits.velocity[6]
     np.testing.assert_allclose(move.q[-1], ends[1], atol=1e-12)
 
 
 def test_shaft_of_several_turns_is_followed(tmp_path: FilePath) -> None:
-    """Three turns of a helix: values of a shaft that makes four were too far apart for a way."""
+    """Three turns of a helix: grid values of a shaft with a range of four turns were too far apart for a path."""
     cell = replace(external_cell(tmp_path, table=True), stiffness=K)
     k = cell.external_joints.index("turn")
     low, high = cell.limits.lower.copy(), cell.limits.upper.copy()

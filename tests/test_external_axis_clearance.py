@@ -1,4 +1,5 @@
-"""Path of external joints among contacts: a hanging arm that touches itself when the rail is next to the tool."""
+"""Path of external joints near contacts: a suspended arm that collides with itself when the rail is next to the
+tool."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def test_values_next_to_a_contact_are_avoided() -> None:
 
 
 def test_self_colliding_hanging_arm_is_guided_along_the_tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By hand: with the rail 1.55 or 1.7 m from the tool no point is lost, and no one place of it holds them all."""
+    """Checked manually: with the rail 1.55 or 1.7 m from the tool all points are reachable, but no single rail
+    position reaches all of them."""
     folder = external_folder(tmp_path, rail=True)
     text = (folder / "cell.yaml").read_text()
     hung = "  flange_link: flange\n  pose: {xyz_mm: [0, 0, 2600], rpy_deg: [180, 0, 0]}\n"
@@ -49,7 +51,7 @@ def test_self_colliding_hanging_arm_is_guided_along_the_tool(tmp_path: Path, mon
 
     monkeypatch.setattr(refinement_starts, "compute_moving_axis_path", noted)
     found = coarse_to_fine_search.find_best_external_axis_plan(cell, path, options)
-    assert looked == [False, False, False, True]  # with three weights of travel, then free poses
+    assert looked == [False, False, False, True]  # with three travel weights, then with contact-free poses
     assert not len(found.missing)
     assert not found.breaks
     cut = path.move[np.minimum(np.ceil(found.path.index).astype(int), len(path) - 1)] == MoveKind.CUT

@@ -1,4 +1,4 @@
-"""Collisions of cells with rails and positioners against pinocchio and coal, at and between configurations."""
+"""Collisions of cells with rails and positioners, compared with pinocchio and coal, at and between configurations."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from machopt.verification.motion.collision.checked_pairs import list_checked_pai
 from machopt.verification.motion.collision.clearance_column import list_varying_pairs
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
-ROUND = 0.0022 * 0.5  # m: the prisms that stand for cylinders (0.5 m at most) are up to 0.22 % larger
+ROUND = 0.0022 * 0.5  # m: the prisms that replace cylinders (0.5 m at most) are up to 0.22 % larger
 KINDS = [{"rail": True}, {"table": True, "tilt": True}, {"rail": True, "table": True, "tilt": True}]
 
 
 def cell_of(folder: Path, **kind: bool) -> Cell:
-    """Things in the hall, and things that ride on what moves."""
+    """Return a cell with fixed obstacles and obstacles that move with external axes."""
     cell = external_cell(folder, **kind)
     things = [
         CollisionShape(name="post", kind="cylinder", size=(0.05, 1.2), mesh=None, T_parent_shape=pose(1.0, 0.8, 0.6))
@@ -69,7 +69,7 @@ def random_x(cell: Cell, count: int, seed: int = 0) -> np.ndarray:
 
 
 class Independent:
-    """Every body of the cell as coal shapes on pinocchio's links."""
+    """All bodies of the cell as coal shapes on pinocchio's links."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell, self.model = cell, pin.buildModelFromXML(cell.urdf_text)
@@ -131,7 +131,7 @@ def test_poses_agree_with_pinocchio_and_coal(both: tuple[Cell, CollisionModel]) 
     touch = np.array([model.check_single_pairs(x, np.full(len(x), p)) for p in range(len(model.pairs))]).T
     sure = np.abs(exact) > ROUND
     np.testing.assert_array_equal(touch[sure], exact[sure] <= 0)
-    assert 0.05 < touch.any(axis=1).mean() < 0.95  # both cases are seen
+    assert 0.05 < touch.any(axis=1).mean() < 0.95  # both cases occur
     cutting = np.zeros(len(x), bool)
     np.testing.assert_array_equal(model.check_configurations(x, cutting).hit, touch.any(axis=1))
     near, least = model.find_nearest_pair(x, cutting).distance, exact.min(axis=1)
@@ -191,7 +191,7 @@ def test_motions_between_configurations_agree_with_brute_force(both: tuple[Cell,
 
 
 def test_thin_plate_passed_by_the_rail_is_found(tmp_path: Path) -> None:
-    """Thinner than a step, and no row touches it: what moves past it is shifted, not turned."""
+    """The plate is thinner than a step, and no row touches it: bodies are translated past it, not rotated."""
     plate = CollisionShape(
         name="plate", kind="box", size=(2.0, 0.002, 0.4), mesh=None, T_parent_shape=pose(1.2, 0.313, 1.9)
     )
@@ -212,29 +212,29 @@ def test_pairs_worth_checking_are_selected(tmp_path: Path) -> None:
     model = model_of(cell_of(tmp_path, rail=True, table=True, tilt=True))
     names = {frozenset(pair) for pair in list_pair_names(model)}
     for pair in (
-        ("block", "post"),  # the part turns past what stands in the hall
+        ("block", "post"),  # the part rotates past fixed obstacles
         ("clamp", "post"),
         ("clamp", "link_3_0"),
         ("plate_0", "spindle"),
         ("plate_0", "carriage_0"),
         ("plate_0", "link_1_0"),
-        ("post", "base_link_0"),  # the rail carries the base past it
+        ("post", "base_link_0"),  # the rail moves the base past it
         ("block", "cabinet"),
         ("cabinet", "link_2_0"),
     ):
         assert frozenset(pair) in names, pair
     for pair in (
-        ("block", "clamp"),  # ride on the same link
+        ("block", "clamp"),  # on the same link
         ("block", "plate_0"),
         ("carriage_0", "base_link_0"),
         ("carriage_0", "cabinet"),
-        ("base_link_0", "link_1_0"),  # hang on each other
+        ("base_link_0", "link_1_0"),  # adjacent links
     ):
         assert frozenset(pair) not in names, pair
 
 
 def test_table_beside_the_base_is_no_neighbour_of_it(tmp_path: Path) -> None:
-    """Both hang on the hall: neighbours in the chain, but not in the URDF where the table has a foot of its own."""
+    """Both are mounted on the fixed frame: adjacent in the chain, but not in the URDF if the table has its own foot."""
     cell = external_cell(tmp_path, table=True)
     text = cell.urdf.read_text()
     foot = '<link name="foot"><collision><geometry><box size="0.3 0.3 0.4"/></geometry></collision></link>'
@@ -255,14 +255,15 @@ def test_table_beside_the_base_is_no_neighbour_of_it(tmp_path: Path) -> None:
 
 
 def test_cutter_follows_the_part(tmp_path: Path) -> None:
-    """A cutter in the block while the table turns with part and the arm stands: out of it, where rapid may touch it."""
+    """A cutter in the block leaves it when the table rotates the part and the arm does not move; rapid moves may
+    then touch it."""
     cell = external_cell(tmp_path, table=True)
     model = model_of(cell)
     x = np.zeros((1, 7))
     machine = model._lines.machine
     x[0, :6] = np.deg2rad([0, -60, 100, 0, 50, 0])
     tcp = machine.robot.compute_fk(x[0, :6], cell.tool.T_flange_tcp)
-    # put the part so that the cutter is 5 mm into the block's top at e = 0, near its edge
+    # place the part so that the cutter is 5 mm below the block's top at e = 0, near its edge
     place = pose(0, 0, 0) @ np.linalg.inv(pose(1.6, 0, 0.5)) @ tcp @ np.diag([1.0, -1, -1, 1]) @ pose(0, 0.24, 0.005)
     cell = replace(cell, workpiece=replace(cell.workpiece, T_link_workpiece=place))
     model = model_of(cell)
@@ -289,9 +290,10 @@ def test_external_joints_at_home_need_no_values(both: tuple[Cell, CollisionModel
 
 
 def test_constant_distance_of_a_carriage_from_its_bed_is_no_clearance(tmp_path: Path) -> None:
-    """It is checked, but hides nothing else: planner and verifier leave the same pairs out, and no other.
+    """The pair is checked for contact, but is excluded from the minimum clearance; planner and verifier exclude the
+    same pairs.
 
-    The stop at the end of the rail comes nearer and goes, and so does what rides on the plate.
+    The distances to the stop at the end of the rail and to bodies on the plate vary and are included.
     """
     cell = external_cell(tmp_path, rail=True, table=True)
     things = (
@@ -322,7 +324,7 @@ def test_constant_distance_of_a_carriage_from_its_bed_is_no_clearance(tmp_path: 
     model, arm = model_of(cell), UrdfKinematics(cell)
     unchanging = {frozenset(("cabinet", "bed"))}
     named = [frozenset((p.a, p.b)) for p in model.pairs]
-    assert unchanging <= set(named)  # checked for contact as before
+    assert unchanging <= set(named)  # still checked for contact
     q = random_x(cell, 200)
     message = {named[k] for k in model.find_nearest_pair(q, np.zeros(len(q), bool)).pair if k >= 0}
     assert message
@@ -338,15 +340,17 @@ def test_constant_distance_of_a_carriage_from_its_bed_is_no_clearance(tmp_path: 
 
 @pytest.mark.parametrize(("bump", "tells"), [("end stop", True), ("weld", False)])
 def test_planner_and_verifier_exclude_the_same_pairs_of_the_bed(tmp_path: Path, bump: str, tells: bool) -> None:
-    """An end stop that the carriage feels over the last 2 mm of 5 m is told by both; a weld, 20 mm long, by neither.
+    """Both planner and verifier detect an end stop near the last 2 mm of 5 m travel; neither detects a weld of 20 mm
+    length.
 
-    At places drawn at random by each the weld was met by the verifier alone: exit 4 of a sound plan.
+    With separate random positions only the verifier detected the weld, which gave exit code 4 for a correct plan.
     """
     cell = external_cell(tmp_path, rail=True)
     low, high = cell.limits.lower[6], cell.limits.upper[6]
     drawn = low + (high - low) * np.random.default_rng(21).random((24, 7))[:, 6]
-    off = np.abs(drawn[:, None] - np.linspace(low, high, 49)).min(axis=1)  # m, from where both look
-    gap, half = 0.005, 0.02  # m, of the cabinet above the bed; of its length
+    # m, distance from the positions that both sample
+    off = np.abs(drawn[:, None] - np.linspace(low, high, 49)).min(axis=1)
+    gap, half = 0.005, 0.02  # m, gap between cabinet and bed; half-length of the cabinet
     y, size = (high + half + 0.003 + 0.05, 0.1) if bump == "end stop" else (float(drawn[off.argmax()]), 0.02)
     bed = trimesh.util.concatenate(
         [

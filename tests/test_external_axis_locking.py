@@ -46,7 +46,7 @@ def slot() -> Toolpath:
 
 
 def blocked_unless_locked(monkeypatch: pytest.MonkeyPatch, wanted: set[str]) -> list[set[str]]:
-    """Let motions be blocked unless all joints ``wanted`` are locked; returns what is locked in each motion tried."""
+    """Block motions unless all joints ``wanted`` are locked; return the locked joints of each motion tried."""
     real, tried = job_planner.plan_motion, list[set[str]]()
 
     def motion(plan: Plan, path: Toolpath, options: PlanOptions, timings: StageTimings) -> MotionTimeline | None:
@@ -67,7 +67,7 @@ def test_drivable_subset_is_the_answer(tmp_path: Path, monkeypatch: pytest.Monke
     cell, path = replace(external_cell(tmp_path, table=True, tilt=True), stiffness=K), slot()
     tried = blocked_unless_locked(monkeypatch, wanted)
     job = job_planner.plan_job(split_into_tool_segments(cell, path), path, OPTIONS, StageTimings())
-    assert tried[0] == set()  # all freedoms come first
+    assert tried[0] == set()  # the plan with all free joints is tried first
     assert job.timeline is not None
     assert job.timeline.trajectory is not None
     assert not len(job.plan.missing)
@@ -75,7 +75,7 @@ def test_drivable_subset_is_the_answer(tmp_path: Path, monkeypatch: pytest.Monke
     np.testing.assert_array_equal(job.timeline.trajectory.external[:, where], 0.0)
     note = job.timeline.detours[-1]
     assert all(name in note for name in wanted)
-    assert job.plan.options.external == OPTIONS.external  # what the user wants is kept as it was
+    assert job.plan.options.external == OPTIONS.external  # the options of the user are unchanged
 
 
 def test_free_plan_is_the_answer_without_a_drivable_subset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Compliance of rails and positioners against pinocchio, the verifier and the base spring."""
+"""Compliance of rails and positioners, compared with pinocchio, the verifier and the base spring."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RIGID = np.zeros((6, 6))
 
 
 def springs(cell: Cell, body: bool = False) -> tuple[ExternalJointSpring, ...]:
-    """One a joint, the bodies with a full matrix each where ``body``."""
+    """Return one spring per joint; with ``body``, a full compliance matrix for each body."""
     rng, out = np.random.default_rng(3), []
     for name, slides in zip(cell.external_joints, cell.external_prismatic, strict=True):
         A = rng.normal(size=(6, 6)) * np.r_[np.full(3, 1e-4), np.full(3, 3e-4)][:, None]
@@ -66,7 +66,7 @@ def test_joint_compliance_acts_along_the_joint_motion(tmp_path: Path, kind: dict
             after, before = (by_pinocchio(cell, x + sign * step)[0] for sign in (1.0, -1.0))
             skew = (after[:3, :3] - before[:3, :3]) @ T[:3, :3].T / (2.0 * STEP)
             s = np.r_[(after - before)[:3, 3] / (2.0 * STEP), skew[2, 1], skew[0, 2], skew[1, 0]]
-            s = rotate_wrench_axes(T_base_part[:3, :3]) @ s  # of the tool against the part, base_link axes
+            s = rotate_wrench_axes(T_base_part[:3, :3]) @ s  # of the tool relative to the part, base_link axes
             C += np.outer(s, s) / K[name]
         place = (T_base_part @ T)[:3, 3]
         own = found.compute_compliance(x[None, 6:], place[None])[0]
@@ -92,7 +92,7 @@ def test_verifier_agrees_by_its_own_implementation(tmp_path: Path, kind: dict[st
 
 
 def test_carriage_acts_like_the_base_spring(tmp_path: Path) -> None:
-    """What ``base_compliance`` says of base_link, wherever the rail stands."""
+    """The carriage compliance equals ``base_compliance`` of base_link for any rail position."""
     cell = external_cell(tmp_path, rail=True)
     robot, x = load_robot(cell), postures(cell)
     diagonal = [2e-8, 3e-8, 1e-8, 2e-8, 4e-8, 1e-8]
@@ -102,7 +102,7 @@ def test_carriage_acts_like_the_base_spring(tmp_path: Path) -> None:
     )
     on = ExternalJointSpring(
         joint="rail", stiffness=np.inf, slides=None, compliance=np.diag(diagonal), at=np.array([-0.1, 0.0, 0.2])
-    )  # base_link on the carriage
+    )  # position of base_link on the carriage
     place = robot.compute_fk(x[:, :6], cell.tool.T_flange_tcp)[:, :3, 3]
     found = ExternalJointCompliance.build(machine(cell), (on,))
     assert found is not None
@@ -127,7 +127,7 @@ def test_rail_compliance_does_not_depend_on_its_position(tmp_path: Path) -> None
 
 
 def test_table_compliance_is_largest_at_its_rim(tmp_path: Path) -> None:
-    """r²/k tangentially, nothing on the axis: the line stands at x = 1.6 m."""
+    """r²/k in tangential direction, zero on the axis, which is at x = 1.6 m."""
     cell = external_cell(tmp_path, table=True)
     found = ExternalJointCompliance.build(machine(cell), springs(cell))
     assert found is not None
@@ -195,8 +195,8 @@ def test_invalid_values_are_refused(tmp_path: Path, entry: str, told: str) -> No
 
 @pytest.mark.parametrize("kind", [KINDS[0], KINDS[3], KINDS[4]], ids="-".join)
 def test_weight_deflects_external_joints_by_their_torques(tmp_path: Path, kind: dict[str, bool]) -> None:
-    """Torques of all weight at the external joints by pinocchio, in a hall that stands askew, so that the rail bears
-    some too."""
+    """Torques of all weight at the external joints by pinocchio, with an inclined base, so that weight also loads
+    the rail."""
     import pinocchio as pin
 
     askew = pose(0.3, -0.1, 0.2, 0.4)
@@ -237,7 +237,8 @@ def test_weight_deflects_external_joints_by_their_torques(tmp_path: Path, kind: 
 
 
 def test_whole_command_includes_external_compliance(tmp_path: Path) -> None:
-    """The plan gives more than with rigid axes, by what the joints give, and its check agrees by its own laws."""
+    """The deflection of the plan exceeds that with rigid axes by the compliance of the external joints; the verifier
+    agrees with its own formulas."""
     folder = external_folder(tmp_path, rail=True, table=True)
     job = tmp_path / "job.csv"
     job.write_text(
@@ -271,7 +272,8 @@ def test_whole_command_includes_external_compliance(tmp_path: Path) -> None:
 
 
 def test_shifted_path_is_judged_at_its_programmed_place(tmp_path: Path) -> None:
-    """The tool comes to the programmed place under load; columns judged at the shifted one failed their check."""
+    """Under load the tool reaches the programmed position; columns evaluated at the shifted position failed their
+    check."""
     folder = external_folder(tmp_path, rail=True)
     job = tmp_path / "job.csv"
     job.write_text(
@@ -288,4 +290,4 @@ def test_shifted_path_is_judged_at_its_programmed_place(tmp_path: Path) -> None:
     assert main(["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", *requested, *force]) == 0
     with (tmp_path / "out" / "compensation.csv").open() as file:
         most = max(abs(float(v)) for row in csv.DictReader(file) for k, v in row.items() if k.startswith("d"))
-    assert most > 0.05  # mm; otherwise this shows nothing
+    assert most > 0.05  # mm; otherwise the test shows nothing

@@ -49,7 +49,8 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_two_tools_on_soft_axes_are_planned_and_verified(soft: Path, tmp_path: Path) -> None:
-    """Of either tool the rail's and table's compliance counts, and its σ: the check has its own laws of both."""
+    """For both tools the plan includes the compliance of rail and table and its σ; the verifier has its own formulas
+    for both."""
     out = tmp_path / "out"
     assert main(["optimize", str(soft), str(soft / "job.csv"), "-o", str(out), *QUICK]) == 0
     assert main(["verify", str(soft), str(soft / "job.csv"), str(out), "--quiet"]) == 0
@@ -58,12 +59,12 @@ def test_two_tools_on_soft_axes_are_planned_and_verified(soft: Path, tmp_path: P
     with (out / "points.csv").open() as file:
         rows = [r for r in csv.DictReader(file) if r["move"] == "cut"]
     bend, std = ([float(r[k]) for r in rows] for k in ("deflection_mm", "deflection_std_mm"))
-    assert all(s > 1e-4 * b for s, b in zip(std, bend, strict=True))  # the arm's own is a millionth
+    assert all(s > 1e-4 * b for s, b in zip(std, bend, strict=True))  # the contribution of the arm is a millionth
 
 
 @pytest.mark.slow
 def test_job_with_two_tools_on_soft_axes_is_placed(soft: Path, tmp_path: Path) -> None:
-    """The best place is a whole plan of both tools on the soft axes, written and verified."""
+    """The best place is a complete plan with both tools and compliant axes, written and verified."""
     out = tmp_path / "placed"
     requested = ["place", str(soft), str(soft / "job.csv"), "-o", str(out), "--places", "2", "--best", "1", "--quiet"]
     more = [

@@ -32,12 +32,13 @@ SPRINGS = (
     ExternalJointSpring(joint="rail", stiffness=5e6, slides=True, compliance=RIGID, at=np.zeros(3), std=1e6),
     ExternalJointSpring(joint="turn", stiffness=6e5, slides=False, compliance=RIGID, at=np.zeros(3), std=9e4),
 )
-ASKED = replace(OPTIONS, force=ProcessForce(travel=150.0, normal=200.0, axial=100.0))  # a rail gives along itself
-STEP = 1e-3  # of a compliance, of a central difference: its error is a millionth
+# a rail is compliant in its direction of travel
+ASKED = replace(OPTIONS, force=ProcessForce(travel=150.0, normal=200.0, axial=100.0))
+STEP = 1e-3  # relative step of a compliance for central differences: error 1e-6
 
 
 def with_springs(cell: Cell, count: int = 2) -> Cell:
-    """The arm's own springs all but known."""
+    """Return the cell with almost certain springs of the arm."""
     k = np.array([1.4e6, 4e5, 9e5, 3.6e5, 3.7e5, 3.8e5])
     return replace(
         cell, stiffness=ArmStiffness(joints=k, covariance=np.diag((1e-9 / k) ** 2), external=SPRINGS[:count])
@@ -47,7 +48,7 @@ def with_springs(cell: Cell, count: int = 2) -> Cell:
 def cost(
     setup: PlanningSetup, path: Planned, q: np.ndarray, index: StiffnessIndex, softer: int, share: float
 ) -> np.ndarray:
-    """Of all points, with one spring softer by a share."""
+    """Return the cost of all points with the compliance of one spring increased by a share."""
     known = setup.elasticity
     springs = list(known.stiffness.external)
     springs[softer] = replace(springs[softer], stiffness=springs[softer].stiffness / (1.0 + share))
@@ -79,7 +80,7 @@ def on_rail(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 
 def test_gain_uncertainty_includes_the_rail(on_rail: Plan) -> None:
-    """The yardstick stands at home, the plan elsewhere."""
+    """The baseline is at home, the plan at another rail position."""
     p, w = on_rail, on_rail.path.weight
     home = fix_external_axes(p.path, p.setup.cell.external_home)
     assert not np.array_equal(home.external, p.path.external)

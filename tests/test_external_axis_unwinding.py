@@ -28,7 +28,7 @@ SKEW = "".join(
 
 
 def build_dressed_positioner(folder: Path) -> Cell:
-    """A positioner of two skew axes; hoses leave joints 4 and 6 no more than one turn."""
+    """Return a positioner with two skew axes; hoses limit joints 4 and 6 to about one turn."""
     cell = replace(external_cell(folder, table=True, tilt=True), stiffness=K)
     cell.urdf.write_text(urdf_text().replace("</robot>", SKEW + "</robot>"))
     low, high = cell.limits.lower.copy(), cell.limits.upper.copy()
@@ -40,7 +40,8 @@ def build_dressed_positioner(folder: Path) -> Cell:
 
 
 def test_part_is_rotated_back_before_a_joint_reaches_its_limit(tmp_path: Path) -> None:
-    """Once round a cone, the tool square to it. Whole turns of joint 4 counted for nothing: it had no way at 182°."""
+    """One revolution around a cone with the tool perpendicular to it. Whole turns of joint 4 were ignored, so that
+    it could not continue at 182°."""
     around = np.linspace(0.0, 2.0 * np.pi, 40)
     away = np.column_stack([np.cos(0.4) * np.cos(around), np.cos(0.4) * np.sin(around), np.full(40, np.sin(0.4))])
     at = np.column_stack([0.1 * np.cos(around), 0.1 * np.sin(around), np.full(40, 0.15)])

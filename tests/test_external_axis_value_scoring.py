@@ -35,7 +35,7 @@ def test_external_value_blocked_by_a_post_is_replaced(tmp_path: Path) -> None:
     free = find_best_plan(cell, path, own)
     at = float(free.path.external[0, 0])
     base = cell.T_world_base[:3, 3]
-    # a post where the arm stood
+    # a post at the previous position of the arm
     cell = replace(
         cell,
         obstacles=(

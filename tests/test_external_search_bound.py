@@ -1,4 +1,4 @@
-"""Bound over external joints, rotations and branches against every sequence."""
+"""Bound over external joints, rotations and branches, compared with every sequence."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from machopt.planning.sequence_search.worst_value_constraint import GAP
 from machopt.planning.stations.planning_path import build_planning_path
 from machopt.verification.folder.result_json.objective_and_gains import _check_external_gap
 
-EXACT = 1e-9  # of J: rounding
+EXACT = 1e-9  # relative to J: rounding
 TURN = 2.0 * np.pi
 
 
 def random_lattice(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> ValueGridSequences:
-    """Four stations, two values of two joints, two rotations, two branches; any kind of step."""
+    """Return four stations, two values of two joints, two rotations, two branches, and any type of step."""
     rng = np.random.default_rng(seed)
     S, G, R, B, E = 4, 2, 2, 2, 2
     V = G * R * B
@@ -57,7 +57,7 @@ def random_lattice(
     worst, *prices = priced
     bits = np.array([(flags >> k) & 1 for k in range(9)], bool).reshape(3, 3)
     kind = np.vstack([np.zeros((1, 3), bool), bits])
-    kind[:, 2] &= kind[:, 1]  # nothing plunges over a rapid move
+    kind[:, 2] &= kind[:, 1]  # no plunge during a rapid move
     counted = rng.uniform(size=(S, 1)) < 0.8
     return ValueGridSequences(
         node=np.where(missing, np.inf, 0.25 * cost),
@@ -77,7 +77,7 @@ def random_lattice(
 
 
 def every_price(x: ValueGridSequences) -> np.ndarray:
-    """J of every sequence, by the words of the module; infinite where one is none."""
+    """Return J of every sequence by the definition of the module; infinite if it is not permitted."""
     S, V = x.node.shape
     R, B = x.phi.shape[1], x.branches
 
@@ -131,7 +131,7 @@ def hole_and_slot() -> Rows:
 
 @pytest.mark.parametrize("modes", [("moving", "moving"), ("moving", "operation"), ("operation", "operation")])
 def test_bound_uses_the_costs_of_the_objective(tmp_path: FilePath, modes: tuple[str, str]) -> None:
-    """The best sequence of the lattice, put together as a path that is driven, has its J; others have no less."""
+    """The best sequence of the grid, executed as a path, has the computed J; other sequences have no smaller one."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path_in = separate_operations(toolpath(hole_and_slot()))
     free = tuple(
@@ -167,7 +167,7 @@ def test_bound_uses_the_costs_of_the_objective(tmp_path: FilePath, modes: tuple[
             value = lattice.e[np.arange(S), vertex // (R * B), n]
             assert mode == "moving" or all(np.ptp(value[run == k]) == 0 for k in range(run[-1] + 1)), name
     still = np.isfinite(lattice.node).all(axis=0)
-    for v in rng.choice(np.flatnonzero(still), 20):  # one vertex throughout is a sequence
+    for v in rng.choice(np.flatnonzero(still), 20):  # the same vertex at every station is a sequence
         assert price(np.full(S, v)) >= bound * (1 - 1e-12)
 
 
@@ -183,7 +183,7 @@ def test_plan_is_compared_with_all_values_or_a_reason_is_given(tmp_path: FilePat
     assert found.values == len(np.unique([*np.linspace(-2.5, 2.5, VALUES[1]), 0.0])) + 2 * len(NEAR)
     finer = bound_over_external_axes(plan_path(cell, path, options), path, StageTimings(), {1: 2 * VALUES[1] - 1})
     assert finer is not None
-    assert finer.bound <= found.sequence * (1 + EXACT)  # every value of the coarser grid is one of the finer
+    assert finer.bound <= found.sequence * (1 + EXACT)  # the finer grid contains every value of the coarser one
     many = bound_over_external_axes(plan_path(cell, path, options), path, StageTimings(), {1: 2000})
     assert many is not None
     assert f"{2002 + 2 * len(NEAR)} values" in many.why
@@ -199,7 +199,7 @@ def test_plan_is_compared_with_all_values_or_a_reason_is_given(tmp_path: FilePat
 @given(st.floats(-7.0, 7.0), st.floats(-6.5, -0.1), st.floats(0.1, 6.5))
 @settings(max_examples=scale_example_count(100), deadline=None)
 def test_whole_turns_within_the_limits_are_counted(q: float, lower: float, upper: float) -> None:
-    """Against counting them one by one; on a limit counts as within."""
+    """Reference: count whole turns one by one; a value on a limit counts."""
     message = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
     low, more = unwrap_to_lower_limits(np.full((1, 6), q), np.full(6, lower), np.full(6, upper))
     if message:
@@ -208,7 +208,7 @@ def test_whole_turns_within_the_limits_are_counted(q: float, lower: float, upper
 
 
 def test_plan_is_one_of_the_sequences_and_above_the_bound(tmp_path: FilePath) -> None:
-    """Whatever its rotation: the bound is never above it, and its own sequence is the plan as a start."""
+    """For any rotation: the bound is never above the plan, and the plan's own sequence gives the plan as a start."""
     cell = replace(external_cell(tmp_path, rail=True, table=True), stiffness=K)
     path = toolpath(slots(0.12))
     free = tuple(ExternalJointOptions(joint=n, mode="moving") for n in ("rail", "turn"))
@@ -231,7 +231,7 @@ def test_plan_is_one_of_the_sequences_and_above_the_bound(tmp_path: FilePath) ->
 
 
 def test_best_sequence_is_free_of_contacts(tmp_path: FilePath) -> None:
-    """A bar stands where the arm is best: as good as where every pose that touches it had been looked for."""
+    """A bar at the best position of the arm: the result equals that with all colliding poses excluded in advance."""
     bar = CollisionShape(name="bar", kind="box", size=(0.1, 0.1, 2.0), mesh=None, T_parent_shape=pose(0.5, -0.15, 0.8))
     cell = replace(external_cell(tmp_path, rail=True), stiffness=K, obstacles=(bar,))
     path = toolpath(slots(0.15))
@@ -260,7 +260,7 @@ def test_best_sequence_is_free_of_contacts(tmp_path: FilePath) -> None:
 
 @pytest.mark.parametrize(("bound", "plan", "gap"), [(0.9, 1.0, 0.1), (1.0, 1.0, 0.0), (1.1, 1.0, None)])
 def test_plan_below_the_grid_bound_has_no_gap(bound: float, plan: float, gap: float | None) -> None:
-    """It stands between the values of the grid, of which alone the bound holds; and whoever reads it back knows."""
+    """The plan uses values between the grid values, for which the bound does not hold; the document states this."""
     found = ExternalAxisBound(bound=bound, sequence=1.2, plan=plan, values=13, stations=9, step=0.2)
     assert found.gap == (gap if gap is None else pytest.approx(gap, abs=1e-12))
     message = ExternalSearchBoundSection(
