@@ -325,7 +325,7 @@ class Case:
 
         Raises:
             InputError: the file was refused, which is permitted.
-            Exception: any other exception is a defect; the damaged file is kept.
+            Exception: any other exception is a defect; the damaged file is not deleted.
         """
         match self.name:
             case "cell":

@@ -103,8 +103,8 @@ def shared_result(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Ca
     """``shared_result(key, make)``: return the result of ``make(folder)``, computed once for all tests and processes of
     a run.
 
-    ``make`` writes into its own empty folder and returns a picklable object. Nobody writes into that folder afterwards:
-    a test that damages files copies it first.
+    ``make`` writes into its own empty folder and returns a picklable object. No test writes into that folder
+    afterwards: a test that damages files copies it first.
     """
     base = tmp_path_factory.getbasetemp()
     shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "shared"
@@ -139,7 +139,7 @@ def shipped_plan(
     """``shipped_plan(cell, toolpath, *options)``: output folder of ``machopt optimize``, computed once for all tests
     and processes.
 
-    ``cell`` and ``toolpath`` are names in cells/ and toolpaths/, or paths. Nobody writes into the folder.
+    ``cell`` and ``toolpath`` are names in cells/ and toolpaths/, or paths. No test writes into the folder.
     """
 
     def plan(cell: Path | str, toolpath: Path | str, *options: str) -> Path:

@@ -166,7 +166,7 @@ def run(place: Path, count: int, rng: random.Random) -> Counter[str]:
     refused.
 
     Raises:
-        Exception: any exception other than a refusal; the damaged files are kept.
+        Exception: any exception other than a refusal; the damaged files are not deleted.
     """
     target = main_file(place)
     files = [f for f in sorted(place.rglob("*")) if f.is_file()]

@@ -285,7 +285,10 @@ def test_changed_cell_is_not_planned_with(tmp_path: Path) -> None:
 def test_every_command_has_a_function_or_is_listed_as_without() -> None:
     (commands,) = (a for a in _build_parser()._actions if isinstance(a, argparse._SubParsersAction))
     functions = {n.replace("_", "-") for n in machopt.__all__ if inspect.isfunction(getattr(machopt, n))}
-    parts_of_a_command = {"fit-cutting-coefficients", "identify-frequency-responses"}  # of process, of identify
+    parts_of_a_command = {
+        "fit-cutting-coefficients",
+        "identify-frequency-responses",
+    }  # parts of process and of identify
     assert functions - parts_of_a_command <= set(commands.choices)
 
 

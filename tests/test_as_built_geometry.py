@@ -79,7 +79,9 @@ def test_branches_of_the_nominal_arm_lead_to_the_as_built_arm(name: str) -> None
     T = robot.compute_fk(q)
     found, drawn = build_solver(robot).solve(T), build_solver(robot.nominal_robot).solve(T)
     there = np.isfinite(found.q[..., 0])
-    assert np.abs(robot.compute_fk(np.nan_to_num(found.q)) - T[:, None])[there].max() < 1e-9  # tolerance ik_built.MET
+    assert (
+        np.abs(robot.compute_fk(np.nan_to_num(found.q)) - T[:, None])[there].max() < 1e-9
+    )  # as_built_solver.POSE_TOLERANCE
     apart = np.abs(np.angle(np.exp(1j * (found.q - drawn.q))))
     regular = there & (drawn.wrist > 0.2) & (drawn.elbow > 0.2) & (drawn.shoulder > 0.1)
     assert apart[regular].max() < 0.1  # milliradians divided by sines of 0.2, twice: the same branch has the same index

@@ -138,8 +138,8 @@ def test_tapered_shank_deflects_like_the_sum_of_its_pieces() -> None:
 
 
 def test_hysteresis_width_follows_from_the_recorded_loads() -> None:
-    """Joint 2 carries weight in the motion: its torque varies over half of its range, which determines the width of
-    the loop."""
+    """Joint 2 carries weight in the motion: the loop width follows from half the range of its torque, not from the
+    largest torque."""
     case = next(c for c in case_list.cases() if c.key == "motion/joint_hysteresis.6/large")
     scene = Scene(replace(case, parts=(Part("joint_hysteresis", ("joint:2",), "large"),)), (1, 2, 3), CELLS, True)
     world, found = scene.world([1.0])

@@ -118,7 +118,7 @@ def test_infinite_margins_leave_the_model_unchanged(
     along: tuple[Plan, list[OperationGroup], tuple[ExternalJointOptions, ...], Toolpath],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Arms with an offset wrist have an infinite margin; all of their stations were kept fixed."""
+    """Arms with an offset wrist have an infinite margin; all of their stations stayed at their initial values."""
     plan, groups, axes, _ = along
     r = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     rows = r.rows

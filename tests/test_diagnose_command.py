@@ -207,7 +207,7 @@ def test_user_defined_effect_is_named_where_true_and_nowhere_else(tmp_path: Path
     write_simulated_recording(tmp_path / "rec", pulled, poses=16)
     result = run(tmp_path / "out", tmp_path / "rec", "--effects", str(law))
     assert (result["findings"][0]["effect"], result["findings"][0]["location"]) == ("cable_bundle", "joint:3")
-    # no model file can hold this effect, and the error is computed from the model files
+    # no model file can contain this effect, and the error is computed from the model files
     assert result["verdict"] == "partly_explained"
     assert result["final"]["heldout_rmse"] == pytest.approx(result["baseline"]["heldout_rmse"], rel=0.05)
     write_simulated_recording(tmp_path / "null")

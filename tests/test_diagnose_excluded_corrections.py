@@ -1,4 +1,4 @@
-"""Corrections that no file can hold are excluded, and the others are fitted again."""
+"""Corrections that no file can contain are excluded, and the others are fitted again."""
 
 from __future__ import annotations
 

@@ -62,8 +62,8 @@ def test_threshold_below_every_load_is_backlash_unless_excluded(
 def test_slopes_much_better_than_a_step_keep_their_name(
     further: float, named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pins that make contact one after the other were named backlash: the paired comparison did not exclude it at
-    half of the gain."""
+    """Pins that make contact one after the other were named backlash: the paired comparison did not exclude
+    backlash, although its gain was only half."""
     problem, column = build_synthetic_problem(26)
     other = np.tile(np.random.default_rng(4).standard_normal((len(column) // 2, *column.shape[1:])), (2, 1, 1))
     both = np.concatenate([column, other], axis=2)

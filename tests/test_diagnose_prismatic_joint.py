@@ -145,7 +145,7 @@ def test_shifted_frame_behind_a_prismatic_joint_is_found_and_corrected(cell: Pat
     assert (finding["effect"], finding["location"]) == ("geometry", "joint:4")
     turn = finding["parameters"]["turn z"]
     assert turn["ci95"][0] < 0.5 < turn["ci95"][1]
-    assert output["model"] is None  # stiffness.yaml cannot hold a prismatic joint
+    assert output["model"] is None  # stiffness.yaml cannot contain a prismatic joint
     (cell / "kinematics.yaml").write_text((tmp_path / "out" / "kinematics.yaml").read_text())
     (cell / "cell.yaml").write_text(CELL + "kinematics: kinematics.yaml\n")
     again = diagnose_command(cell, recording, tmp_path / "again")

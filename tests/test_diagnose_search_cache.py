@@ -104,7 +104,7 @@ def test_every_input_changes_the_key(name: str) -> None:
 
 
 def test_every_input_field_is_covered() -> None:
-    """A new field needs a changed input above, or an entry in the exceptions."""
+    """A new field needs a changed input above, or an entry in ``WRITTEN`` or ``RESULTS``."""
     tried = set(list_changed_inputs())
     assert {f.name for f in fields(LoadTestDiagnosis)} - RESULTS - {"recording"} <= tried
     assert {f.name for f in fields(selection_pipeline.DiagnosisOptions)} == WRITTEN | {"max_effects"}

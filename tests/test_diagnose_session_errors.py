@@ -277,7 +277,7 @@ def test_few_rows_are_outliers_but_repeated_deviations_are_not() -> None:
     again[[4, 16]] += 1e-3  # the same pose in both sessions
     assert outlier_rejection.find_inlier_readings(p, again).all()
     lean = e.copy()
-    # five readings of the second session in one direction: a repeatable deviation
+    # five readings of the second session in one direction: for example a yielding floor
     lean[[12, 14, 15, 17, 20]] += np.array([0.0, 0.0, -1e-3])
     assert outlier_rejection.find_inlier_readings(p, lean).all()
 

@@ -204,7 +204,7 @@ def test_unwritten_finding_remains_in_the_diagnosis() -> None:
 
 
 def test_unobserved_joint_stiffness_comes_from_the_cell() -> None:
-    """Weight applies hardly any torque to joint 6: the cell value is kept; without a cell value the smallest
+    """Weight applies hardly any torque to joint 6: the cell value is used; without a cell value the smallest
     accepted stiffness is used."""
     assert CELL.stiffness is not None
     made = build_extended_stiffness(CELL, build_diagnosis({6: 0.09}, ()))

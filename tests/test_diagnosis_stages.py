@@ -51,7 +51,7 @@ def test_every_stage_has_its_ablation_figures(pages: ModuleType) -> None:
 
 @pytest.mark.parametrize("name", ["gain", "unseen groups", "significance"])
 def test_engine_executes_the_table_of_checks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is selected where one check rejects all candidates, and no other code repeats the check."""
+    """If one check of the table rejects all candidates, nothing is selected, with and without the search stages."""
     base, laws = model({("transmission_error", "joint:2"): (2.0,)}, 51)
     some = [t for t in laws if t.hypothesis.name == ("transmission_error", "joint:2")]
 

@@ -169,9 +169,9 @@ def test_rival_seen_in_few_poses_is_not_excluded_by_repetition() -> None:
     alone = contest.signal.copy()
     alone[2:] = 3.0 * contest.columns[2:, :, 2]
     assert compute_rounds_to_exclude([replace(contest, signal=alone)], own, blocks, contest.columns[:, :, :2]) is None
-    # the pair that more rounds can separate determines the number
+    # a pair that diagnose's test never excludes counts by noncentrality
     assert combine_required_rounds([1, 3], [None, 4]) == 4
-    assert combine_required_rounds([None, None], [None, 7]) == 1  # ten rounds would not help
+    assert combine_required_rounds([None, None], [None, 7]) == 1  # no number of rounds suffices by noncentrality
     assert combine_required_rounds([12], [None]) == 10
 
 

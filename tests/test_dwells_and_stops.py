@@ -160,7 +160,7 @@ def test_no_check_without_dwells_and_stops() -> None:
 
 
 def test_dwell_between_moves_without_displacement(tmp_path: Path) -> None:
-    """G0, G1 to the same point, a dwell, another such move, and a real move: the position of the dwell is defined."""
+    """G0, G1 to the same point, a dwell, another such move, and a real move: the dwell is listed at its own point."""
     folder, job = external_folder(tmp_path, rail=True), tmp_path / "job.nc"
     job.write_text("G21 G90 G17\nG0 X60 Y0 Z0\nG1 X60 F1200\nG4 P0.5\nG1 X60\nG1 X90\nG0 Z20\nM30\n")
     requested = ["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", "--post", "krl"]
