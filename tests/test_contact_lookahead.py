@@ -73,7 +73,7 @@ def test_every_contact_around_a_contact_is_excluded_and_nothing_else() -> None:
 def test_nothing_is_checked_without_a_contact() -> None:
     ahead = ahead_of(block())
     none = np.zeros(0, np.intp)
-    # and no vertex is checked without a contact, as --map-collisions full would do
+    # and no warning of a division by zero, as earlier with --map-collisions full
     assert ahead.look(none, none.astype(np.int32), 100) == 0
     assert ahead.candidates.feasible.all()
 

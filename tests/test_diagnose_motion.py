@@ -311,8 +311,10 @@ def shaken(tmp_path: Path, joints: int, seed: int):
 
 @pytest.mark.parametrize("late", [0.005, 0.0121])
 def test_interpolation_of_the_recorder_is_part_of_the_delay(tmp_path: Path, late: float) -> None:
-    """The recorder interpolates a friction step between two samples, a delayed step has no such value: estimated
-    delays were 14 to 22 % too long."""
+    """The recorder interpolates a friction step between two samples; a delayed ideal step has no such value.
+
+    Estimated delays were 14 to 22 % too long.
+    """
     rng = np.random.default_rng(4)
     cell = arm(tmp_path)
     t, q, v, a = build_fourier_motion(1, rng)
