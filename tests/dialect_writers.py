@@ -17,7 +17,7 @@ INCH = 25.4
 
 @dataclass(frozen=True)
 class Leg:
-    """One move. ``arc``: plane, center (mm) and sweep (degrees, counter-clockwise positive), or None for a line."""
+    """One move. ``arc``: plane, centre (mm) and sweep (degrees, counter-clockwise positive), or None for a line."""
 
     start: Array
     end: Array
@@ -96,7 +96,7 @@ def noise(rng: random.Random, dialect: str) -> str:
 
 
 def gcode(legs: list[Leg], rng: random.Random, *, siemens: bool = False) -> Text:
-    """Write ISO G-code: omitted modal words, G90 and G91 mixed, inch or mm, centers or radii, line numbers, blanks."""
+    """Write ISO G-code: omitted modal words, G90 and G91 mixed, inch or mm, centres or radii, line numbers, blanks."""
     t = Text()
     inch, absolute, motion, plane, feed = rng.random() < 0.3, True, -1, 17, math.nan
     scale = INCH if inch else 1.0
@@ -272,7 +272,7 @@ def camworks(legs: list[Leg], rng: random.Random) -> Text:
 
 
 def catia(legs: list[Leg], rng: random.Random) -> Text:
-    """Write CATIA aptsource: the start tangent, the circle, and the end on a line from the center."""
+    """Write CATIA aptsource: the start tangent, the circle, and the end on a line from the centre."""
     t = Text()
     t.add("UNITS/MM")
     t.add("TLAXIS/ 0.000000, 0.000000, 1.000000")
@@ -299,7 +299,7 @@ def catia(legs: list[Leg], rng: random.Random) -> Text:
 
 
 def movarc(legs: list[Leg], rng: random.Random) -> Text:
-    """Write HSM APT: MOVARC/ center, normal, radius, ANGLE, degrees; then the end point."""
+    """Write HSM APT: MOVARC/ centre, normal, radius, ANGLE, degrees; then the end point."""
     t = Text()
     t.add("UNITS/MM")
     for n, leg in enumerate(legs):

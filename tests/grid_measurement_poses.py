@@ -1,4 +1,4 @@
-"""Measurement poses for a stiffness grid: corners and center of every cell in three configurations (jiao2022 section
+"""Measurement poses for a stiffness grid: corners and centre of every cell in three configurations (jiao2022 section
 2).
 
 Adjacent cells share corners, so a grid of cubes needs far fewer positions than nine per cell; a shared position counts
@@ -37,13 +37,13 @@ class GridPlan:
     """S positions in A postures each, ordered by position; M = S·A poses."""
 
     region: GridRegion
-    position: Array  # (S, 3) m of the TCP in base_link: corners with x fastest, then centers in the order of the cells
+    position: Array  # (S, 3) m of the TCP in base_link: corners with x fastest, then centres in the order of the cells
     angle: Array  # (A,) rad about the tool's y axis
     T_base_tcp: Array  # (M, 4, 4)
     q: Array  # (M, 6) rad, NaN without a valid configuration
     branch: Ints  # (M,) of the inverse kinematics, −1 without a valid configuration
     reason: NDArray[np.uint8]  # (M,) Reason
-    members: Ints  # (G, 9) positions of each cell: its corners, then its center
+    members: Ints  # (G, 9) positions of each cell: its corners, then its centre
 
     @property
     def reached(self) -> Bools:

@@ -330,7 +330,7 @@ def build_logarithmic_creep(c: float, start: float = 5.0) -> Twist:
 
 
 def _chain(a: Arm, theta: Array, bend: dict[int, Array]) -> tuple[Array, Array, Array, Array, Array, dict[int, tuple]]:
-    """Return joint frames R (T, 6, 3, 3) and points p (T, 6, 3), TCP, its rotation, centers of mass (T, 7, 3) and
+    """Return joint frames R (T, 6, 3, 3) and points p (T, 6, 3), TCP, its rotation, centres of mass (T, 7, 3) and
     hinges."""
     T = len(theta)
     R, p = np.broadcast_to(np.eye(3), (T, 3, 3)), np.zeros((T, 3))

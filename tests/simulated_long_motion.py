@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 GRAVITY = 9.80665
-# axis, origin in the parent (m), mass (kg), center of mass (m), principal inertia (kg·m²)
+# axis, origin in the parent (m), mass (kg), centre of mass (m), principal inertia (kg·m²)
 LINKS = (
     ("0 0 1", (0.0, 0.0, 0.4), 260.0, (0.2, 0.0, 0.2), (12.0, 14.0, 11.0)),
     ("0 1 0", (0.35, 0.0, 0.3), 210.0, (0.0, 0.05, 0.5), (24.0, 23.0, 4.0)),

@@ -39,7 +39,7 @@ class Reference:
         C = np.full(M, (W - r.point[0]) @ h[1]) - along * (h[0] @ h[1])
         q1, margin1, miss1 = _harmonic(A, B, C)  # (M, 2), (M,), (M,)
         q1 = np.repeat(q1, 2, axis=1)  # columns: shoulder 0, 0, 1, 1
-        # joint 3: distance from axis 2 to the wrist center
+        # joint 3: distance from axis 2 to the wrist centre
         v = np.einsum("msij,mj->msi", compute_axis_rotation(h[0], -q1), u) + r.point[0] - r.point[1]
         a, b = r.point[2] - r.point[1], W - r.point[2]
         ha, hb = h[2] @ a, h[2] @ b

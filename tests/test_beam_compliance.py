@@ -81,7 +81,7 @@ def test_tian2025_equations_2_and_3_omit_the_lever_arms() -> None:
     np.testing.assert_allclose(
         compute_stepped_beam_compliance([half, half]), compute_stepped_beam_compliance([bar]), rtol=1e-12, atol=1e-22
     )
-    holder, bur = BeamCylinder(0.016, 0.06, 110e9), BeamCylinder(0.008, 0.05, 210e9)  # an aluminum holder, a steel bur
+    holder, bur = BeamCylinder(0.016, 0.06, 110e9), BeamCylinder(0.008, 0.05, 210e9)  # an aluminium holder, a steel bur
     right, printed = (
         compute_stepped_beam_compliance([holder, bur])[1, 1],
         compute_tian2025_tip_compliance([holder, bur]),

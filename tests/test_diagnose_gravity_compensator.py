@@ -25,7 +25,7 @@ def _turns_little(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def spring(q: Array) -> Array:
-    """Return the deflection of joint 2 by a spring between two pivots, with its dead center within the poses, at the
+    """Return the deflection of joint 2 by a spring between two pivots, with its dead centre within the poses, at the
     joint angle deflected by weight."""
     cell, robot, masses = absolute.arm()
     assert cell.stiffness is not None

@@ -28,7 +28,7 @@ from machopt.measurement.diagnosis.model_selection import selection_pipeline
 from machopt.measurement.diagnosis.motion_data.motion_signals import build_motion_signals
 from machopt.measurement.recording import load_recording, write_recording
 
-MASS, LENGTH, INERTIA = 20.0, 0.7, 1.5  # kg, m, kg·m² about the center of mass
+MASS, LENGTH, INERTIA = 20.0, 0.7, 1.5  # kg, m, kg·m² about the centre of mass
 LINK = (
     '<link name="l{i}"><inertial><origin xyz="{c} 0 0"/><mass value="{m}"/>'
     '<inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -125,7 +125,7 @@ def test_torque_of_a_pendulum(tmp_path: Path) -> None:
 
 
 def test_regressor_columns_equal_changes_of_the_tool(tmp_path: Path) -> None:
-    """More mass at the tool's center of mass changes the torques by the first payload column; the relation is
+    """More mass at the tool's centre of mass changes the torques by the first payload column; the relation is
     exactly linear."""
     rng = np.random.default_rng(1)
     _, q, v, a = build_fourier_motion(3, rng, periods=1, rate=5.0)

@@ -158,7 +158,7 @@ def test_cached_waves_equal_computed_ones() -> None:
 
 
 def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
-    """A soft sector with a grid of five centers and three widths; intervals had zero width."""
+    """A soft sector with a grid of five centres and three widths; intervals had zero width."""
     grid = tuple((float(q), w) for q in np.linspace(-1.0, 1.0, 5) for w in (0.15, 0.3, 0.6))
     finer = build_two_number_refinement(grid)
     assert finer is not None
@@ -181,7 +181,7 @@ def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
 
 @pytest.mark.parametrize("seed", range(30))
 def test_shape_at_the_end_of_the_joint_range_is_valid(seed: int) -> None:
-    """The width of a soft sector passed through zero, because width −w gives the same shape; its center left the
+    """The width of a soft sector passed through zero, because width −w gives the same shape; its centre left the
     joint range."""
     rng = np.random.default_rng(seed)
     poses = rng.uniform(-1.2, 1.2, 14)

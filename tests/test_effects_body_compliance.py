@@ -370,7 +370,7 @@ def test_nearest_valid_body_uses_the_metric_of_the_readings() -> None:
     w, V = np.linalg.eigh(C)
     plain = (V * np.maximum(w, 0.0)) @ V.T
     assert cost(near) <= cost(np.array([plain[i, j] for i, j in pairs]))
-    for _ in range(50):  # no matrix in the neighborhood is closer
+    for _ in range(50):  # no matrix in the neighbourhood is closer
         L = np.linalg.cholesky(matrix(near) + 1e-12 * np.eye(3)) + 1e-6 * rng.normal(size=(3, 3))
         assert cost(np.array([(L @ L.T)[i, j] for i, j in pairs])) > cost(near) * (1 - 1e-6)
     possible = np.array([3e-8, 0.0, 0.0, 2e-8, 0.0, 1e-8])

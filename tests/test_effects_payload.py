@@ -81,7 +81,7 @@ def test_load_tests_and_torques_show_the_same_payload() -> None:
 
 @dataclass(frozen=True)
 class Water(MassDeviation):
-    """A tank above the flange that fills with water: the center of mass is at the water."""
+    """A tank above the flange that fills with water: the centre of mass is at the water."""
 
     name = "a tank that fills"
     coefficients = (LawParameter(key="filled_kg", unit="kg"),)

@@ -37,7 +37,7 @@ def test_law_has_one_column_per_reading_and_growing_size(effect: Effect, law: Re
         columns = law.columns(shape, whole)
         assert columns.shape == (5, 6, len(law.coefficients))
         some = [2, 3]
-        middle = whole.position.mean(axis=0)  # a frame rotates about the center of the points
+        middle = whole.position.mean(axis=0)  # a frame rotates about the centre of the points
         at = np.stack([whole.position[2], 2.0 * middle - whole.position[2]])
         one = RecordedLoad(whole.wrench[some], whole.displacement[some], whole.axes[some], whole.tool[some], at)
         np.testing.assert_allclose(law.columns(shape, one)[0], columns[2], rtol=1e-14, atol=1e-15)

@@ -33,7 +33,7 @@ SLOTS = """spindle_rpm,feed_mm_min,ap_mm,fx_N,fy_N,fz_N
 6000,1200,3,-76.75,171.27,-85.23
 6000,1500,3,-78.49,210.74,-83.50
 """
-"""Published mean forces of slots in aluminum; the source gives the axial force with the opposite sign."""
+"""Published mean forces of slots in aluminium; the source gives the axial force with the opposite sign."""
 HEAD = """machopt_recording: 1
 kind: cutting
 data: data.csv

@@ -137,7 +137,7 @@ def test_arc_on_a_circle_inside_a_round_pocket_follows_from_two_circles() -> Non
     turn = np.linspace(0, 2 * pi, 721)
     path = np.column_stack([rho * np.cos(turn), rho * np.sin(turn), np.full_like(turn, -0.005)])
     volume, point, rows = remove(stock, path, R)
-    # angle at the cutter center between the radius and the intersection
+    # angle at the cutter centre between the radius and the intersection
     cosine = (0.020**2 - rho**2 - R**2) / (2 * rho * R)
     theta = degrees(acos(cosine))
     some = (point > 60) & (point < 600)  # later the cutter reaches the start of the cut
