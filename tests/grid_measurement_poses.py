@@ -148,12 +148,12 @@ def _nearest_turn(q: Array, cell: Cell, margins: SingularityMargins) -> Array:
     lower, upper = cell.limits.lower[:6] + margins.limit, cell.limits.upper[:6] - margins.limit
     best, least = np.full(q.shape, np.nan), np.full(q.shape[:-1], np.inf)
     for turn in list_whole_turns(lower, upper):
-        message = q + turn
+        values = q + turn
         with np.errstate(invalid="ignore"):
-            inside = ((message >= lower) & (message <= upper)).all(axis=-1)
-        far = np.where(inside, np.abs(message - cell.home).sum(axis=-1), np.inf)
+            inside = ((values >= lower) & (values <= upper)).all(axis=-1)
+        far = np.where(inside, np.abs(values - cell.home).sum(axis=-1), np.inf)
         better = far < least
-        best[better], least[better] = message[better], far[better]
+        best[better], least[better] = values[better], far[better]
     return best
 
 

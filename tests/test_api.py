@@ -267,7 +267,7 @@ def test_saved_files_equal_those_of_the_command(
     assert message == expected
 
 
-def test_changed_cell_is_not_planned_with(tmp_path: Path) -> None:
+def test_planning_refuses_a_cell_that_has_changed(tmp_path: Path) -> None:
     import shutil
 
     shutil.copytree(KR500, tmp_path / "cell")

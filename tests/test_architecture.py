@@ -117,9 +117,9 @@ def test_walk_from_the_command_to_an_effect_law_has_eight_files() -> None:
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    message = re.search(r"^From the command to a law: (.*?): eight\s", text, re.DOTALL | re.MULTILINE)
-    assert message is not None
-    files = re.findall(r"`([\w/]+\.py)`", message[1])
+    match = re.search(r"^From the command to a law: (.*?): eight\s", text, re.DOTALL | re.MULTILINE)
+    assert match is not None
+    files = re.findall(r"`([\w/]+\.py)`", match[1])
     assert len(files) == 8
     walk = ["machopt." + name.removesuffix(".py").replace("/", ".") for name in files]
     law = next(m for m in walk if m.startswith("machopt.effects."))
@@ -135,11 +135,9 @@ def test_walk_from_the_command_to_the_cost_of_a_plan_has_eight_files() -> None:
     grimp = pytest.importorskip("grimp")
     graph = grimp.build_graph("machopt", exclude_type_checking_imports=True, cache_dir=None)
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    message = re.search(
-        r"^From the command to a price of a plan.*?: (`.*?): eight files", text, re.DOTALL | re.MULTILINE
-    )
-    assert message is not None
-    files = re.findall(r"`([\w/]+\.py)`", message[1])
+    match = re.search(r"^From the command to a price of a plan.*?: (`.*?): eight files", text, re.DOTALL | re.MULTILINE)
+    assert match is not None
+    files = re.findall(r"`([\w/]+\.py)`", match[1])
     assert len(files) == 8
     walk = ["machopt." + name.removesuffix(".py").replace("/", ".") for name in files]
     for n, module in enumerate(walk[1:], start=1):
@@ -230,8 +228,8 @@ def test_stiffness_model_does_not_check_term_types() -> None:
     packages = ("kinematics", "collision", "dynamics", "stiffness")
     model = [f for package in packages for f in (PACKAGE / package).rglob("*.py")]
     assert len(model) > 40
-    requested = [f.name for f in model if re.search(r"\bis(instance|subclass)\(", f.read_text("utf-8"))]
-    assert requested == []
+    values = [f.name for f in model if re.search(r"\bis(instance|subclass)\(", f.read_text("utf-8"))]
+    assert values == []
 
 
 def test_classes_with_more_than_five_fields_are_keyword_only(sources: dict[Path, SourceFile]) -> None:

@@ -141,8 +141,8 @@ def test_command_passes_posts_on(
 
     def noted(request: BatchRequest, _: object) -> BatchResult:
         requested.append(request)
-        message = cast(BatchDocument, SimpleNamespace(counts={}))
-        return BatchResult(0, message, tmp_path / "summary.html", 0, 0)
+        stub = cast(BatchDocument, SimpleNamespace(counts={}))
+        return BatchResult(0, stub, tmp_path / "summary.html", 0, 0)
 
     words = ["batch", str(jobs), "--cell", str(CELL), "-o", str(tmp_path / "out"), "--quiet"]
     scheduler = "tcp://127.0.0.1:8786"
@@ -185,7 +185,7 @@ def test_unreadable_program_is_the_reason_in_the_summary() -> None:
             {"post": "csv", "files": [], "differences": []},
         ],
     }
-    message = json.loads(json.dumps(result), object_hook=lambda part: SimpleNamespace(**part))
-    found = build_summary_row(cast(OptimizeDocument, message))
+    values = json.loads(json.dumps(result), object_hook=lambda part: SimpleNamespace(**part))
+    found = build_summary_row(cast(OptimizeDocument, values))
     assert found.reason == "a.src: CAM points at point 3 is missing"
     assert found.programs == ()  # no program remains in the output folder

@@ -432,7 +432,7 @@ def test_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
 def answer(folder: Path, findings: dict[str, list[dict[str, object]]], verdict: str = "explained") -> None:
     for path in folder.glob("*.truth.json"):
         name = path.name.split(".")[0]
-        output = {
+        expected = {
             "machopt_diagnosis": 1,
             "verdict": verdict,
             "findings": findings.get(name, []),
@@ -442,7 +442,7 @@ def answer(folder: Path, findings: dict[str, list[dict[str, object]]], verdict: 
             "detection_limits": [],
         }
         (folder / name / "out").mkdir(exist_ok=True)
-        (folder / name / "out" / "diagnosis.json").write_text(json.dumps(output))
+        (folder / name / "out" / "diagnosis.json").write_text(json.dumps(expected))
 
 
 def figures(folder: Path) -> tuple[dict[str, tuple[float, int]], list[str]]:

@@ -106,11 +106,11 @@ def check_plan(cell: Path, table: Path, out: Path) -> None:
     pytest.importorskip("coal")
     points = true_points(table, out.parent / "true_points.csv")
     program = runpy.run_path(str(CHECK_PLAN))  # in this process, which has already loaded most of its imports
-    message = io.StringIO()
-    with contextlib.redirect_stdout(message), warnings.catch_warnings():
+    stream = io.StringIO()
+    with contextlib.redirect_stdout(stream), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # warnings of the external program
         code = program["main"]([str(cell), str(points), str(out)])
-    assert code == 0, message.getvalue()
+    assert code == 0, stream.getvalue()
 
 
 @pytest.mark.slow

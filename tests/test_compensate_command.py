@@ -228,8 +228,8 @@ def test_rotation_is_chosen_that_allows_the_shift_to_be_driven(tmp_path: FilePat
     path.write_text(HEADER + "\n".join(lines) + "\n")
     cell = ROOT / "cells" / "irb6700_drilling"
     settings = ("rotation_step_deg=20", "force_N.axial=750", "compensation_max_mm=5")
-    requested = ("--compensate", *(word for setting in settings for word in ("--set", setting)))
-    assert optimize(cell, path, tmp_path / "out", *requested) == 0
+    arguments = ("--compensate", *(word for setting in settings for word in ("--set", setting)))
+    assert optimize(cell, path, tmp_path / "out", *arguments) == 0
     message = (tmp_path / "out" / "report.html").read_text()
     assert "with that one the path shifted against the deflection could not be driven" in message
     assert "steer" not in result(tmp_path / "out")["options"]  # type: ignore[operator]  # the user asked for none

@@ -94,9 +94,9 @@ def test_pairs_share_the_budget_in_proportion_to_their_contacts() -> None:
     pair = np.array([0, 0, 0, 0, 1], np.int32)
     ahead.strike(vertices, pair)
     ahead.look(vertices, pair, 40)
-    message = [sum(p == which for p, *_ in ahead.model.asked) for which in (0, 1)]  # type: ignore[attr-defined]
-    assert message[0] >= 32
-    assert message[0] > 2 * message[1] > 0
+    values = [sum(p == which for p, *_ in ahead.model.asked) for which in (0, 1)]  # type: ignore[attr-defined]
+    assert values[0] >= 32
+    assert values[0] > 2 * values[1] > 0
 
 
 def test_cutter_may_touch_what_it_cuts() -> None:

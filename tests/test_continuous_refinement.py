@@ -107,9 +107,9 @@ def test_model_agrees_with_j_to_second_order(
     for size in (0.04, 0.02):
         z = (r.curves.at_stations @ (size * c)).reshape(trust.shape)
         found, cost = r._solve_stations(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, here.q)
-        message = model.value(size * c) - model.value(0.0 * c)
+        values = model.value(size * c) - model.value(0.0 * c)
         merit = r._compute_merit(here.phi + z[:, 0], here.e + z[:, 1:] / r.per, found.q, cost)
-        wrong.append(abs(message - (merit - here.merit)))
+        wrong.append(abs(values - (merit - here.merit)))
     assert wrong[0] < 0.05 * abs(merit - here.merit) + 1e-4
     assert wrong[1] < 0.45 * wrong[0] + 1e-7
 
@@ -340,8 +340,8 @@ def test_written_plan_is_no_worse_than_any_with_a_fixed_external_joint(
     (folder / "job.csv").write_text("\n".join(rows) + "\n")
 
     def written(name: str, *more: str) -> dict[str, Any]:
-        requested = ["optimize", str(folder), str(folder / "job.csv"), "-o", str(tmp_path / name), "--quiet"]
-        assert main([*requested, *(word for one in more for word in ("--set", one))]) == 0
+        arguments = ["optimize", str(folder), str(folder / "job.csv"), "-o", str(tmp_path / name), "--quiet"]
+        assert main([*arguments, *(word for one in more for word in ("--set", one))]) == 0
         return dict(json.loads((tmp_path / name / "result.json").read_text()))
 
     free = written("free")
@@ -351,5 +351,5 @@ def test_written_plan_is_no_worse_than_any_with_a_fixed_external_joint(
         one = written(f"at {value}", f"external.{joint}.mode=locked", f"external.{joint}.at_{unit}={value}")
         o = one["objective"]["chosen"]
         index = weights["mean"] * o["mean"] + weights["worst"] * o["worst"]
-        message = o["total"] + index * (one["index_scale"] / free["index_scale"] - 1.0)
-        assert free["objective"]["chosen"]["total"] <= message * (1.0 + 1e-9), value
+        result = o["total"] + index * (one["index_scale"] / free["index_scale"] - 1.0)
+        assert free["objective"]["chosen"]["total"] <= result * (1.0 + 1e-9), value

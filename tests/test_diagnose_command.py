@@ -361,9 +361,9 @@ def test_two_effects_in_a_thousand_readings_are_both_named(tmp_path: Path) -> No
 
     r = write_simulated_recording(tmp_path / "rec", both, poses=36, loads=4)
     assert len(r) > 1000
-    output = diagnose_in_memory(CELL, r, tmp_path / "again").result.to_json_types()
-    named = {f["effect"]: f["location"] for f in output["findings"]}
-    share = next(f["parameters"]["share"] for f in output["findings"] if f["effect"] == "geometric_stiffness")
+    result = diagnose_in_memory(CELL, r, tmp_path / "again").result.to_json_types()
+    named = {f["effect"]: f["location"] for f in result["findings"]}
+    share = next(f["parameters"]["share"] for f in result["findings"] if f["effect"] == "geometric_stiffness")
     assert share["ci95"][0] > 0.0  # K_C exists in every arm and is detectable in addition to the other two effects
     assert {place for effect, place in named.items() if effect != "geometric_stiffness"} == {"joint:1", "link:2"}
 

@@ -103,9 +103,9 @@ def test_next_motion_respects_limits_and_separates_rivals(tmp_path: Path) -> Non
         np.testing.assert_allclose(np.gradient(one.q[:, 0], one.time)[2:-2], one.v[2:-2, 0], atol=5e-3)
     assert f.rivals
     doubtful = replace(f, one_of=(("transmission_error", "joint:1"), ("joint_hysteresis", "joint:1")))
-    output = next_motion.suggest_next_motion(cell, "link", replace(found, findings=(doubtful,)))
-    assert output.startswith("To tell transmission error of joint 1 from hysteresis of joint 1: drive ")
-    assert "standard deviations" in output
+    result = next_motion.suggest_next_motion(cell, "link", replace(found, findings=(doubtful,)))
+    assert result.startswith("To tell transmission error of joint 1 from hysteresis of joint 1: drive ")
+    assert "standard deviations" in result
     for other in (replace(found, findings=()), replace(found, findings=(), verdict="unexplained"), found):
         assert "plan-poses" not in next_motion.suggest_next_motion(cell, "link", other)
 

@@ -69,9 +69,9 @@ def test_drift_is_relative_to_the_unloaded_state_and_requires_time() -> None:
 
 def test_thermal_growth_needs_more_than_a_minute() -> None:
     r, time, _zero = build_timed_readings()
-    output = {h.law for h in thermal_drift.build_thermal_hypotheses(r)}
-    assert any("stand" in law for law in output)
-    assert not any("grow" in law for law in output)
+    values = {h.law for h in thermal_drift.build_thermal_hypotheses(r)}
+    assert any("stand" in law for law in values)
+    assert not any("grow" in law for law in values)
     slow = replace(r.recording, time=time + 900.0 * (np.arange(len(r)) % 4) + 3600.0 * (np.arange(len(r)) // 4))
     assert any(
         "grow" in h.law for h in thermal_drift.build_thermal_hypotheses(replace(r, recording=slow, histories={}))

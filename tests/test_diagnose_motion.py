@@ -386,8 +386,8 @@ def test_late_encoder_is_late_with_the_twist_of_its_gear(tmp_path: Path) -> None
 
 def test_encoders_behind_their_command_are_reported(tmp_path: Path) -> None:
     rng, _, t, q, v, tau = shaken(tmp_path, 2, 8)
-    requested = q + 0.012 * v
-    late = build_motion_recording(t, q, v, tau, q_command=requested)
+    commanded = q + 0.012 * v
+    late = build_motion_recording(t, q, v, tau, q_command=commanded)
     lags = servo_lag.find_servo_lag(late, build_motion_signals(late, 2))
     assert [(f.effect, f.location) for f in lags] == [("servo_lag", "controller")]
     assert lags[0].parameters["delay"].value == pytest.approx(12.0, abs=0.3)  # ms; the derivative of a delayed command

@@ -156,10 +156,10 @@ def test_drive_gain_and_payload_are_reported_together(tmp_path: Path) -> None:
     tau = tau + load_dynamics(heavier).compute_torque(q, v, a) - load_dynamics(cell).compute_torque(q, v, a)
     tau[:, 1] *= 0.5
     found, _, _ = diagnose_recording(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), cell, "torque")
-    output = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}
-    assert set(output) == {("payload", "tool"), ("units", "column:tau2_Nm")}
-    assert output["payload", "tool"].value == pytest.approx(6.0, rel=0.05)
-    assert output["units", "column:tau2_Nm"].value == pytest.approx(-50.0, rel=0.05)
+    values = {(f.effect, f.location): next(iter(f.parameters.values())) for f in found.findings}
+    assert set(values) == {("payload", "tool"), ("units", "column:tau2_Nm")}
+    assert values["payload", "tool"].value == pytest.approx(6.0, rel=0.05)
+    assert values["units", "column:tau2_Nm"].value == pytest.approx(-50.0, rel=0.05)
     assert found.heldout_after < 1.05 * found.noise_floor
 
 

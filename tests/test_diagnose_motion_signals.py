@@ -217,10 +217,10 @@ def test_warming_follows_the_recorded_temperature_or_time(tmp_path: Path) -> Non
 def test_constant_command_has_no_lag(tmp_path: Path) -> None:
     """One joint lags by 20 ms and is reported; a joint with a constant command is not."""
     t, q, v, _ = build_fourier_motion(2, np.random.default_rng(7))
-    requested = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
+    commanded = np.column_stack([q[:, 0] + 0.02 * v[:, 0], np.zeros(len(t))])
     r = build_motion_recording(t, q * [1.0, 0.0], v * [1.0, 0.0])
     assert find_servo_lag(r, build_motion_signals(r, 2)) == []
-    (found,) = find_servo_lag(replace(r, q_command=requested), build_motion_signals(r, 2))
+    (found,) = find_servo_lag(replace(r, q_command=commanded), build_motion_signals(r, 2))
     assert found.effect == "servo_lag"
     assert next(iter(found.parameters.values())).value == pytest.approx(20.0, rel=0.05)
 

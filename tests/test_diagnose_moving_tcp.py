@@ -76,8 +76,8 @@ def test_base_model_contains_the_compliances_of_the_arm(driven: tuple[Cell, Reco
 def test_arm_behind_its_command_is_offered_as_in_the_encoders(driven: tuple[Cell, Recording]) -> None:
     cell, recording = driven
     assert recording.velocity is not None
-    requested = recording.q + LATE * recording.velocity  # the TCP follows the encoders
-    problem, catalogue, found = build_problem(cell, replace(recording, q_command=requested))
+    commanded = recording.q + LATE * recording.velocity  # the TCP follows the encoders
+    problem, catalogue, found = build_problem(cell, replace(recording, q_command=commanded))
     shown = lags(catalogue)["as the encoders show it"]
     x = solve_least_squares(problem, shown.columns(()))[-1:]
     assert x[0] == pytest.approx(1.0, abs=0.02)
@@ -90,8 +90,8 @@ def test_arm_behind_its_command_is_offered_as_in_the_encoders(driven: tuple[Cell
 def test_encoder_delay_and_arm_delay_are_separated(driven: tuple[Cell, Recording]) -> None:
     cell, recording = driven
     assert recording.velocity is not None
-    message = replace(recording, q=recording.q - LATE * recording.velocity, q_command=recording.q)
-    _, _, found = build_problem(cell, message)
+    changed = replace(recording, q=recording.q - LATE * recording.velocity, q_command=recording.q)
+    _, _, found = build_problem(cell, changed)
     (late,) = (f for f in found if f.effect == "time_skew")
     assert late.location == "sensor:q"
     assert late.parameters["late"].value == pytest.approx(1e3 * LATE, rel=0.03)  # ms

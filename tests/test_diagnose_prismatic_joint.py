@@ -139,13 +139,13 @@ def test_poses_derivatives_and_weights_equal_pinocchio(cell: Path) -> None:
 
 def test_shifted_frame_behind_a_prismatic_joint_is_found_and_corrected(cell: Path, tmp_path: Path) -> None:
     recording = record(tmp_path / "recording", np.random.default_rng(2), moved=TWIST)
-    output = diagnose_command(cell, recording, tmp_path / "out")
-    (finding,) = output["findings"]
-    assert output["verdict"] == "explained"
+    result = diagnose_command(cell, recording, tmp_path / "out")
+    (finding,) = result["findings"]
+    assert result["verdict"] == "explained"
     assert (finding["effect"], finding["location"]) == ("geometry", "joint:4")
     turn = finding["parameters"]["turn z"]
     assert turn["ci95"][0] < 0.5 < turn["ci95"][1]
-    assert output["model"] is None  # stiffness.yaml cannot contain a prismatic joint
+    assert result["model"] is None  # stiffness.yaml cannot contain a prismatic joint
     (cell / "kinematics.yaml").write_text((tmp_path / "out" / "kinematics.yaml").read_text())
     (cell / "cell.yaml").write_text(CELL + "kinematics: kinematics.yaml\n")
     again = diagnose_command(cell, recording, tmp_path / "again")
@@ -154,16 +154,16 @@ def test_shifted_frame_behind_a_prismatic_joint_is_found_and_corrected(cell: Pat
 
 
 def test_nothing_is_named_where_only_springs_deflect(cell: Path, tmp_path: Path) -> None:
-    output = diagnose_command(cell, record(tmp_path / "recording", np.random.default_rng(3)), tmp_path / "out")
-    assert output["verdict"] == "consistent"
-    assert not output["findings"]
+    result = diagnose_command(cell, record(tmp_path / "recording", np.random.default_rng(3)), tmp_path / "out")
+    assert result["verdict"] == "consistent"
+    assert not result["findings"]
 
 
 def test_prismatic_joint_in_metres_is_a_wrong_unit(cell: Path, tmp_path: Path) -> None:
-    output = diagnose_command(
+    result = diagnose_command(
         cell, record(tmp_path / "recording", np.random.default_rng(4), slide=1.0), tmp_path / "out"
     )
-    assert [(f["effect"], f["location"]) for f in output["findings"]] == [("units", "column:q1_mm")]
+    assert [(f["effect"], f["location"]) for f in result["findings"]] == [("units", "column:q1_mm")]
 
 
 def test_wrong_joints_and_load_tests_are_refused(

@@ -252,8 +252,11 @@ def test_wrench_in_tool_axes_turns_with_the_sagging_tool() -> None:
     ).max()
     assert straight > 5.0  # N of 1500 N: 3 mrad
     assert turned < 0.2 * straight  # spring uncertainty of some percent; without backlash and rotation by the load
-    message = build_load_test_experiment(base, arm_, T)
-    assert loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(message, base, arm_, T, masses) is message
+    load_test_experiment = build_load_test_experiment(base, arm_, T)
+    assert (
+        loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(load_test_experiment, base, arm_, T, masses)
+        is load_test_experiment
+    )
 
 
 @pytest.mark.parametrize("weight_only", [False, True])
@@ -300,11 +303,15 @@ def test_weights_in_encoder_tool_axes_remain() -> None:
     assert base.wrench is not None
     R = arm_.compute_fk(base.q, T)[:, :3, :3]
     w = np.einsum("nji,nbj->nbi", R, base.wrench.reshape(-1, 2, 3)).reshape(-1, 6)
-    message = build_load_test_experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
+    load_test_experiment = build_load_test_experiment(replace(base, wrench=w, wrench_frame="tool"), arm_, T)
     retained = loaded_equilibrium_terms.convert_tool_axes_at_loaded_pose(
-        message, replace(base, wrench=w, wrench_frame="tool"), arm_, T, load_masses(load_cell(CELLS / CELL))
+        load_test_experiment,
+        replace(base, wrench=w, wrench_frame="tool"),
+        arm_,
+        T,
+        load_masses(load_cell(CELLS / CELL)),
     )
-    assert retained is message
+    assert retained is load_test_experiment
 
 
 def test_spring_far_from_the_cell_is_reported() -> None:

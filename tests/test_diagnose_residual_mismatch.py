@@ -81,10 +81,10 @@ def test_recording_without_replicates_is_partly_explained() -> None:
         alone, HypothesisCatalogue((law(column),)), selection_pipeline.DiagnosisOptions(), np.random.default_rng(5)
     )
     assert found.verdict == "explained"
-    message = data_sufficiency.downgrade_if_insufficient(found, alone)
-    assert (message.verdict, message.findings) == ("partly_explained", found.findings)
-    assert "nothing was measured twice" in message.notes[-1]
-    assert message.sentence.startswith("Partly explained: ")
+    result = data_sufficiency.downgrade_if_insufficient(found, alone)
+    assert (result.verdict, result.findings) == ("partly_explained", found.findings)
+    assert "nothing was measured twice" in result.notes[-1]
+    assert result.sentence.startswith("Partly explained: ")
 
 
 def test_law_of_uncertain_size_is_no_name() -> None:

@@ -270,6 +270,10 @@ def test_few_rows_are_outliers_but_repeated_deviations_are_not() -> None:
     assert outlier_rejection.find_inlier_readings(p, one, modelled).all()
     one[5] += 5e-3
     assert np.flatnonzero(~outlier_rejection.find_inlier_readings(p, one, modelled)).tolist() == [5]
+    other = e.copy()
+    other[5, 1] += 1e-3
+    modelled[5] = [6e-3, 0.0, 0.0]  # the law moves this reading along x only
+    assert np.flatnonzero(~outlier_rejection.find_inlier_readings(p, other, modelled)).tolist() == [5]
     session = e.copy()
     session[12:20] += rng.choice([-1, 1], (8, 1)) * 1e-3  # eight of the twelve readings, in random directions
     assert outlier_rejection.find_inlier_readings(p, session).all()

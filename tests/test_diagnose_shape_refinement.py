@@ -103,7 +103,7 @@ def test_interval_of_a_step_reaches_both_neighbouring_readings(true: float) -> N
     assert low + 0.01 < value < high - 0.01
 
 
-def test_interval_of_a_smooth_shape_ends_at_equal_likelihood() -> None:
+def test_interval_of_a_smooth_shape_is_narrow_and_covers() -> None:
     """Uniformly distributed readings: the interval is one or two readings wide and contains the true value."""
     x = np.random.default_rng(5).uniform(0.0, 2.0, 1200)
     _, output = estimate_step(x, 0.9, 2)
@@ -171,9 +171,9 @@ def test_two_parameter_shape_is_refined_and_its_intervals_cover() -> None:
         base, law = _bump(x, y, grid, finer)
         first = whiten_hypotheses(base, [law])[0]
         found = refine_law_shape(base, base, SelectedEffect(score_hypotheses(base, [first])[0], 0.0), finer)
-        output = estimate_parameters(base, [found], 0, [found.whitened])
+        parameters = estimate_parameters(base, [found], 0, [found.whitened])
         for n, name in enumerate(("at", "wide")):
-            low, high = output[name].ci95
+            low, high = parameters[name].ci95
             assert 0.0 < high - low < 0.5
             fixed[n] += low <= true[n] <= high
     assert (fixed >= 0.85 * draws).all()  # of 95 %: 34 or fewer of 40 in one of 600 draws
@@ -195,8 +195,8 @@ def test_shape_at_the_end_of_the_joint_range_is_valid(seed: int) -> None:
     base, law = _bump(x, y, grid, finer)
     first = whiten_hypotheses(base, [law])[0]
     found = refine_law_shape(base, base, SelectedEffect(score_hypotheses(base, [first])[0], 0.0), finer)
-    output = estimate_parameters(base, [found], 0, [found.whitened])
-    ends = np.array([output["at"].ci95, output["wide"].ci95])
+    parameters = estimate_parameters(base, [found], 0, [found.whitened])
+    ends = np.array([parameters["at"].ci95, parameters["wide"].ci95])
     assert low <= ends[0, 0] <= ends[0, 1] <= high
     assert min(s[1] for s in grid) <= ends[1, 0] <= ends[1, 1] <= max(s[1] for s in grid)
     at_end = any(

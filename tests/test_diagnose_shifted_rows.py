@@ -134,8 +134,8 @@ def test_moments_in_another_unit_than_forces_are_corrected(factor: float, unit: 
     r = simulate_correct_sessions(moment=400.0)
     wrench = r.wrench.copy()
     wrench[:, 3:] *= factor
-    message = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
-    out, (finding,) = at_arm(message, swapped_columns.correct_moment_units)
+    changed = replace(r, wrench=wrench, uncertainty=StandardUncertainty(force=5.0, moment=2.0))
+    out, (finding,) = at_arm(changed, swapped_columns.correct_moment_units)
     assert (finding.effect, finding.location) == ("units", "column:mx_Nm")
     assert unit in finding.note
     assert np.allclose(out.wrench, r.wrench)

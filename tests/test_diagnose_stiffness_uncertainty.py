@@ -42,17 +42,17 @@ def test_plan_uncertainty_includes_loads_explained_by_history() -> None:
     diagnosis = SimpleNamespace(used=np.ones(len(tests), bool), coefficients=())
     found = cast(DiagnosedRecording, SimpleNamespace(recording=recording, diagnosis=diagnosis))
 
-    output = add_model_uncertainty(cell, found, ArmStiffness(joints=made.TRUE_K, terms=(PLAY,)))
+    model_uncertainty = add_model_uncertainty(cell, found, ArmStiffness(joints=made.TRUE_K, terms=(PLAY,)))
 
-    assert output is not None
-    arm = ArmElasticity(robot, T, output, masses=masses, counted=True)
+    assert model_uncertainty is not None
+    arm = ArmElasticity(robot, T, model_uncertainty, masses=masses, counted=True)
     doubt, q, w = DiscrepancyModel.build(arm), tests.state.q, tests.wrench
     assert doubt is not None
     off = arm.evaluate(q).compute_twist(w)[:, :3] - moved
     state = robot.compute_state(q, T, bodies=True)
     ways = (doubt.suspects.compute_columns(state, np.tile(made.TRUE_K, (len(q), 1)), w) @ doubt.ways.T)[:, :3]
     sigma = np.sqrt(np.sum(ways**2, axis=2) + (doubt.local * np.linalg.norm(w[:, :3], axis=1)[:, None]) ** 2)
-    alone = ArmElasticity(robot, T, replace(output, discrepancy=None), masses=masses)
+    alone = ArmElasticity(robot, T, replace(model_uncertainty, discrepancy=None), masses=masses)
     before = alone.evaluate(q).compute_twist(w)[:, :3] - moved
     assert np.sqrt(np.mean(before**2)) > 3.0 * made.WHITE  # three times the noise: the history matters
     assert np.mean(np.abs(off) < 1.645 * sigma + made.WHITE) > 0.8

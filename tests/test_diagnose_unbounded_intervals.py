@@ -59,12 +59,12 @@ def estimate_law_sizes(
 
 
 def test_unobserved_compliance_has_no_upper_bound_and_is_not_negative() -> None:
-    output = estimate_sizes("body", 1e-9, nearly=True)
-    assert np.isfinite(output["shift"].ci95).all()
-    assert np.isinf(output["tilt"].ci95[1])
-    assert output["shift"].ci95[0] > 0.0
-    assert output["tilt"].ci95[0] >= 0.0
-    assert output["tilt"].ci90[0] >= 0.0
+    sizes = estimate_sizes("body", 1e-9, nearly=True)
+    assert np.isfinite(sizes["shift"].ci95).all()
+    assert np.isinf(sizes["tilt"].ci95[1])
+    assert sizes["shift"].ci95[0] > 0.0
+    assert sizes["tilt"].ci95[0] >= 0.0
+    assert sizes["tilt"].ci90[0] >= 0.0
 
 
 def test_observed_compliance_keeps_its_bounds() -> None:

@@ -109,6 +109,8 @@ def test_zero_offset_smaller_than_unnamed_waves_of_its_joint_has_no_name() -> No
     assert not is_constant_of_unnamed_waves(zero(-30.0, "joint:2"), [waves])
     assert not is_constant_of_unnamed_waves(zero(-30.0), [])
     assert not is_constant_of_unnamed_waves(waves, [waves])
+    fast = convert_to_unnamed(finding([5.0], [40.0], [0.0]))  # 2.1 periods in the range of 150°
+    assert not is_constant_of_unnamed_waves(zero(-30.0), [fast])
 
 
 def test_file_planner_and_verification_apply_the_same_angles(tmp_path: Path) -> None:

@@ -46,8 +46,8 @@ def test_statistical_thresholds_are_recomputed() -> None:
         "shares.half_power_amplitude": 0.5**0.5,
         "shares.max_relative_error": 1.0 / 2.0,
     }
-    output = {t.key: t.value for t in thresholds.list_thresholds() if t.origin.method == "statistics"}
-    assert output == pytest.approx(follows, rel=2e-3)
+    values = {t.key: t.value for t in thresholds.list_thresholds() if t.origin.method == "statistics"}
+    assert values == pytest.approx(follows, rel=2e-3)
 
 
 def test_script_prints_the_table() -> None:

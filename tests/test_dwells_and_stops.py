@@ -115,12 +115,12 @@ def check_dwell(
     tcp = np.tile(np.eye(4), (len(x), 1, 1))
     tcp[:, 0, 3] = x
     t = toolpath(*events)
-    output = SimpleNamespace(q=q, external=np.empty((len(x), 0)), joints=q, point=point, sample_time=H)
+    stub = SimpleNamespace(q=q, external=np.empty((len(x), 0)), joints=q, point=point, sample_time=H)
     cell = SimpleNamespace(limits=SimpleNamespace(jerk=np.full(6, 10.0)))
     ride = SimpleNamespace(tcp=tcp, path_limit=2e-5)
     points = SimpleNamespace(point=np.arange(4), ok=np.ones(4, bool))
     place = (np.arange(4.0), t.position)
-    (check,) = check_dwells_and_stops(output, t, points, ride, place, cell)  # type: ignore[arg-type]
+    (check,) = check_dwells_and_stops(stub, t, points, ride, place, cell)  # type: ignore[arg-type]
     return check.passed, check.where
 
 
@@ -163,8 +163,8 @@ def test_dwell_between_moves_without_displacement(tmp_path: Path) -> None:
     """G0, G1 to the same point, a dwell, another such move, and a real move: the dwell is listed at its own point."""
     folder, job = external_folder(tmp_path, rail=True), tmp_path / "job.nc"
     job.write_text("G21 G90 G17\nG0 X60 Y0 Z0\nG1 X60 F1200\nG4 P0.5\nG1 X60\nG1 X90\nG0 Z20\nM30\n")
-    requested = ["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", "--post", "krl"]
-    assert main([*requested, "--set", "external.e1.mode=locked"]) == 0
+    arguments = ["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", "--post", "krl"]
+    assert main([*arguments, "--set", "external.e1.mode=locked"]) == 0
     program = (tmp_path / "out" / "job_nc.src").read_text()
     assert program.index("WAIT SEC 0.5") < program.index("LIN {X 90.0000")
     with (tmp_path / "out" / "points.csv").open() as file:

@@ -74,8 +74,8 @@ def test_delayed_channel_equals_its_column_times_the_delay(effect: Effect, law: 
             x = np.array([1.0 if share else late])
             exact = 1e-12 if (best and shape.any()) or share else 2e-2
             np.testing.assert_allclose(columns @ x, wave(late) - wave(0.0), rtol=0.0, atol=exact * 5.0 * late)
-            output = law.to_file_parameters(x, whole)
-            (value,) = output.values()
+            result = law.to_file_parameters(x, whole)
+            (value,) = result.values()
             assert 1e3 * late == pytest.approx(value[0] if isinstance(value, list) else value)
     assert effect.note
     assert law.equation
@@ -163,8 +163,8 @@ def test_delay_and_vibration_are_added_by_one_file_and_one_line(
         _, catalogue, *_ = motion_channels.build_motion_problem(record, cell, channel, np.random.default_rng(0))  # type: ignore[arg-type]
         offered = {h.location: h for h in catalogue.hypotheses if h.effect == clock.name}
         assert set(offered) == sensors
-        output = offered["sensor:q"].correction(np.array([2e-3]), ())
-        assert output == RecordCorrection(clock.name, "sensor:q", {"late_ms": 2.0})
+        result = offered["sensor:q"].correction(np.array([2e-3]), ())
+        assert result == RecordCorrection(clock.name, "sensor:q", {"late_ms": 2.0})
         swinging = [h for h in catalogue.hypotheses if h.effect == limp.name]
         assert {h.location for h in swinging} == {"joint:1", "joint:2"}
         assert all(h.columns(h.shapes[0]).any() for h in swinging)

@@ -180,8 +180,8 @@ def test_currents_of_unknown_gain_are_fitted_with_all_other_parameters(tmp_path:
     assert not found.findings
     assert found.verdict == "consistent"
     output = next(n for n in notes if "current times a gain" in n)
-    message = [float(part.split(" (joint")[0].split(", ")[-1]) for part in output.split(")")[:3]]
-    assert message == pytest.approx(gains, rel=0.1)
+    values = [float(part.split(" (joint")[0].split(", ")[-1]) for part in output.split(")")[:3]]
+    assert values == pytest.approx(gains, rel=0.1)
     tau[:, 1] += 6.0 * np.sign(v[:, 1]) / (1.0 + (v[:, 1] / 0.06) ** 2)
     found, *_ = diagnose_recording(
         in_amperes(build_motion_recording(t, q, v, tau + rng.normal(size=q.shape)), gains), cell, "torque"

@@ -39,8 +39,8 @@ def test_sizes_grow_and_equal_those_of_the_load(effect: Effect, law: PayloadLaw)
     one, two = (law.sizes(k * values, whole) for k in (1.0, 2.0))
     assert next(iter(two.values())).value == pytest.approx(2.0 * next(iter(one.values())).value)
     # the stated mass and moments about the flange origin give the acting load
-    output = {k: q.value for k, q in one.items()}
-    mass, moment = output.get("mass", 0.0), np.array([output[f"moment_{a}"] for a in "xyz"])
+    result = {k: q.value for k, q in one.items()}
+    mass, moment = result.get("mass", 0.0), np.array([result[f"moment_{a}"] for a in "xyz"])
     acting = whole.columns @ np.r_[mass, moment - mass * whole.reference_point]
     np.testing.assert_allclose(columns @ values, acting, rtol=1e-12)
     assert law.equation
@@ -69,9 +69,9 @@ def test_load_tests_and_torques_show_the_same_payload() -> None:
     for one in resting:
         x = np.arange(1.0, one.columns(()).shape[2] + 1.0)
         two = next(h for h in moving if h.law == one.law)
-        output = {k: q.value for k, q in one.quantities(x, ()).items()}
+        values = {k: q.value for k, q in one.quantities(x, ()).items()}
         # the same load in both channels: mass and first moments about the flange origin
-        load = np.array([output.get("mass", 0.0), *(output[f"moment_{a}"] for a in "xyz")])
+        load = np.array([values.get("mass", 0.0), *(values[f"moment_{a}"] for a in "xyz")])
         fixed = torque @ np.r_[load[0], load[1:] - load[0] * dynamics.tool_com]
         np.testing.assert_allclose(
             one.columns(()) @ x, -np.einsum("nci,ni->nc", r.state.J, r.compliance * fixed), rtol=1e-6, atol=1e-12

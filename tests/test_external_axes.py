@@ -134,11 +134,11 @@ def test_part_longer_than_the_reach_is_cut_in_one_run(tmp_path: FilePath) -> Non
     assert np.abs(tip[:, 0]).max() < 2e-5  # the slot is straight for any rail motion
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / OPTIONS.sample
     assert speed.max() <= 0.05 * 1.001  # the feed is that of the tool relative to the part
-    message = compute_certificate(p)
-    assert message is not None
+    certificate = compute_certificate(p)
+    assert certificate is not None
     # the same unit; both include the travel of the rail
-    assert message.sequence == pytest.approx(message.grid, rel=0.05)
-    assert message.sequence > p.choice.total
+    assert certificate.sequence == pytest.approx(certificate.grid, rel=0.05)
+    assert certificate.sequence > p.choice.total
 
 
 @pytest.mark.slow

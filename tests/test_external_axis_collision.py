@@ -326,9 +326,9 @@ def test_constant_distance_of_a_carriage_from_its_bed_is_no_clearance(tmp_path: 
     named = [frozenset((p.a, p.b)) for p in model.pairs]
     assert unchanging <= set(named)  # still checked for contact
     q = random_x(cell, 200)
-    message = {named[k] for k in model.find_nearest_pair(q, np.zeros(len(q), bool)).pair if k >= 0}
-    assert message
-    assert not unchanging & message
+    values = {named[k] for k in model.find_nearest_pair(q, np.zeros(len(q), bool)).pair if k >= 0}
+    assert values
+    assert not unchanging & values
     wanted = list_checked_pairs(cell, arm, build_bodies(cell, arm))
     left_out = {frozenset((a.name, b.name)) for a, b in wanted} - {
         frozenset((a.name, b.name)) for a, b in list_varying_pairs(arm, wanted)
@@ -377,6 +377,6 @@ def test_planner_and_verifier_exclude_the_same_pairs_of_the_bed(tmp_path: Path, 
     pair = frozenset(("cabinet", "bed"))
     named = [frozenset((p.a, p.b)) for p in model.pairs]
     wanted = list_checked_pairs(cell, arm, build_bodies(cell, arm))
-    message = {frozenset((a.name, b.name)) for a, b in list_varying_pairs(arm, wanted)}
-    assert (pair in message) is tells
-    assert {named[k] for k in np.flatnonzero(~model._told_nothing)} == message
+    values = {frozenset((a.name, b.name)) for a, b in list_varying_pairs(arm, wanted)}
+    assert (pair in values) is tells
+    assert {named[k] for k in np.flatnonzero(~model._told_nothing)} == values

@@ -261,13 +261,13 @@ def test_whole_command_includes_external_compliance(tmp_path: Path) -> None:
         q, np.array([[float(r["e1_mm"]) / 1e3, np.radians(float(r["e2_deg"]))] for r in rows])
     )
     force = np.tile([0.0, 0.0, 200.0], (len(rows), 1))
-    message = 1.0 / np.array([1e3 * float(r["k_axial_N_mm"]) for r in rows])
+    values = 1.0 / np.array([1e3 * float(r["k_axial_N_mm"]) for r in rows])
     rigid_axes = ComplianceModel(cell, UrdfKinematics(cell), replace(cell.stiffness, external=())).evaluate(
         stance, stance.tcp[:, :3, 3]
     )
     alone = rigid_axes.compute_displacement(force)[:, 2] / 200.0
     more = compute_external_compliance(UrdfKinematics(cell), stance, cell.stiffness.external)[:, 2, 2]
-    assert np.allclose(message, alone + more, rtol=1e-5)
+    assert np.allclose(values, alone + more, rtol=1e-5)
     assert (more > 1e-3 * alone).all()
 
 
@@ -285,9 +285,9 @@ def test_shifted_path_is_judged_at_its_programmed_place(tmp_path: Path) -> None:
         " compliance_diagonal: [1e-7, 1e-7, 1e-7, 2e-6, 2e-6, 2e-6]}}\n"
     )
     (folder / "stiffness.yaml").write_text((folder / "stiffness.yaml").read_text() + soft)
-    requested = ["--compensate", "--set", "external.rail.mode=locked", "--set", "rotation_step_deg=30"]
+    arguments = ["--compensate", "--set", "external.rail.mode=locked", "--set", "rotation_step_deg=30"]
     force = ["--set", "force_N.normal=120", "--set", "force_N.axial=80"]
-    assert main(["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", *requested, *force]) == 0
+    assert main(["optimize", str(folder), str(job), "-o", str(tmp_path / "out"), "--quiet", *arguments, *force]) == 0
     with (tmp_path / "out" / "compensation.csv").open() as file:
         most = max(abs(float(v)) for row in csv.DictReader(file) for k, v in row.items() if k.startswith("d"))
     assert most > 0.05  # mm; otherwise the test shows nothing

@@ -66,7 +66,7 @@ def test_two_tools_on_soft_axes_are_planned_and_verified(soft: Path, tmp_path: P
 def test_job_with_two_tools_on_soft_axes_is_placed(soft: Path, tmp_path: Path) -> None:
     """The best place is a complete plan with both tools and compliant axes, written and verified."""
     out = tmp_path / "placed"
-    requested = ["place", str(soft), str(soft / "job.csv"), "-o", str(out), "--places", "2", "--best", "1", "--quiet"]
+    arguments = ["place", str(soft), str(soft / "job.csv"), "-o", str(out), "--places", "2", "--best", "1", "--quiet"]
     more = [
         "--x-mm",
         "-60",
@@ -81,7 +81,7 @@ def test_job_with_two_tools_on_soft_axes_is_placed(soft: Path, tmp_path: Path) -
         "--set",
         "external.rail.mode=locked",
     ]
-    assert main([*requested, *more]) == 0
+    assert main([*arguments, *more]) == 0
     best = out / "best-1"
     cell = next(best.rglob("cell.yaml"))
     assert "LONG" in cell.read_text()

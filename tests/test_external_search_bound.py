@@ -89,8 +89,8 @@ def every_price(x: ValueGridSequences) -> np.ndarray:
         if (joined and x.stable and a != b) or (retained and u != v):
             return np.inf
         ends = zip(x.q[s, v], x.more[s, v], x.q[s - 1, u], x.more[s - 1, u], strict=True)
-        message = [(q + TURN * np.arange(m + 1), p + TURN * np.arange(n + 1)) for q, m, p, n in ends]
-        way = np.array([np.abs(here[:, None] - before).min() for here, before in message])
+        values = [(q + TURN * np.arange(m + 1), p + TURN * np.arange(n + 1)) for q, m, p, n in ends]
+        way = np.array([np.abs(here[:, None] - before).min() for here, before in values])
         way = np.r_[way, np.abs(x.e[s, g] - x.e[s - 1, h])]
         turn = abs(np.angle(np.exp(1j * (x.phi[s, r] - x.phi[s - 1, p]))))
         seconds, travel, rotation, feed = x.priced[s]
@@ -200,11 +200,11 @@ def test_plan_is_compared_with_all_values_or_a_reason_is_given(tmp_path: FilePat
 @settings(max_examples=scale_example_count(100), deadline=None)
 def test_whole_turns_within_the_limits_are_counted(q: float, lower: float, upper: float) -> None:
     """Reference: count whole turns one by one; a value on a limit counts."""
-    message = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
+    values = [k for k in range(-4, 5) if lower <= q + TURN * k <= upper]
     low, more = unwrap_to_lower_limits(np.full((1, 6), q), np.full(6, lower), np.full(6, upper))
-    if message:
-        assert low[0, 0] == pytest.approx(q + TURN * message[0], abs=1e-6)
-        assert more[0, 0] == len(message) - 1
+    if values:
+        assert low[0, 0] == pytest.approx(q + TURN * values[0], abs=1e-6)
+        assert more[0, 0] == len(values) - 1
 
 
 def test_plan_is_one_of_the_sequences_and_above_the_bound(tmp_path: FilePath) -> None:
@@ -263,13 +263,15 @@ def test_plan_below_the_grid_bound_has_no_gap(bound: float, plan: float, gap: fl
     """The plan uses values between the grid values, for which the bound does not hold; the document states this."""
     found = ExternalAxisBound(bound=bound, sequence=1.2, plan=plan, values=13, stations=9, step=0.2)
     assert found.gap == (gap if gap is None else pytest.approx(gap, abs=1e-12))
-    message = ExternalSearchBoundSection(
+    external_search_bound_section = ExternalSearchBoundSection(
         why_none="", values=13, stations=9, rotation_step_deg=15.0, sequence=1.2, lower_bound=bound, plan=plan,
         gap_percent=None if found.gap is None else 100.0 * found.gap,
     )  # fmt: skip
-    assert list(_check_external_gap(message)) == []
-    wrong = message.model_copy(update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None})
+    assert list(_check_external_gap(external_search_bound_section)) == []
+    wrong = external_search_bound_section.model_copy(
+        update={"gap_percent": 100.0 * (1.0 - bound / plan) if gap is None else None}
+    )
     assert "gap_percent" in " ".join(_check_external_gap(wrong))
-    words = " ".join(format_external_lines(message))
+    words = " ".join(format_external_lines(external_search_bound_section))
     assert ("the bound does not apply to it" in words) == (gap is None)
     assert "gap -" not in words

@@ -210,14 +210,14 @@ def test_truncated_file_is_refused_or_reported_as_incomplete(sample: Sample, tmp
     """Cut after every line: what is still read says first of all that a part may be missing."""
     file = tmp_path / sample.name
     lines = sample.text.split("\n")
-    message = 0
+    count = 0
     for k in range(3, lines.index(sample.end)):
         file.write_text("\n".join(lines[:k]) + "\n", encoding="utf-8")
         try:
             t = read_toolpath(file, default_feed=0.01, **{"unit": "mm", **sample.options})  # type: ignore[arg-type]
         except InputError:
             continue
-        message += 1
+        count += 1
         assert t.warnings[0].startswith("INCOMPLETE FILE?"), (k, t.warnings)
         assert t.meta["incomplete"]
-    assert message > 0
+    assert count > 0

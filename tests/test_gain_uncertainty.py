@@ -246,8 +246,8 @@ def test_gain_below_its_uncertainty_is_reported_as_none() -> None:
             ci90=(low, high),
             distinguishable=g.distinguishable,
         )
-        message = SimpleNamespace(index="deflection", chosen_from="smooth", objective=SimpleNamespace(gain=(entry,)))
-        return "\n".join(format_gain_lines(cast(OptimizeDocument, message)))
+        stub = SimpleNamespace(index="deflection", chosen_from="smooth", objective=SimpleNamespace(gain=(entry,)))
+        return "\n".join(format_gain_lines(cast(OptimizeDocument, stub)))
 
     assert "not significant" in lines(unsure)
     assert "not significant" not in lines(sure)

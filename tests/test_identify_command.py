@@ -305,7 +305,7 @@ def test_command_is_deterministic_and_prints_the_main_result_first(
     assert "recording.yaml" in capsys.readouterr().err
 
 
-def test_plan_poses_and_map_pass_every_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Their own tests cover what they do; here every option has to reach the request."""
     words = [
         "plan-poses",

@@ -288,8 +288,8 @@ def test_noise_is_not_estimated_without_redundancy() -> None:
     """Six coordinates for six compliances: nothing is left over, so what is stated stays."""
     e = draw_load_tests(np.random.default_rng(15), poses=2, loads=1, repeats=1)
     groups, V = build_error_clusters(e), np.broadcast_to(WHITE**2 * np.eye(3), (2, 3, 3))
-    message = sum_channel_equations(groups, np.linalg.inv(V), e.response(), e.measured, 6.0)
-    assert estimate_variance_components(groups, message, WHITE**2, stated=False) == VarianceComponents()
+    channel_equations = sum_channel_equations(groups, np.linalg.inv(V), e.response(), e.measured, 6.0)
+    assert estimate_variance_components(groups, channel_equations, WHITE**2, stated=False) == VarianceComponents()
 
 
 def test_only_loads_and_displacements_become_equations() -> None:

@@ -249,15 +249,15 @@ def test_quick_error_bound_of_a_branch_is_an_upper_bound(name: str) -> None:
         goal = T.copy()
         goal[:, :3, :3] += np.cross(turn[:, None], np.swapaxes(T[:, :3, :3], 1, 2)).swapaxes(1, 2)
         goal[:, :3, 3] += way
-        message = np.array(
+        values = np.array(
             [
                 compute_pose_deviation(arm.axis, arm.point, arm.T_base_flange_zero, *row)
                 for row in zip(q, goal, strict=True)
             ]
         )
         real = np.maximum(np.linalg.norm(turn, axis=1), np.linalg.norm(way, axis=1))
-        assert (message >= real * (1 - 1e-5) - 1e-14).all()
-        assert (message <= 1.5 * real + 1e-14).all()
+        assert (values >= real * (1 - 1e-5) - 1e-14).all()
+        assert (values <= 1.5 * real + 1e-14).all()
 
 
 def test_margins_of_three_parallel_axes() -> None:

@@ -132,12 +132,12 @@ def test_arm_on_a_rail_gets_a_cell_with_a_reachable_part(turned: tuple[float, ..
 def test_terminal_questions_repeat_until_the_answer_is_valid(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    output = iter(["-5", "three", "320", "", "12", "400", "60", "krll", "krl"])
+    answers = iter(["-5", "three", "320", "", "12", "400", "60", "krll", "krl"])
     requested: list[str] = []
 
     def answer(words: str) -> str:
         requested.append(words)
-        return next(output)
+        return next(answers)
 
     monkeypatch.setattr("builtins.input", answer)
     assert main(["init", str(robot), "-o", str(tmp_path / "cell"), "--ask"]) == 0
@@ -281,14 +281,14 @@ def test_path_without_unit_or_feed_is_refused_with_the_options(
     """The options that the refusal names are those of every other command that reads toolpaths."""
     file = tmp_path / "path.csv"
     file.write_text("x,y,z\n" + "".join(f"{0.5 * k},0,0\n" for k in range(4)))
-    requested = ["init", str(robot), "-o", str(tmp_path / "a b"), "--toolpath", str(file)]
-    assert main(requested) == 2
+    arguments = ["init", str(robot), "-o", str(tmp_path / "a b"), "--toolpath", str(file)]
+    assert main(arguments) == 2
     assert "--unit" in capsys.readouterr().err
-    assert main([*requested, "--unit", "inch"]) == 2
+    assert main([*arguments, "--unit", "inch"]) == 2
     assert "--feed" in capsys.readouterr().err
-    assert main([*requested, "--unit", "inch", "--feed", "600"]) == 2
+    assert main([*arguments, "--unit", "inch", "--feed", "600"]) == 2
     assert "--kind" in capsys.readouterr().err
-    assert main([*requested, "--unit", "inch", "--feed", "600", "--kind", "path"]) == 0
+    assert main([*arguments, "--unit", "inch", "--feed", "600", "--kind", "path"]) == 0
     assert capsys.readouterr().out.endswith(f"next: machopt validate '{tmp_path / 'a b'}'\n")
 
 

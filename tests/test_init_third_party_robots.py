@@ -44,8 +44,8 @@ def test_gripper_behind_the_arm_is_not_part_of_its_joints(kind: str, tmp_path: P
     done = run_init(InitRequest(robot=file, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
     assert done.cell.flange_link == "wrist_end"
     assert done.cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
-    output = [g for g in done.guesses if "jointGripper behind wrist_end is assumed to belong to a gripper" in g]
-    assert len(output) == (kind != "prismatic")  # one that slides never was among six that turn
+    values = [g for g in done.guesses if "jointGripper behind wrist_end is assumed to belong to a gripper" in g]
+    assert len(values) == (kind != "prismatic")  # one that slides never was among six that turn
 
 
 def test_seventh_joint_with_another_name_is_questioned(tmp_path: Path) -> None:
@@ -94,9 +94,9 @@ def test_nested_package_with_meshes_is_found(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("span", "length"), [(0.5, TOOL_MM[0]), (1.34, 130.0), (3.4, TOOL_MM[1])])
 def test_default_tool_fits_the_arm(span: float, length: float) -> None:
-    requested = InitRequest(robot=Path("r"), out=Path("o"))
-    assert estimate_tool_length(requested, span) == length
-    assert estimate_tool_length(replace(requested, tool_length_mm=17.0), span) == 17.0
+    request = InitRequest(robot=Path("r"), out=Path("o"))
+    assert estimate_tool_length(request, span) == length
+    assert estimate_tool_length(replace(request, tool_length_mm=17.0), span) == 17.0
 
 
 def test_unreachable_part_is_rotated_into_reach(tmp_path: Path) -> None:

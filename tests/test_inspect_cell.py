@@ -66,7 +66,7 @@ def test_cell_is_listed_with_mounting_joints_and_followers(folder: Path, capsys:
     assert "closed form" in str(found["inverse_kinematics"])
 
 
-def test_planning_obstacles_are_listed_with_the_readable_content(
+def test_reasons_against_planning_are_listed_with_the_readable_content(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "robot.urdf").write_text(linked_urdf(shift="0.02 0 0"))

@@ -74,9 +74,9 @@ def test_precompiled_kernel_is_stored_under_its_call_signature() -> None:
     """numba stores under what ``compile`` is given: under a text of the types no call finds it."""
     finest = next(k for k in KERNELS if k[1] == "_finest")
     (kernel,) = compile_all([finest])
-    requested = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
-    assert requested
-    assert all(isinstance(types, tuple) for types in requested)
+    values = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
+    assert values
+    assert all(isinstance(types, tuple) for types in values)
 
 
 def test_stored_kernel_is_loaded_without_compilation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,19 +106,19 @@ def test_concealed_discrepancy_is_predicted_at_other_poses_with_coverage() -> No
     q = made.CENTRE + made.SPREAD * rng.uniform(-1, 1, (60, 6))
     force = rng.normal(0.0, 600.0, (60, 3))
     arm = ArmElasticity(robot, T, replace(stiffness, discrepancy=doubt))
-    output = arm.evaluate(q).compute_deflection(force)
+    deflection = arm.evaluate(q).compute_deflection(force)
     true = (
         ArmElasticity(robot, T, ArmStiffness(joints=made.TRUE_K, terms=(BASE,))).evaluate(q).compute_deflection(force)
     )
     known = DiscrepancyModel.build(arm)
     assert known is not None
     moves = known.moves(arm.evaluate(q), q, force)
-    off = np.linalg.norm(true - output, axis=1)
-    assert np.median(np.linalg.norm(true - output - moves[:, :, 0], axis=1) / off) < 0.3  # most of it is foreseen
-    along = output / np.linalg.norm(output, axis=1, keepdims=True)
+    off = np.linalg.norm(true - deflection, axis=1)
+    assert np.median(np.linalg.norm(true - deflection - moves[:, :, 0], axis=1) / off) < 0.3  # most of it is foreseen
+    along = deflection / np.linalg.norm(deflection, axis=1, keepdims=True)
     ways = np.einsum("mc,mcr->mr", along, moves)
     own = known.local * np.linalg.norm(force, axis=1)
-    error = np.abs(np.einsum("mc,mc->m", along, true - output))
+    error = np.abs(np.einsum("mc,mc->m", along, true - deflection))
     assert np.mean(error <= NINETY * compute_reported_std(ways, own**2)) > 0.75
 
 
@@ -148,9 +148,9 @@ def test_pose_specific_discrepancy_accounts_for_few_regions() -> None:
     expected, force = np.array([1.0, 1.3, 0.8, 40.0, 1.0, 0.9, 1.1, 1.2]), np.full(8, 2.0)
     for true in (0.0, 0.1, 3.0):
         drawn = (expected + true * force) * rng.chisquare(6.0, (300, 8)) / 6.0
-        output = np.array([estimate_pose_variance(left, expected, force) for left in drawn])
-        assert (output >= 0.0).all()
-        assert true <= output.mean() < 1.3 * true + 0.25
+        values = np.array([estimate_pose_variance(left, expected, force) for left in drawn])
+        assert (values >= 0.0).all()
+        assert true <= values.mean() < 1.3 * true + 0.25
     assert estimate_pose_variance(expected + 5.0 * force, expected, force) == pytest.approx(
         5.0
     )  # all agree: no doubt of it

@@ -53,7 +53,7 @@ def build_line(points: Array, place: Array, index: Array) -> MotionPolyline:
 
 @pytest.mark.parametrize("lag", [-14e-6, -7e-6, 0.0, 6e-6, 10e-6, 14e-6])
 @pytest.mark.parametrize("spacing", [8e-6, 11e-6, 30e-6])
-def test_dense_points_deviate_only_by_their_noise(lag: float, spacing: float) -> None:
+def test_dense_points_never_step_back_along_the_path(lag: float, spacing: float) -> None:
     """The samples state an index ahead of or behind their place, as where the tool rounds points."""
     rng = np.random.default_rng(4)
     way = spacing * np.arange(120)

@@ -104,9 +104,9 @@ def test_coarse_choices_are_repeated_after_a_vertex_is_removed(
 ) -> None:
     path, candidates, scores = random_problem(3)
     made: list[int] = []
-    message = nested_grids.choose_sequence
+    result = nested_grids.choose_sequence
     monkeypatch.setattr(nested_grids, "list_nested_strides", lambda _: [2])
-    monkeypatch.setattr(nested_grids, "choose_sequence", lambda *a: made.append(1) or message(*a))
+    monkeypatch.setattr(nested_grids, "choose_sequence", lambda *a: made.append(1) or result(*a))
     wide = np.zeros(len(path.stations), bool)
     search = SimpleNamespace(
         path=path,
@@ -132,8 +132,8 @@ def test_coarse_choices_are_repeated_after_a_vertex_is_removed(
 
 def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
     """c₀ is the median over the candidates, so that grids and ranges have each their own; here all have one."""
-    message = path_planner.score_candidates
-    monkeypatch.setattr(path_planner, "score_candidates", lambda *a: replace(message(*a), scale=scale))
+    score_candidates = path_planner.score_candidates
+    monkeypatch.setattr(path_planner, "score_candidates", lambda *a: replace(score_candidates(*a), scale=scale))
 
 
 def plan_rows(folder: FilePath, rows: Rows, priced: ObjectiveWeights, step: float, reach: float = 180.0) -> Plan:

@@ -103,8 +103,8 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy_cell(folder, CONTROLLER)
     mine = read_post_text("krl").replace("moves_per_part = 4000", "moves_per_part = 6").replace("C_DIS", "C_VEL")
     (folder / "mine.toml").write_text(mine, encoding="utf-8")
-    requested = [w for post in (*POSTS, str(folder / "mine.toml")) for w in ("--post", post)]
-    assert optimize(folder, "--quiet", *requested) == 0
+    values = [w for post in (*POSTS, str(folder / "mine.toml")) for w in ("--post", post)]
+    assert optimize(folder, "--quiet", *values) == 0
     return folder
 
 

@@ -85,18 +85,18 @@ def test_other_rotation_has_the_outcome_of_a_plan_with_that_pin(tmp_path: Path, 
     plan = session.current.job_result.plan
     row = int(np.searchsorted(plan.path.index, 2 - 1e-6))
     phi = find_phi(session, 2) + np.radians(turn)
-    message = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
-    assert message is not None
+    outcome = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
+    assert outcome is not None
     gamma = float(np.degrees(wrap_angle(np.array(phi + plan.path.offset[row]))))
     _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, ignore_progress)
-    if message.outcome == "unreachable":
+    if outcome.outcome == "unreachable":
         assert not shown
         return
     assert shown
     columns = session.current.job_result.points.table.process
     assert columns is not None
-    assert message.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3)
-    assert message.outcome == columns.outcome[2]
+    assert outcome.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3)
+    assert outcome.outcome == columns.outcome[2]
 
 
 @pytest.fixture(scope="module")
@@ -136,16 +136,16 @@ def test_other_rotation_with_compensation_equals_a_new_plan(tmp_path: Path, turn
     plan = session.current.job_result.plan
     row = int(np.searchsorted(plan.path.index, 2 - 1e-6))
     phi = find_phi(session, 2) + np.radians(turn)
-    message = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
-    assert message is not None
+    outcome = session.find_outcome({"point": 2, "phi_deg": float(np.degrees(phi))}).outcome
+    assert outcome is not None
     gamma = float(np.degrees(wrap_angle(np.array(phi + plan.path.offset[row]))))
     _, shown = session.replan({"fixed": [], "steer": [{"operation": "holes", "gamma_deg": gamma}]}, ignore_progress)
     assert shown
     columns = session.current.job_result.points.table.process
     assert columns is not None
-    assert message.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3, abs=1e-4)
-    assert message.p_in == pytest.approx(columns.p_in[2], abs=0.02)
-    assert message.outcome == columns.outcome[2]
+    assert outcome.error_mm == pytest.approx(1e3 * columns.errors["across"][2], rel=5e-3, abs=1e-4)
+    assert outcome.p_in == pytest.approx(columns.p_in[2], abs=0.02)
+    assert outcome.outcome == columns.outcome[2]
 
 
 def test_compensated_wall_at_the_chosen_rotation_equals_the_plan(tmp_path: Path) -> None:
@@ -210,8 +210,8 @@ def test_dragged_hole_shows_its_outcome_and_the_plan_is_restored(tmp_path: Path)
         process=tmp_path / "mine.yaml",
         overrides=("rotation_step_deg=10",),
     )
-    requested = ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml")
-    server = serve_view(requested, ignore_progress, ignore_progress)
+    result = ViewRequest(paths=(request.cell, request.toolpath), request=request, save=tmp_path / "plan.yaml")
+    server = serve_view(result, ignore_progress, ignore_progress)
 
     def user(browser: Browser) -> None:
         browser.script("document.getElementById('rotation').scrollIntoView()")

@@ -50,7 +50,7 @@ EVIL = "<script>alert(1)</script><b>&\"'"
 def strings(file: Path) -> Iterator[tuple[int, str]]:
     """Every string of a file that is no docstring, pieces of f-strings too."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
-    message = {
+    values = {
         id(node.body[0].value)
         for node in ast.walk(tree)
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
@@ -58,7 +58,7 @@ def strings(file: Path) -> Iterator[tuple[int, str]]:
         and isinstance(node.body[0], ast.Expr)
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in message:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in values:
             yield node.lineno, node.value
 
 

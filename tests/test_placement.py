@@ -334,10 +334,10 @@ def placed(tmp_path_factory: pytest.TempPathFactory) -> PlacedJob:
     """Searched once for all that compare with it."""
     folder, printed = tmp_path_factory.mktemp("placed"), io.StringIO()
     (folder / "holes.csv").write_text(WIDE_HOLES)
-    requested = ["place", str(CELLS / "kr240_drilling"), str(folder / "holes.csv"), "-o", str(folder / "out")]
-    requested += ["--places", "4", "--x-mm", "-100", "100", "--y-mm", "0", "0", "--best", "1", "--json", "--jobs", "2"]
+    arguments = ["place", str(CELLS / "kr240_drilling"), str(folder / "holes.csv"), "-o", str(folder / "out")]
+    arguments += ["--places", "4", "--x-mm", "-100", "100", "--y-mm", "0", "0", "--best", "1", "--json", "--jobs", "2"]
     with contextlib.redirect_stdout(printed):
-        assert main([*requested, "--set", "rotation_step_deg=15", "--tables", "parquet"]) == 0
+        assert main([*arguments, "--set", "rotation_step_deg=15", "--tables", "parquet"]) == 0
     return PlacedJob(folder / "holes.csv", folder / "out", json.loads(printed.getvalue()))
 
 
@@ -368,11 +368,11 @@ def test_library_finds_what_the_command_finds(tmp_path: Path, placed: PlacedJob)
     assert found.proven
     assert found.result.best[0].worst == placed.told["best"][0]["worst"]
     assert found.places.rows == found.result.looked_at
-    message = found.save(tmp_path / "out")
+    result = found.save(tmp_path / "out")
     before = found.result
-    assert message.best[0].worst == before.best[0].worst
+    assert result.best[0].worst == before.best[0].worst
     assert before.best[0].folder is None
-    assert (tmp_path / "out" / str(message.best[0].folder) / "holes" / "trajectory.csv").is_file()
+    assert (tmp_path / "out" / str(result.best[0].folder) / "holes" / "trajectory.csv").is_file()
     with pytest.raises(machopt.InputError, match="rotation_step_deg"):
         machopt.place(CELLS / "kr240_drilling", tmp_path / "holes.csv", rotation_stp_deg=15.0)
 
@@ -397,7 +397,7 @@ def test_incomparable_request_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], says: str
 ) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
-    requested = [
+    arguments = [
         "place",
         str(CELLS / "kr240_drilling"),
         str(tmp_path / "holes.csv"),
@@ -405,7 +405,7 @@ def test_incomparable_request_is_refused(
         str(tmp_path / "out"),
         *more,
     ]
-    assert main(requested) == 2
+    assert main(arguments) == 2
     assert says in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
 
@@ -431,8 +431,8 @@ def test_cluster_workers_find_what_processes_find(
     """Relative paths too: the workers stand elsewhere."""
     (tmp_path / "holes.csv").write_text(WIDE_HOLES)
     monkeypatch.chdir(tmp_path)
-    requested = ["place", str(CELLS / "kr240_drilling"), "holes.csv", "-o", "out", "--places", "4", "--best", "1"]
-    requested += [
+    arguments = ["place", str(CELLS / "kr240_drilling"), "holes.csv", "-o", "out", "--places", "4", "--best", "1"]
+    arguments += [
         "--x-mm",
         "-100",
         "100",
@@ -444,7 +444,7 @@ def test_cluster_workers_find_what_processes_find(
         "--scheduler",
         scheduler,
     ]
-    assert main([*requested, "--quiet"]) == 0
+    assert main([*arguments, "--quiet"]) == 0
     message = json.loads((tmp_path / "out" / "place.json").read_text())
     assert message["best"][0]["worst"] == placed.told["best"][0]["worst"]
     assert (tmp_path / "out" / "best-1" / "holes" / "report.html").exists()
@@ -462,8 +462,8 @@ def test_invalid_request_is_refused_and_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, told: str
 ) -> None:
     (tmp_path / "holes.csv").write_text(HOLES)
-    requested = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
-    assert main([*requested, option, value]) == 2
+    arguments = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
+    assert main([*arguments, option, value]) == 2
     assert told in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["holes.csv"]
 
@@ -496,8 +496,8 @@ def test_stopped_search_states_that_it_can_be_resumed(
 
     monkeypatch.setattr("machopt.commands.place.run.run_place", stopped)
     (tmp_path / "holes.csv").write_text(HOLES)
-    requested = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
-    assert main([*requested, "--jobs", "1"]) == 130
+    arguments = ["place", str(CELLS / "kr240_drilling"), str(tmp_path / "holes.csv"), "-o", str(tmp_path / "out")]
+    assert main([*arguments, "--jobs", "1"]) == 130
     assert "what was found is kept, the same command goes on" in capsys.readouterr().err
 
 

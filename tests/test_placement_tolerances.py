@@ -242,9 +242,9 @@ def test_journal_stores_outcomes(tmp_path: Path) -> None:
 def test_best_places_have_the_values_of_their_plans(job: Path) -> None:
     """place.json and places.csv against result.json of the written plan, whose cell holds the process.yaml."""
     out = job / "out"
-    requested = ["place", str(job / "cell"), str(job / "holes.csv"), "-o", str(out), "--places", "4", "--best", "2"]
+    arguments = ["place", str(job / "cell"), str(job / "holes.csv"), "-o", str(out), "--places", "4", "--best", "2"]
     options = ["--process", str(job / "other" / "mine.yaml"), "--x-mm", "-200", "0", "--y-mm", "0", "0"]
-    code = main([*requested, *options, "--jobs", "1", "--quiet", "--set", "rotation_step_deg=15"])
+    code = main([*arguments, *options, "--jobs", "1", "--quiet", "--set", "rotation_step_deg=15"])
     assert code == 0
     message = json.loads((out / "place.json").read_text())
     with (out / "places.csv").open(encoding="utf-8") as file:

@@ -151,12 +151,12 @@ def test_stiffness_misfit_is_reported_with_its_use(made: Plan) -> None:
         (True, "count in, in the mean"),
         (False, "of the springs alone (discrepancy.counted: false)"),
     ):
-        message = ModelDiscrepancy(
+        model_discrepancy = ModelDiscrepancy(
             parts=tuple(f"joint {j}" for j in range(1, 7)), torque=np.ones(6), shift=none[0], modes=none, local=0.0,
             left=6e-5, noise=2e-5, misfit=True, counted=counted,
         )  # fmt: skip
         other = ArmElasticity(
-            made.setup.robot, made.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=message), None, None
+            made.setup.robot, made.setup.arm.T_flange_tcp, replace(stiffness, discrepancy=model_discrepancy), None, None
         )
         output = describe_model_misfit(replace(made, setup=replace(made.setup, elasticity=other)))
         assert "0.06 mm of the readings it comes from, 3.0 times their noise of 0.02 mm" in output

@@ -157,9 +157,9 @@ def test_base_on_a_rail_alone_is_in_world(tmp_path: Path) -> None:
     assert c.T_world_root is not None
     wanted = np.linalg.inv(c.T_world_root) @ cell.workpiece.T_link_workpiece
     np.testing.assert_allclose(parsed.bases[-1].T, wanted, atol=1e-7)
-    message = list_assumptions(program(cell), "krl", replace(c, T_world_root=None, external={}))
-    assert "no controller.world in the cell: the controller's WORLD is the cell's world" in message
-    assert any("controller.external.rail" in t for t in message)
+    assumptions = list_assumptions(program(cell), "krl", replace(c, T_world_root=None, external={}))
+    assert "no controller.world in the cell: the controller's WORLD is the cell's world" in assumptions
+    assert any("controller.external.rail" in t for t in assumptions)
 
 
 def test_wrong_or_moving_frame_is_reported(tmp_path: Path) -> None:

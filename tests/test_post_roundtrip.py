@@ -121,8 +121,8 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotCo
     labels = [p.operations[o] for o in p.operation]
     assert [parsed.operations[o] for o in parsed.operation] == labels
     assert [(e.index, e.text) for e in parsed.events] == [(e.index, e.text) for e in p.events]
-    message = [e.kind for e in p.events if e.kind != "stop"]
-    assert [e.kind for e in parsed.events if e.kind != "stop"] == message
+    values = [e.kind for e in p.events if e.kind != "stop"]
+    assert [e.kind for e in parsed.events if e.kind != "stop"] == values
     root = np.eye(4) if controller.T_base_root is None else controller.T_base_root
     mount = np.eye(4) if controller.T_flange_mount is None else controller.T_flange_mount
     if post in NO_MAP:

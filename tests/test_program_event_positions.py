@@ -113,8 +113,8 @@ def test_event_between_two_moves_to_one_place_is_in_place() -> None:
     at = np.array([np.nan, 0.0, 0.9955, 0.9955, 3.0])
     for index, passed in ((3, True), (2, False), (1, False), (4, True)):
         event = ToolpathEvent(index, "spindle", "S6000", 6000.0)
-        output = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
-        (check,) = check_events(output, cuts(toolpath), reached, at)
+        parsed_program = program(place, [PTP, PTP, PTP, PTP, LIN], (event,), place_step=5e-6)
+        (check,) = check_events(parsed_program, cuts(toolpath), reached, at)
         assert check.passed is passed, (index, check.where)
 
 
@@ -127,8 +127,8 @@ def test_event_at_the_start_of_a_rapid_move_is_in_place() -> None:
         place = np.array([[0, 0, 99], [0, 0, 50], [x, 0, 50], [1400, 0, 50], [1400, 0, 60.0]])
         event = ToolpathEvent(2, "comment", "SLOT B")
         toolpath = replace(toolpath, events=(event,))
-        output = program(place, [PTP] * 5, (replace(event, index=3),), place_step=5e-6)
-        (check,) = check_events(output, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
+        parsed_program = program(place, [PTP] * 5, (replace(event, index=3),), place_step=5e-6)
+        (check,) = check_events(parsed_program, cuts(toolpath), reached, np.array([np.nan, 0.0, index, 2.0, 3.0]))
         assert check.passed is passed, (x, index, check.where)
 
 
@@ -141,10 +141,10 @@ def test_samples_within_printed_decimals_are_no_joint_move() -> None:
     )
     place = np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]])
     for step, passed in ((2e-6, True), (0.0, False)):
-        output = program(place, [LIN, LIN, PTP], (), place_step=step)
+        parsed_program = program(place, [LIN, LIN, PTP], (), place_step=step)
         at, linear = np.array([0.0, 1.2, 5.0]), np.array([True, True, False])
         motion = build_motion(np.array([0, 1, 1, 1, 1.5, 2.0]), move.astype(np.int64))
-        check = _check_move_kinds(output, motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        check = _check_move_kinds(parsed_program, motion, p, at, linear, ["1", "2", "3"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
@@ -153,13 +153,13 @@ def test_joint_move_at_the_current_place_is_not_on_the_path() -> None:
     p = 1e-3 * np.array([[0, 0, 90.0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 90.0]])
     move = np.array([MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT, MoveKind.RAPID])
     place = np.array([[0, 0, 90], [0, 0, 2e-3], [0, 0, 2e-3], [0, 0, 90.0]])
-    output = program(place, [PTP, PTP, LIN, PTP], ())
+    parsed_program = program(place, [PTP, PTP, LIN, PTP], ())
     at, linear = np.array([0.0, 1.0, 1.0, 4.0]), np.array([False, False, True, False])
     moving = build_motion(np.array([-1, 0, 0, 0, -1.0]), move.astype(np.int64))
     q = moving.q.copy()
     q[1:4] = q[1]
     for motion, passed in ((replace(moving, q=q), True), (moving, False)):
-        check = _check_move_kinds(output, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
+        check = _check_move_kinds(parsed_program, motion, p, at, linear, ["1", "2", "3", "4"], 2e-5)
         assert ("joint move" not in check.where) is passed, check.where
 
 
@@ -170,11 +170,13 @@ def test_rounding_of_joint_targets_is_allowed_like_pulses() -> None:
     assert compute_last_digit(np.array([np.pi, np.nan])) == compute_last_digit(np.array([np.nan])) == 0.0
     p = 1e-3 * np.array([[0, 0, 0], [0, 0, 9.9988], [0, 0, 10.0], [0, 0, 15.0], [0, 0, 20.0]])
     move = np.array([MoveKind.CUT, MoveKind.RETRACT, MoveKind.RETRACT, MoveKind.RAPID, MoveKind.RAPID]).astype(np.int64)
-    output = program(np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]]), [LIN, LIN, PTP], ())
+    parsed_program = program(np.array([[0, 0, 0], [0, 0, 10], [0, 0, 20.0]]), [LIN, LIN, PTP], ())
     at, linear = np.array([0.0, 0.4, 4.0]), np.array([True, True, False])
     motion = build_motion(np.array([0, 1, 1, 1.5, 2.0]), move)
     for step, passed in ((1e-6, True), (1e-7, False)):
-        check = _check_move_kinds(replace(output, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5)
+        check = _check_move_kinds(
+            replace(parsed_program, target_step=step), motion, p, at, linear, ["1", "2", "3"], 2e-5
+        )
         assert ("joint move" not in check.where) is passed, check.where
 
 
@@ -213,8 +215,8 @@ def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
     """Samples come to the point, turn, and go: the first that is near enough is 15 µm before it."""
     toolpath, _ = on_the_spot()
     x = np.array([0, 29.9, 29.985, 30, 30, 30, 30.01, 30.1, 60])
-    output = program(np.column_stack([x, 0 * x, 0 * x]), [LIN] * len(x), ())
-    T = output.T_workpiece_tcp
+    parsed_program = program(np.column_stack([x, 0 * x, 0 * x]), [LIN] * len(x), ())
+    T = parsed_program.T_workpiece_tcp
     for n, angle in ((4, 0.25), (5, 0.4999), (6, 0.5), (7, 0.5), (8, 0.5)):
         T[n] = tilt_pose(T[n], angle)
     reached, _, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
@@ -243,12 +245,12 @@ def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
     tcp[:, 0, 3] = 1e-3 * x
     rail = np.where(np.abs(x) < 0.5, 0.5 * (x + 0.5) ** 2, np.clip(x, 0.0, None))
     moving = build_motion(x, np.zeros(len(x), np.int64))
-    output = program(np.zeros((1, 3)), [LIN], ())
+    parsed_program = program(np.zeros((1, 3)), [LIN], ())
     for additional, corner, passed in ((0.0, 5e-4, True), (0.0, 0.0, False), (0.1, 5e-4, True), (0.3, 5e-4, False)):
         motion = replace(moving, external=1e-3 * rail[:, None], slides=(True,))
-        output = replace(output, external=np.array([[1e-3 * -additional]]))
+        parsed_program = replace(parsed_program, external=np.array([[1e-3 * -additional]]))
         check = check_external_axes(
-            output,
+            parsed_program,
             motion,
             tcp,
             np.array([100.0]),
@@ -257,9 +259,9 @@ def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
         )
         assert check.passed is passed, (additional, corner, check.value)
     even = replace(moving, external=1e-3 * x[:, None], slides=(True,))
-    output = replace(output, external=np.array([[2e-4]]))
+    parsed_program = replace(parsed_program, external=np.array([[2e-4]]))
     check = check_external_axes(
-        output,
+        parsed_program,
         even,
         tcp,
         np.array([100.0]),

@@ -140,9 +140,9 @@ def test_wrong_rotary_signs_are_detected_from_plunges(tmp_path: Path) -> None:
     # three plunges along the axis of the reversed machine
     s, c = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
     rows = "".join(f"G0 X{n}. Y{10 * s:.6f} Z{10 * c:.6f} A40. C0.\nG1 X{n}. Y0. Z0. F100\n" for n in range(3))
-    message = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac")
+    result = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac")
     quiet = read(tmp_path, "G21 G90\nG43.4 H1\n" + rows, machine="table-ac-reversed")
-    assert any("table-ac-reversed" in w for w in message.warnings)
+    assert any("table-ac-reversed" in w for w in result.warnings)
     assert not any("plunges" in w for w in quiet.warnings)
 
 

@@ -28,11 +28,11 @@ def test_every_file_states_its_source() -> None:
 def test_table_of_poses_without_a_header() -> None:
     """Row by row as the file says: x, y, z in mm; the angles turn about fixed axes."""
     file = CAM / "RoboDK__Example-Import-CSV-XYZWPR.csv"
-    output = np.loadtxt(file, delimiter=",")
+    values = np.loadtxt(file, delimiter=",")
     t = read_toolpath(file, default_feed=0.01)
-    assert len(t) == len(output) == 201
-    np.testing.assert_allclose(t.position * 1e3, output[:, :3], atol=1e-9)
-    w, p, r = np.radians(output[:, 3:6]).T
+    assert len(t) == len(values) == 201
+    np.testing.assert_allclose(t.position * 1e3, values[:, :3], atol=1e-9)
+    w, p, r = np.radians(values[:, 3:6]).T
     z = np.stack([np.cos(w) * np.sin(p) * np.cos(r) + np.sin(w) * np.sin(r),
                   np.cos(w) * np.sin(p) * np.sin(r) - np.sin(w) * np.cos(r),
                   np.cos(w) * np.cos(p)], axis=1)  # third column of Rz(r) Ry(p) Rx(w)  # fmt: skip

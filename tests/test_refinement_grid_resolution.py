@@ -69,9 +69,9 @@ def test_finer_grid_makes_no_plan_worse(
     ]
     assert len({plan.scores.scale for plan in plans}) == 1
     assert [len(plan.candidates.phi) for plan in plans] == [24, 36, 72]
-    message = [worth(plan) for plan in plans]
-    assert message[2] <= message[1] * (1 + ROUNDED)
-    assert message[1] <= message[0] * (1 + ROUNDED)
+    values = [worth(plan) for plan in plans]
+    assert values[2] <= values[1] * (1 + ROUNDED)
+    assert values[1] <= values[0] * (1 + ROUNDED)
     for plan in plans:
         assert plan.over_external is None or plan.over_external.gap is not None or plan.over_external.why
 

@@ -55,11 +55,11 @@ def test_written_documents_are_read(tmp_path: Path) -> None:
 
 
 def test_numbers_are_valid_json() -> None:
-    message = EstimateSection(
+    estimate_section = EstimateSection(
         value=np.float64(2.0), unit="mm", ci95=(np.float64(1.0), float("inf")), ci90=(float("nan"), 3)
     )
-    assert message.to_json_types() == {"value": 2.0, "unit": "mm", "ci95": [1.0, None], "ci90": [None, 3]}
-    assert isinstance(message.ci90[1], int)  # 3 is not written as 3.0
+    assert estimate_section.to_json_types() == {"value": 2.0, "unit": "mm", "ci95": [1.0, None], "ci90": [None, 3]}
+    assert isinstance(estimate_section.ci90[1], int)  # 3 is not written as 3.0
 
 
 def test_key_that_is_a_python_keyword_keeps_its_name() -> None:
@@ -104,9 +104,9 @@ def test_branch_may_be_picked_by_its_number() -> None:
     """``map --pick 3`` is told as it was asked for."""
     requested = {"at_mm": None, "tool_axis": None, "gamma_deg": None, "rotations": None, "q_deg": None, "by": "k_min"}
     limits = {"limit_margin_deg": 0.0, "singularity_wrist_deg": None, "singularity_elbow_deg": None}
-    message = {**requested, **limits, "singularity_shoulder_mm": None, "collision": "self", "load": None}
-    assert MapOptionsSection.model_validate({**message, "pick": 3}).to_json_types()["pick"] == 3
-    assert MapOptionsSection.model_validate({**message, "pick": "best"}).to_json_types()["pick"] == "best"
+    expected = {**requested, **limits, "singularity_shoulder_mm": None, "collision": "self", "load": None}
+    assert MapOptionsSection.model_validate({**expected, "pick": 3}).to_json_types()["pick"] == 3
+    assert MapOptionsSection.model_validate({**expected, "pick": "best"}).to_json_types()["pick"] == "best"
 
 
 def test_document_representation_states_its_verdict() -> None:

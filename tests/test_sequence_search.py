@@ -268,13 +268,13 @@ def test_worst_case_search_ends_at_the_optimum(seed: int) -> None:
     n = int(rng.integers(1, 200))
     value, worst = rng.gamma(2.0, size=n), rng.gamma(2.0, size=n)
     weight = float(rng.uniform(0.01, 3.0))
-    requested = []
+    values = []
 
     def at(k: int) -> WorstLimitedSequence:
         return WorstLimitedSequence(np.full((1, 3), k, np.int32), float(value[k]), float(worst[k]))
 
     def solve(cap: float, limit: float) -> WorstLimitedSequence | None:
-        requested.append(cap)
+        values.append(cap)
         inside = np.flatnonzero((worst <= cap) & (value < limit))
         return at(int(inside[np.argmin(value[inside])])) if len(inside) else None
 
@@ -282,7 +282,7 @@ def test_worst_case_search_ends_at_the_optimum(seed: int) -> None:
     ideal = float((value + weight * worst).min())
     assert found.bound <= ideal <= found.total <= ideal * (1 + 1.01 * GAP)
     assert found.gap <= 1.01 * GAP
-    assert len(requested) <= SOLVES
+    assert len(values) <= SOLVES
 
 
 def test_unordered_branches_may_be_followed_by_continuity() -> None:

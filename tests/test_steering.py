@@ -153,10 +153,10 @@ def test_pins_are_met_exactly_and_the_rest_is_free(tmp_path: Path) -> None:
     assert abs(at_points(free)[5] - 71.3) > 5.0  # it was not there by itself
     alone = job(tmp_path, steer=(SteeringRule(points=(4, 6), gamma=deg(71.3)),))
     np.testing.assert_array_equal(alone.chosen.assignment.q, pinned.chosen.assignment.q)  # whatever was lent
-    message = compute_certificate(pinned)
-    assert message is not None
-    assert message.bound <= message.sequence
-    assert message.bound > 0.0
+    certificate = compute_certificate(pinned)
+    assert certificate is not None
+    assert certificate.bound <= certificate.sequence
+    assert certificate.bound > 0.0
 
 
 def test_zone_holds_at_every_planning_point(tmp_path: Path) -> None:
@@ -204,10 +204,10 @@ def test_conflicting_pins_are_named(tmp_path: Path) -> None:
     options = replace(FREE, fixed=pins)
     p = job(tmp_path, fixed=pins)
     assert not is_complete(p)
-    message = add_constraint_conflict(p, p.setup.cell, path, options, StageTimings())
-    assert "the rotation 10° at point 4, the rotation -170° at point 5" in message.conflict
-    assert "point 1" not in message.conflict
-    assert message.conflict in list_hints(message)
+    constraint_conflict = add_constraint_conflict(p, p.setup.cell, path, options, StageTimings())
+    assert "the rotation 10° at point 4, the rotation -170° at point 5" in constraint_conflict.conflict
+    assert "point 1" not in constraint_conflict.conflict
+    assert constraint_conflict.conflict in list_hints(constraint_conflict)
     fixed = replace(FREE, fixed=pins[:2])
     assert is_complete(job(tmp_path, fixed=pins[:2]))
     fine = job(tmp_path, fixed=pins[:2])
@@ -221,11 +221,11 @@ def test_rules_beside_an_undrivable_place_are_reported(tmp_path: Path) -> None:
     zone = SteeringRule(points=(8, 9), forbid=(deg(100), deg(120)))
     p = job(tmp_path, fixed=pins[:1])
     stop = SequenceBreak(before=4.25, after=4.25, code="no_pose", text="the pose cannot be reached", help="")
-    message = add_undrivable_conflict(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
-    assert "cannot be driven at point 4.25: the pose cannot be reached." in message
+    conflict = add_undrivable_conflict(p, (stop,), path, replace(FREE, fixed=pins, steer=(zone,))).conflict
+    assert "cannot be driven at point 4.25: the pose cannot be reached." in conflict
     near = "Nearest requests: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
-    assert near in message
-    assert "point 0" not in message
+    assert near in conflict
+    assert "point 0" not in conflict
     assert add_undrivable_conflict(p, (stop,), path, FREE) is p  # nothing was asked
     assert add_undrivable_conflict(p, (), path, replace(FREE, fixed=pins)) is p
 
@@ -451,9 +451,9 @@ def test_pinned_rail_with_unreachable_points_is_named(tmp_path: Path) -> None:
     options = PlanOptions(collision=False, rotation_step=deg(30), sample=0.02, steer=(far, near))
     p = find_best_plan(cell, long_slot(1.0), options)
     assert not is_complete(p)
-    message = add_constraint_conflict(p, cell, long_slot(1.0), options, StageTimings()).conflict
-    assert "rail at 2400 mm at point 3" in message
-    assert "500 mm" not in message
+    conflict = add_constraint_conflict(p, cell, long_slot(1.0), options, StageTimings()).conflict
+    assert "rail at 2400 mm at point 3" in conflict
+    assert "500 mm" not in conflict
 
 
 def test_place_is_read_back_as_written() -> None:

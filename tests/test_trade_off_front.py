@@ -132,7 +132,7 @@ def test_objective_is_recomputed_for_any_weights() -> None:
 
 def test_picture_of_the_front_has_axes_where_all_plans_are_equal() -> None:
     point = TradeOffPoint(
-        name="as asked", changed="", mean=0.4, worst=0.5, cycle=10.0, travel=1000.0, clearance=None, dominated=False
+        name="requested", changed="", mean=0.4, worst=0.5, cycle=10.0, travel=1000.0, clearance=None, dominated=False
     )
     for points in ((point,), (point, replace(point, name="travel counts more", mean=0.42, cycle=11.0, dominated=True))):
         page = str(
@@ -147,7 +147,7 @@ def test_picture_of_the_front_has_axes_where_all_plans_are_equal() -> None:
 def test_labels_of_the_picture_do_not_overlap(kind: str, width: int) -> None:
     """Plans of nearly one time and mean: their dots are apart, and so are the lines of their names."""
     one = TradeOffPoint(
-        name="as asked, and a little more of it",
+        name="requested, and a little more of it",
         changed="",
         mean=1.7727,
         worst=2.0,

@@ -101,10 +101,10 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move\n" + "".join(f"{x},{y},{z},0,0,1,{m}\n" for x, y, z, m, _ in PASS))
     wide = ("path_tolerance_mm=0.4", "rotation_step_deg=15")
-    requested = OptimizeRequest(
+    request = OptimizeRequest(
         cell=KR500, toolpath=toolpath, out=tmp_path / "out", overrides=wide, reading={"default_feed": 1100 / 60e3}
     )
-    assert run_optimize(requested).exit_code == 0
+    assert run_optimize(request).exit_code == 0
     assert read_manifest(tmp_path / "out")[0].reading == {"feed_mm_min": 1100.0}
     job = Job(KR500, toolpath, tmp_path / "out")
     assert run_verify(job) == 0

@@ -27,8 +27,8 @@ def random_grid(rng: np.random.Generator) -> SequenceGrid:
     drift = np.cumsum(rng.normal(0, 0.7, (S, 1, 1, 6)), axis=0)
     q = np.array(wrap_angle(drift + rng.uniform(-3, 3, (1, 1, B, 6)) + rng.normal(0, 0.3, (S, R, B, 6))))
     shift_angles(origin, q)
-    message = q[..., None, :] + turns
-    feasible = ((message >= -half) & (message <= half)).all(axis=-1) & (rng.random((S, R, B, len(turns))) < 0.9)
+    values = q[..., None, :] + turns
+    feasible = ((values >= -half) & (values <= half)).all(axis=-1) & (rng.random((S, R, B, len(turns))) < 0.9)
     window = rng.choice([0, 1, 2, FREE], S, p=[0.2, 0.4, 0.2, 0.2]).astype(np.int32)
     window[0] = FREE
     window[1:][~feasible.any(axis=(1, 2, 3))[:-1] & (window[1:] >= 0)] = LIFT
@@ -158,8 +158,8 @@ def test_equal_sequences_use_no_unnecessary_turns() -> None:
     q = np.zeros((4, 1, 1, 6))
     q[:, 0, 0, 3] = np.radians([5.0, 5.0, 15.0, 15.0])
     shift_angles(origin, q)
-    message = q[..., None, :] + turns
-    feasible = ((message >= -half) & (message <= half)).all(axis=-1)
+    values = q[..., None, :] + turns
+    feasible = ((values >= -half) & (values <= half)).all(axis=-1)
     window = np.array([FREE, 0, FREE, 0], np.int32)
     grid = grid_of(q, turns, feasible, window, np.random.default_rng(0), True)
     grid.price_q[:] = 0.0

@@ -81,10 +81,10 @@ def test_common_bound_is_that_of_the_best_limit(alone: list[Plan]) -> None:
     assert bound >= min(every) * (1 - 0.01)  # every seventh cap
     one_by_one = float(share @ [p.choice.bound for p in alone])
     assert bound > one_by_one
-    message = compute_certificate(join_plans([ToolSegmentPlan(p, 0, "") for p in plans], bound))
-    assert message is not None
-    assert message.bound == pytest.approx(bound)
-    assert 0 <= message.gap < 5e-3
+    certificate = compute_certificate(join_plans([ToolSegmentPlan(p, 0, "") for p in plans], bound))
+    assert certificate is not None
+    assert certificate.bound == pytest.approx(bound)
+    assert 0 <= certificate.gap < 5e-3
 
 
 def test_combined_choice_is_never_worse_than_separate_ones(alone: list[Plan]) -> None:
@@ -120,12 +120,14 @@ def test_job_with_gaps_is_unchanged(alone: list[Plan]) -> None:
 
 def test_break_of_a_segment_names_its_ends(alone: list[Plan]) -> None:
     change = np.zeros(6)
-    message = SequenceBreak(before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose")
-    assert message.where == "from home to point 3"
-    assert shift_break_indices(message, ToolSegmentPlan(alone[0], 10, "b")).where == "from home to point 13"
+    sequence_break = SequenceBreak(
+        before=np.nan, after=3.0, code="rapid_blocked", text="no free way", help="another pose"
+    )
+    assert sequence_break.where == "from home to point 3"
+    assert shift_break_indices(sequence_break, ToolSegmentPlan(alone[0], 10, "b")).where == "from home to point 13"
     after = ToolSegmentPlan(replace(alone[0], begin=change), 10, "b")
-    assert shift_break_indices(message, after).where == "from the tool change to point 13"
-    back = replace(message, before=5.0, after=np.nan)
+    assert shift_break_indices(sequence_break, after).where == "from the tool change to point 13"
+    back = replace(sequence_break, before=5.0, after=np.nan)
     assert (
         shift_break_indices(back, ToolSegmentPlan(replace(alone[0], end=change), 10, "b")).where
         == "from point 15 to the tool change"

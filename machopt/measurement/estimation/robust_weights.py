@@ -102,6 +102,8 @@ def _minimise_absolute_deviations(X: Array, z: Array) -> Array:
     x, H, h = np.zeros(X.shape[1]), X.T @ X, X.T @ z
     for _ in range(START_STEPS):
         ridge = 1e-9 * np.trace(H) / len(x)
+        if not ridge > 0.0:
+            break
         for k in range(len(x)):
             H[k, k] += ridge
         new = _solve_definite(H, h)

@@ -141,6 +141,8 @@ class _Tries:
         request = self.request if options is None else replace(self.request, options=options)
         key = (external + 0.0).tobytes(), request.options.rotation_step  # -0 is 0
         if key not in self.known:
+            while len(self.known) > PLANNED:  # each plan holds all of its configurations
+                self.known.pop(next(iter(self.known)))
             found = request.planned(self.search.scale, self.setup, external)
             self.known[key] = (count_lost_points(found), self.search.worth.plan(found)), found
         return self.known[key]
@@ -271,15 +273,17 @@ class _Tries:
                 assessed.append(self._plan_with_values(at, looks))
                 if len(self.path.index) > SHORT and not assessed[-1][0][0]:
                     break
-            assessed.sort(key=lambda one: one[0])
+            ranked = sorted(assessed, key=lambda one: one[0])
             if looks.rotation_step == self.request.options.rotation_step:
-                return assessed
-            ways = [assessed[0][1].path.external]
+                return ranked
+            ways = [ranked[0][1].path.external]
         return [self._plan_with_values(ways[0])]
 
     def _order_by_estimate(self, ways: Sequence[Array]) -> Iterator[tuple[float, Array]]:
-        """Yield the (P, E) motions with their estimates, least first; one that its quick lower bound puts behind all
-        that are needed is never estimated.
+        """Yield the (P, E) motions with their estimates, least first.
+
+        The rating of a motion is a quick lower bound of its estimate: fewer costs count in it. A motion is estimated
+        when its rating is the least one.
         """
         search, clock = self.search, self.request.clock
         with clock.stage("external"):
@@ -291,7 +295,7 @@ class _Tries:
                 yield value, ways[n]
                 continue
             with clock.stage("external"):
-                heapq.heappush(waiting, (max(value, search.estimate_along(ways[n])), n, True))
+                heapq.heappush(waiting, (search.estimate_along(ways[n]), n, True))
 
 
 def _may_win(estimate: float, estimates: Sequence[float], planned: Sequence[tuple[Key, Plan]], count: int) -> bool:

@@ -108,7 +108,7 @@ def _build_map(data: PlacementPageData) -> Body:
     lead = (
         "Each square is a place; where height or turn vary too, the best of them. A ring marks places that were "
         "planned wholly, with collisions and motion; the others show the best the grid of rotations comes to without "
-        "collisions. Crosses are out of reach or without support. The diamond is that of the cell, the star the best."
+        "collisions. Crosses are out of reach or without support. The diamond is the present place, the star the best."
     )
     if any(m.outcomes for m in marks):
         lead += (

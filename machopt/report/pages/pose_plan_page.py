@@ -83,7 +83,7 @@ def _build_verdict(data: PosePlanPageData) -> Body:
     tone, badge = ("", "READY") if seen else ("warn", "NOT EVERYTHING IS SEEN")
     if data.explanation_pairs:
         split = all(a.is_distinguished for a in data.explanation_pairs)
-        tone, badge = ("", "READY") if split else ("warn", "NOT EVERYTHING IS SEPARATED")
+        tone, badge = ("", "READY") if split else ("warn", "NOT ALL DISTINGUISHED")
     return render_part(
         "verdict", "verdict", tone, badge, format_verdict_sentence(data), data.warnings, _list_key_figures(data)
     )
@@ -179,8 +179,8 @@ def _build_explanation_pairs(data: PosePlanPageData) -> Body:
         f"round. {data.required_noncentrality:.1f} finds the difference in nine of ten measurements at the 1 % "
         f"level. Poses and loads "
         "make the least of them as large as they can (Atkinson & Fedorov 1975). Diagnosing these readings alone "
-        "asks for more: a rival goes only where pose after pose it does worse; the old recording beside the new one "
-        "helps."
+        "needs more: a rival is excluded only if it is worse in pose after pose; the old recording together with the "
+        "new one helps."
     )
     return build_section("apart", "Explanations it separates", lead, body)
 

@@ -20,7 +20,8 @@ def find_inlier_readings(problem: DiagnosisProblem, residual: Array, modelled: A
     """Find the readings without a gross error, judged by robust standard deviations.
 
     Laws of large effects are not exact. A reading that an effect moves by 100 standard deviations may deviate by more
-    than noise does, and is no outlier. The robust standard deviation contains the law error of a typical reading.
+    than noise does along the modelled displacement, and is no outlier. The robust standard deviation contains the law
+    error of a typical reading.
 
     Args:
         problem: Problem with session, pose and replicate labels.
@@ -38,11 +39,9 @@ def find_inlier_readings(problem: DiagnosisProblem, residual: Array, modelled: A
             family.stated_uncertainty or 0.0,
             float(np.finfo(float).tiny),
         )
-        limit = np.full(len(e), thresholds.LEVELS.outlier_sigma * typical)
         if modelled is not None:
-            moved = np.linalg.norm(modelled[:, list(family.columns)], axis=1)
-            limit += np.sqrt(thresholds.SHARES.law_error) * np.maximum(moved - np.median(moved), 0.0)
-        off |= (np.abs(e) > limit[:, None]).any(axis=1)
+            e = _remove_law_error(e, modelled[:, list(family.columns)], problem.has_family(family))
+        off |= (np.abs(e) > thresholds.LEVELS.outlier_sigma * typical).any(axis=1)
     if not off.any():
         return np.asarray(~off)
     if problem.channel == "torque":
@@ -53,6 +52,25 @@ def find_inlier_readings(problem: DiagnosisProblem, residual: Array, modelled: A
         | find_common_direction_groups(problem.session, residual, off)
     )
     return ~off | shared | find_repeated_deviations(problem, residual, off)
+
+
+def _remove_law_error(residual: Array, modelled: Array, measured: Flags) -> Array:
+    """Return residuals without the part along the modelled displacement that an inexact law may leave.
+
+    Args:
+        residual: (N, d) residuals, SI.
+        modelled: (N, d) modelled displacements, SI.
+        measured: (N,) True where these coordinates were measured.
+
+    Returns:
+        (N, d) residuals.
+    """
+    size = np.linalg.norm(modelled, axis=1)
+    typical = np.median(size[measured]) if measured.any() else 0.0
+    allowed = np.sqrt(thresholds.SHARES.law_error) * np.maximum(size - typical, 0.0)  # amplitude of a share of power
+    direction = modelled / np.maximum(size, np.finfo(float).tiny)[:, None]
+    along = np.sum(residual * direction, axis=1)
+    return np.asarray(residual - np.clip(along, -allowed, allowed)[:, None] * direction)
 
 
 def find_mostly_outlying_groups(label: Ints, off: Flags) -> Flags:

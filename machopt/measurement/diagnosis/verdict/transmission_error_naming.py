@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,12 +97,12 @@ def convert_to_unnamed(finding: Finding, which: Sequence[bool] | NDArray[np.bool
 def is_constant_of_unnamed_waves(finding: Finding, unnamed: Sequence[Finding]) -> bool:
     """Return whether a zero offset is the constant part of waves of its joint that have no name.
 
-    Waves of few periods and a constant are one smooth function of the angle. If its cause is not known, the cause of
-    its constant part is not known either, unless that part is the largest.
+    A wave of less than two periods and a constant are one smooth function of the angle. If its cause is not known, the
+    cause of its constant part is not known either, unless that part is the largest.
 
     Args:
         finding: Any finding.
-        unnamed: Corrections without a name.
+        unnamed: Waves of certain size that have no name.
 
     Returns:
         True if so.
@@ -116,7 +117,14 @@ def is_constant_of_unnamed_waves(finding: Finding, unnamed: Sequence[Finding]) -
         if isinstance(u.correction, KinematicCorrection)
         and (u.effect, u.location) == (CORRECTION.file_word, c.location)
     ]
-    return any(float(np.hypot(w[COS], w[SIN]).max()) > offset for w in waves)
+    return any(_find_largest_slow_amplitude(w) > offset for w in waves)
+
+
+def _find_largest_slow_amplitude(wave: Mapping[str, Any]) -> float:
+    """Return the largest amplitude (arcsec) of the waves of less than two periods within the range of the joint."""
+    low, high = wave.get(RANGE_KEY, (0.0, 0.0))
+    is_slow = np.asarray(wave[UNNAMED_ORDERS]) * (high - low) / 360.0 < thresholds.LIMITS.certain_periods
+    return float(np.where(is_slow, np.hypot(wave[COS], wave[SIN]), 0.0).max())
 
 
 def _select_waves(parameters: Mapping[str, object], chosen: Sequence[bool], order_key: str) -> dict[str, object]:

@@ -146,14 +146,15 @@ def _separate_unnamed_corrections(d: DiagnosisResult) -> DiagnosisResult:
     constant part of such waves. They stay in kinematics.yaml, because they were fitted together with the others and
     lower the error.
     """
-    named, unnamed = list[Finding](), list[Finding]()
+    named, unnamed, waves = list[Finding](), list[Finding](), list[Finding]()
     for f in d.findings:
         parts = split_waves(f)
+        waves += [] if parts.unnamed is None else [parts.unnamed]
         if parts.named is not None and _is_unnamed_correction(d, parts.named):
             parts = SplitWaves(None, convert_to_unnamed(f))
         named += [] if parts.named is None else [parts.named]
         unnamed += [] if parts.unnamed is None else [parts.unnamed]
-    constant = [is_constant_of_unnamed_waves(f, unnamed) for f in named]
+    constant = [is_constant_of_unnamed_waves(f, waves) for f in named]
     unnamed += [f for f, is_part in zip(named, constant, strict=True) if is_part]
     named = [f for f, is_part in zip(named, constant, strict=True) if not is_part]
     if not unnamed:

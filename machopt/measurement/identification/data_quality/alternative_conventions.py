@@ -5,7 +5,6 @@ displacement.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from machopt.effects.recording.record_faults import FORCES
 from machopt.kinematics.robot import Robot
-from machopt.measurement.estimation.bounded_least_squares import minimise_bounded_quadratic
+from machopt.measurement.estimation.bounded_least_squares import RANK, minimise_bounded_quadratic
 from machopt.measurement.estimation.load_test_equations import LoadTestExperiment
 from machopt.measurement.estimation.robust_weights import (
     estimate_robust_scale,
@@ -212,11 +211,14 @@ def _minimise_from(H: Array, h: Array, positive: NDArray[np.bool_]) -> Array:
     """Minimise ½ xᵀ H x − hᵀ x, x ≥ 0, with the positive coefficients of a similar problem where these are the right
     ones (Karush–Kuhn–Tucker conditions).
     """
-    x = np.zeros(len(h))
-    with suppress(np.linalg.LinAlgError):  # two equal columns
-        x[positive] = np.linalg.solve(H[positive][:, positive], h[positive])
-    if (x >= 0).all() and (h <= H @ x + ZERO_GRADIENT * np.abs(h).max()).all():
-        return x
+    x, diagonal = np.zeros(len(h)), np.diag(H)[positive]
+    if positive.any() and diagonal.min() > 0.0:
+        unit = 1.0 / np.sqrt(diagonal)
+        own = H[positive][:, positive] * np.outer(unit, unit)
+        if np.linalg.eigvalsh(own)[0] > RANK:  # not two parallel columns
+            x[positive] = unit * np.linalg.solve(own, unit * h[positive])
+            if (x >= 0).all() and (h <= H @ x + ZERO_GRADIENT * np.abs(h).max()).all():
+                return x
     return minimise_bounded_quadratic(H, h, np.zeros(len(h)))
 
 

@@ -103,7 +103,8 @@ def _compute_visit_correlation(
     drawn = np.empty(MISMATCH_FLIPS)
     for n in range(MISMATCH_FLIPS):
         drawn[n] = product(own[np.concatenate([rng.permutation(s) for s in spans])])
-    return RepeatableMismatch(power, float((1 + np.sum(drawn >= power)) / (MISMATCH_FLIPS + 1)), True)
+    size = float(np.mean(np.sum(own**2, axis=1)))
+    return RepeatableMismatch(power, compute_permutation_probability(drawn, power, size), True)
 
 
 def _compute_replicate_product(
