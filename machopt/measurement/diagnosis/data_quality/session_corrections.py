@@ -246,7 +246,7 @@ def _compute_part_misfit(
     """Return the deviation (n, 3) m of a part from the prediction by the others, and the share of its replicated
     readings.
     """
-    e, replicates = part.error(x), 0
+    e, replicated = part.error(x), 0
     if not replicates:
         return e, 0.0
     for pose in np.unique(part.pose):
@@ -260,8 +260,8 @@ def _compute_part_misfit(
         has = count > 0
         mean = (near[has].astype(float) @ rest[there]) / count[has, None]
         e[here[has]] -= mean
-        replicates += int(has.sum())
-    return e, replicates / max(len(e), 1)
+        replicated += int(has.sum())
+    return e, replicated / max(len(e), 1)
 
 
 def _compute_unexplained_share(equations: RecordEquations, label: Ints) -> float:
