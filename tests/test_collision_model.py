@@ -15,6 +15,7 @@ from small_cell import pose, real_cell, small_cell
 from machopt.collision.bodies import CollisionBody, build_cutter_body, is_point_inside
 from machopt.collision.collision_model import CollisionModel
 from machopt.collision.distance_bounds import MotionRows
+from machopt.collision.fcl_distance import _find_boxed_vertices
 from machopt.data_types.cell import Cell, CollisionShape, CutterGeometry, Tool, Workpiece
 from machopt.errors import InputError
 from machopt.kinematics.machine import load_machine
@@ -356,3 +357,24 @@ def test_motions_checked_together_equal_those_checked_alone(tmp_path: Path, seed
     row = np.concatenate([found.row for found in alone]) + first
     at = together.hit
     assert np.allclose(together.row[at], row[at], atol=1e-12)
+
+
+def test_vertices_in_boxes_equal_numpy() -> None:
+    """Random motions of two rotated boxes, with the vertex of either one inside of, outside of and on a face."""
+    rng = np.random.default_rng(8)
+    R = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2)]
+    boxes = [(rng.normal(size=3), np.ascontiguousarray(r), rng.uniform(1.0, 2.0, 3)) for r in R]
+    va, vb = (centre + axes @ (half * [1.0, 0.2, -0.4]) for centre, axes, half in boxes)  # on a face
+    T = np.tile(np.eye(4), (200, 1, 1))
+    T[1:, :3, :3] = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(199)]
+    T[1:, :3, 3] = rng.normal(size=(199, 3))
+
+    def is_in(points: np.ndarray, box: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+        centre, axes, half = box
+        return (np.abs((points - centre) @ axes) <= half + 1e-9).all(axis=1)
+
+    b_in_a = T[:, :3, :3] @ vb + T[:, :3, 3]
+    a_in_b = np.einsum("sji,sj->si", T[:, :3, :3], va - T[:, :3, 3])
+    expected = is_in(b_in_a, boxes[0]) | is_in(a_in_b, boxes[1])
+    assert 20 < expected.sum() < 180, expected.sum()
+    assert np.array_equal(_find_boxed_vertices(T, va, vb, *boxes), expected)
