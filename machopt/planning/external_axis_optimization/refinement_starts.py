@@ -53,8 +53,8 @@ TRIED = 8  # where the first ones cannot
 MOVES_TRIED = 3  # the same where the joints may move along the path
 WEIGHTS = 0.3, 2.0  # of the travel's weight: starts that follow the tool farther, or less far
 FOLLOWING = 2  # motions that follow the tool and are examined further
-UNSURE = 0.016  # share of J by which the expected value of a candidate may be too high: the 95 % quantile over 89
-# candidates of 16 random jobs (benchmarks/external_axis_gap.py --estimates --random 16); worst 6.5 %
+UNSURE = 0.019  # share of J by which the expected value of a candidate may be too high: the 95 % quantile over 80
+# candidates of 16 random jobs (benchmarks/external_axis_gap.py --estimates --random 16 --seed 40); worst 9.5 %
 USED = 2  # plans with moving joints that the refinement may begin with
 
 Key = tuple[float, float]  # points lost and breaks; ranking value: less is better
