@@ -1,4 +1,4 @@
-"""Feed advice: largest feeds in tolerance at their own load."""
+"""Feed advice: the largest feeds within tolerance at their own load."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ operations:
 
 
 def find_advice(folder: Path, cell: Path, rows: str, process: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Points with an advice, the advice, and their probabilities at it and 3 % above, after the plan."""
+    """Return the advised points, the probabilities at the advised feed and 3 % above it, and the quantile."""
     (folder / "job.csv").write_text(rows)
     (folder / "mine.yaml").write_text(process)
     request = OptimizeRequest(
@@ -98,7 +98,7 @@ def test_milled_point_passes_at_its_advised_feed(tmp_path: Path, side_stiffness:
     process = process.replace("h_mm: [0.02, 0.12]", "h_mm: [0.005, 0.9]")
     points, at, above, quantile = find_advice(tmp_path, cell, WALL, process)
     assert len(points)
-    assert (at >= quantile - 2e-4).all()  # the bend is linear between least and largest feed
+    assert (at >= quantile - 2e-4).all()  # the deflection is linear between the smallest and the largest feed
     assert (above[np.isfinite(above)] < quantile).all()
 
 
@@ -112,7 +112,7 @@ def test_samples_of_a_retract_move_are_no_cutting_feed(tmp_path: Path) -> None:
     t = timeline.trajectory
     last = int(np.flatnonzero(one.segment.toolpath.cutting)[-1])
     feed = t.feed.copy()
-    feed[(t.move != MoveKind.CUT) & np.isfinite(feed)] = 1.0  # m/s, far above the cut
+    feed[(t.move != MoveKind.CUT) & np.isfinite(feed)] = 1.0  # m/s, far above the feed of the cut
     faster = replace(timeline, trajectory=replace(t, feed=feed))
     path = replace(one.segment.toolpath, feed=np.where(np.isnan(one.segment.toolpath.feed), np.nan, 2.0))
     assert find_driven_feed(path, faster)[last] == pytest.approx(find_driven_feed(path, timeline)[last])

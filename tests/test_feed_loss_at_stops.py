@@ -1,4 +1,4 @@
-"""Stops required by the path are no lost feed; axis limits are."""
+"""Stops required by the path are not reported as lost feed; limits of the axes are."""
 
 from __future__ import annotations
 
@@ -53,7 +53,10 @@ def test_reversal_of_the_tool_axis_rotation_is_a_reversal() -> None:
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.3, 0.5, 0.7, 0.9])
 def test_axis_too_slow_between_two_stops_is_a_lost_feed(share: float) -> None:
-    """The whole stroke is one slow stretch between two stops: its ramps must not hide that an axis holds it back."""
+    """The whole stroke is one slow segment between two stops.
+
+    Its acceleration ramps must not hide that the velocity of an axis limits it.
+    """
     stroke = make(np.array([[0.0, 0, 0], [0.05, 0, 0], [0.0, 0, 0]]), feed=0.05)
     fast = retime_run(stroke)
     assert isinstance(fast, RunTrajectory)

@@ -1,4 +1,4 @@
-"""Unreadable, endless and too large files: one immediate refusal by every reader."""
+"""Unreadable, endless and too large files: every reader refuses them immediately."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def device(path: Path) -> None:
 
 def huge(path: Path) -> None:
     with path.open("wb") as file:
-        file.truncate(3 << 30)  # 3 GiB without a block on the disk
+        file.truncate(3 << 30)  # 3 GiB without allocated blocks
 
 
 def nothing(path: Path) -> None:
@@ -97,7 +97,7 @@ def test_growing_file_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     file.write_bytes(b"x" * 100)
     monkeypatch.setattr(
         file_reading, "_check_file_status", lambda *_: None
-    )  # as if it had been small when it was looked at
+    )  # simulates a file that grows after its size was checked
     with pytest.raises(InputError, match="holds more than"):
         file_reading.read_file(file, expected="a file", most=99)
     assert len(file_reading.read_file(file, expected="a file", most=100)) == 100

@@ -1,4 +1,4 @@
-"""A path may begin with any kind of row: the first point is the arrival from home."""
+"""A path may begin with any kind of row: the first point is reached from home."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ REST = "".join(f"{x},-60,0,0,0,1,cut,600\n" for x in (-60, -40, -20))
 @pytest.mark.slow
 @pytest.mark.parametrize("first", ["cut", "approach", "retract"])
 def test_path_with_any_first_row_is_planned_programmed_and_verified(first: str, tmp_path: Path) -> None:
-    """Rows are cuts where nothing else is said: the shortest table a user writes begins with one."""
+    """Rows without a kind of move are cuts: the shortest table that a user writes begins with one."""
     table = tmp_path / "path.csv"
     table.write_text(f"x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n-80,-60,0,0,0,1,{first},600\n{REST}")
     done = run_optimize(

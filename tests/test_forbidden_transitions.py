@@ -1,4 +1,4 @@
-"""Transitions between stations that cross forbidden rotations, against every sequence."""
+"""Transitions between stations across forbidden rotations, compared with every sequence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WORST, PRICE = 0.8, 0.1
 
 
 def random_grid(seed: int) -> SequenceGrid:
-    """One branch, whose joints hardly move with the rotation; up to three steps from station to station."""
+    """One branch whose joints do not change with the rotation; up to three rotation steps between stations."""
     rng = np.random.default_rng(seed)
     feasible = rng.uniform(size=(S, R, 1, 1)) < 0.8
     candidates = CandidateGrid(
@@ -54,7 +54,7 @@ def random_grid(seed: int) -> SequenceGrid:
 
 
 def price(grid: SequenceGrid, rotation: tuple[int, ...], keep: dict[int, int]) -> float:
-    """J of a sequence, infinite where it is none."""
+    """Return J of a sequence; infinite if the sequence is not allowed."""
     there = grid.candidates.feasible[..., 0, 0]
     if not all(there[s, r] for s, r in enumerate(rotation)) or any(rotation[s] != r for s, r in keep.items()):
         return np.inf
@@ -106,7 +106,7 @@ def test_segment_is_chosen_again_with_crossings_at_its_ends(seed: int) -> None:
 
 
 def test_cases_differ_from_those_without_hidden_edges() -> None:
-    """So that the tests above can fail."""
+    """Without this difference, the tests above could not fail."""
     less = 0
     for seed in range(12):
         grid = random_grid(seed)

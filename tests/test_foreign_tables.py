@@ -1,4 +1,4 @@
-"""Tables of other programs: equal readings for any column names, separators, units and number of files."""
+"""Tables of other programs: the same readings for any column names, separators, units and number of files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ J = [f"J{i}" for i in range(1, 7)]
 
 
 def names(angle: str = "", length: str = "") -> str:
-    """Names of the columns in a file, with what stands behind them."""
+    """Return the names of the columns in a file with their suffixes."""
     joints = ", ".join(f'q{i}_deg: "J{i}{angle}"' for i in range(1, 7))
     return f'columns: {{{joints}, x_mm: "X{length}", y_mm: "Y{length}", z_mm: "Z{length}"}}\n'
 
@@ -155,7 +155,7 @@ def test_rows_without_tracker_target_are_left_out(tmp_path: Path) -> None:
     assert recording.used is not None
     assert np.flatnonzero(~recording.used).tolist() == [1, 4]
     assert any("0, 0, 0" in w and "line 3" in w for w in recording.warnings)
-    places[:] = 0.0  # then it is no lost target
+    places[:] = 0.0  # zero is then not a lost target
     assert load_recording(write(tmp_path, "", {"data.csv": lines(header, np.hstack([Q, places]))})).used is None
 
 

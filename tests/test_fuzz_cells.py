@@ -1,4 +1,4 @@
-"""Part of ``benchmarks/fuzz_cells.py``: damaged cells and recordings are refused or valid, and never crash."""
+"""Part of ``benchmarks/fuzz_cells.py``: damaged cells and recordings are refused or valid; no crash occurs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ CASES = {"urdf": 60, "mesh": 80, "cell": 60, "stiffness": 60, "recording": 80, "
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of numbers that the libraries below meet before we refuse them
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # from numbers that libraries process before they are refused
 def test_damaged_files_are_refused_or_valid(name: str, tmp_path: Path) -> None:
     found = run(Case(name, tmp_path), CASES[name], random.Random(f"7 {name}"))
-    assert found["refused"] > 0.2 * CASES[name]  # the faults are faults
-    assert found["read"] > 0  # and not everything is refused
+    assert found["refused"] > 0.2 * CASES[name]  # most mutations are real faults
+    assert found["read"] > 0  # not everything is refused
 
 
 def test_intact_cell_passes_the_same_checks(tmp_path: Path) -> None:

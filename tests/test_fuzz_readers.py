@@ -18,7 +18,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.toolpath.toolpath_reader import read_toolpath
 
-CASES = 120  # a dialect
+CASES = 120  # per dialect
 NUMBERS = ("1e308", "-1e308", "nan", "inf", "99999999999", "0", "-0.", ".", "1e-300", "--3", "1.2.3", "1_0", "\u0663")
 WORDS = (
     "G2",
@@ -93,12 +93,12 @@ WORDS = (
 
 
 def mutate_text(rng: np.random.Generator, text: str) -> str:
-    """The text with one to four faults."""
+    """Return the text with one to four faults."""
     for _ in range(int(rng.integers(1, 5))):
         lines = text.split("\n")
         at = int(rng.integers(len(lines)))
         match int(rng.integers(10)):
-            case 0:  # cut off
+            case 0:  # truncated
                 text = text[: int(rng.integers(len(text) + 1))]
             case 1:
                 lines.pop(at)
@@ -134,7 +134,7 @@ def mutate_text(rng: np.random.Generator, text: str) -> str:
 
 
 def read(file: Path, sample: Sample, rng: np.random.Generator) -> Toolpath | None:
-    """The toolpath, None where the file is refused; anything else fails."""
+    """Return the toolpath, or None if the file is refused; any other result is a failure."""
     options: dict[str, object] = {**sample.options, "default_feed": 0.01}
     if rng.random() < 0.5:
         options.setdefault("unit", "mm")
@@ -149,10 +149,10 @@ def read(file: Path, sample: Sample, rng: np.random.Generator) -> Toolpath | Non
 
 
 def run(sample: Sample, cases: int, seed: int, folder: Path) -> Counter[str]:
-    """So many mutated files of one dialect.
+    """Read the given number of mutated files of one dialect.
 
     Raises:
-        AssertionError: a case that crashes, hangs or gives nonsense; the file is left in ``folder``.
+        AssertionError: a case that crashes, hangs or gives a meaningless result; the file is left in ``folder``.
     """
     rng = np.random.default_rng(seed)
     file = folder / sample.name
@@ -190,7 +190,7 @@ def test_every_sample_is_read_without_unknown_words(sample: Sample, tmp_path: Pa
     assert "incomplete" not in t.meta
 
 
-FOUND = (  # what a long run found: the sample, what is replaced in it, and what is told now
+FOUND = (  # cases from a long run: the sample, what is replaced in it, and the message now
     ("nx.cls", "KNOT/0.5,1.0", "KNOT/0.1e-300,1.0", "(inf|nan) chords in one span of a spline"),
     ("part.nci", "1\n40 -10. 5. -1. -1. 0\n11\n", "3\n1\n11\n", "an arc of 1 numbers; expected 8"),
 )
@@ -207,7 +207,7 @@ def test_earlier_fuzz_failures_are_refused(name: str, old: str, new: str, messag
 
 @pytest.mark.parametrize("sample", [s for s in SAMPLES if s.end], ids=lambda s: s.name)
 def test_truncated_file_is_refused_or_reported_as_incomplete(sample: Sample, tmp_path: Path) -> None:
-    """Cut after every line: what is still read says first of all that a part may be missing."""
+    """The file is cut after every line: if it is read, the first warning states that a part may be missing."""
     file = tmp_path / sample.name
     lines = sample.text.split("\n")
     count = 0

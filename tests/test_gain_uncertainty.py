@@ -1,4 +1,4 @@
-"""Uncertainty of deflections and of the gain, against finite differences and drawn stiffnesses."""
+"""Uncertainty of deflections and of the gain, compared with finite differences and random stiffness values."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CORRELATED = np.array(
 
 
 def with_stiffness(p: Plan, stiffness: ArmStiffness) -> Plan:
-    """The same motions judged by another stiffness: costs of all three, nothing chosen anew."""
+    """Return the same motions with costs by another stiffness, without a new choice of configurations."""
     arm, path = p.setup.arm, p.path
     elasticity = ArmElasticity(p.setup.robot, arm.T_flange_tcp, stiffness)
     at = path.position @ arm.machine.T_base_workpiece_zero[:3, :3].T + arm.machine.T_base_workpiece_zero[:3, 3]
@@ -96,7 +96,7 @@ def test_gradient_equals_the_finite_difference_of_the_cost(
     elasticity = ArmElasticity(p.setup.robot, p.setup.arm.T_flange_tcp, ArmStiffness(joints=k, terms=terms))
     g = compute_cost_gradient(elasticity, p.directions, rows, q, index)
     for j in range(6):
-        h = 1e-4 / k[j]  # central: 1e-8 of the value
+        h = 1e-4 / k[j]  # central difference: relative error 1e-8
         sides = []
         for sign in (1.0, -1.0):
             c = 1.0 / p.directions.k
@@ -128,7 +128,7 @@ def test_point_on_a_cell_face_shares_both_cells() -> None:
     std = spread.point_std(np.tile(g, (4, 1)))
     assert std[0] == pytest.approx(np.sqrt(np.sum((g * 0.1 / k[0]) ** 2)))
     assert std[2] == pytest.approx(np.sqrt(np.sum((g * 0.1 / k[1]) ** 2)))
-    assert np.isnan(std[3])  # outside the grid, where the file says nothing
+    assert np.isnan(std[3])  # outside the grid the file states no uncertainty
     known = ComplianceCovariance.build(replace(stiffness, covariance=np.diag((0.1 / stiffness.joints) ** 2)), position)
     assert known.point_std(np.tile(g, (4, 1)))[3] == pytest.approx(np.linalg.norm(g) * 0.1 / 7e5)
     np.testing.assert_array_equal(known.point_std(np.tile(g, (4, 1)))[:3], std[:3])
@@ -139,7 +139,7 @@ def test_point_on_a_cell_face_shares_both_cells() -> None:
 
 @pytest.mark.parametrize("case", ["kr500 force", "irb6700 holes"])
 def test_gain_interval_agrees_with_drawn_stiffnesses(case: str) -> None:
-    """2,000 correlated draws of the six compliances; both ways judged by the same draw."""
+    """2,000 correlated draws of the six compliances; each draw evaluates both motions."""
     p, share = plan_case(case), 0.05
     k = p.setup.elasticity.stiffness.joints
     judged = with_stiffness(p, ArmStiffness(joints=k, covariance=covariance(k, share)))
@@ -156,20 +156,21 @@ def test_gain_interval_agrees_with_drawn_stiffnesses(case: str) -> None:
             for s in (p.chosen, p.jiao2022)
         ]
     ratio = 1.0 - means[:, 0] / means[:, 1]
-    # 2,000 draws know a standard deviation to 1.6 %, second order in 5 % adds as much: 5 % is three sigma
+    # standard error of a standard deviation from 2,000 draws: 1.6 %; second order in 5 % adds as much; 5 % is three
+    # sigma
     assert found.std == pytest.approx(ratio.std(), rel=0.05)
     assert np.mean(np.abs(ratio - found.mean) < NINETY * found.std) == pytest.approx(0.90, abs=0.02)
-    # taken for two motions with nothing in common, the uncertainty would be much larger than it is
+    # treated as two independent motions, the uncertainty would be much larger
     apart = (1.0 - found.mean) * np.linalg.norm(means.std(axis=0) / means.mean(axis=0))
     assert found.std < 0.75 * apart
 
 
 def test_common_factor_cancels_in_the_gain_but_not_in_the_deflection() -> None:
-    """All compliances wrong by the same 20 %: every deflection is, the gain is not."""
+    """All compliances have the same error of 20 %: this changes every deflection but not the gain."""
     p = plan_case("kr500 force")
     k = p.setup.elasticity.stiffness.joints
     judged = with_stiffness(p, ArmStiffness(joints=k, covariance=np.outer(0.2 / k, 0.2 / k)))
-    assert select_gain(judged).std < 1e-6  # √ of rounding in Σ
+    assert select_gain(judged).std < 1e-6  # square root of rounding in Σ
     assert select_gain(judged).distinguishable
     table = build_point_table(judged, read_toolpath(ROOT / "toolpaths" / "plain.csv")).table
     assert table.deflection_std is not None
@@ -179,7 +180,10 @@ def test_common_factor_cancels_in_the_gain_but_not_in_the_deflection() -> None:
 
 
 def test_grid_cells_have_independent_and_common_errors() -> None:
-    """Drawn cell by cell; the path crosses both. Outside, where nothing is known, the gain's uncertainty is not."""
+    """The stiffness is drawn cell by cell; the path crosses both cells.
+
+    If a part of the path is outside the grid, where the uncertainty is unknown, the uncertainty of the gain is unknown.
+    """
     p = plan_case("kr500 force")
     grid = load_stiffness(ROOT / "cells" / "kr500_milling" / "stiffness_two_grid.yaml").grid
     assert grid is not None
@@ -199,8 +203,9 @@ def test_grid_cells_have_independent_and_common_errors() -> None:
             for s in (p.chosen, p.jiao2022)
         ]
         ratio[n] = 1.0 - mean[0] / mean[1]
-    assert found.std == pytest.approx(ratio.std(), rel=0.06)  # 1.8 % sampling, and second order
-    moved = replace(stated, origin=stated.origin + np.array([0.0, 0.9, 0.0]))  # now part of the path lies outside
+    assert found.std == pytest.approx(ratio.std(), rel=0.06)  # 1.8 % sampling error, plus second order
+    # part of the path is now outside the grid
+    moved = replace(stated, origin=stated.origin + np.array([0.0, 0.9, 0.0]))
     outside = with_stiffness(p, ArmStiffness(joints=p.setup.elasticity.stiffness.joints, grid=moved))
     assert np.isnan(select_gain(outside).std)
     assert select_gain(outside).distinguishable
@@ -223,7 +228,7 @@ def test_no_uncertainty_without_a_covariance() -> None:
     table = build_point_table(p, read_toolpath(ROOT / "toolpaths" / "plain.csv")).table
     assert table.deflection_std is None
     assert table.k_axial_std is None
-    assert np.isnan(select_gain(p, "cam default").mean)  # not feasible there: no gain over it
+    assert np.isnan(select_gain(p, "cam default").mean)  # the baseline is not feasible there, so it has no gain
 
 
 def test_gain_below_its_uncertainty_is_reported_as_none() -> None:
@@ -265,7 +270,7 @@ def test_rounding_difference_is_no_gain() -> None:
 
 @pytest.mark.parametrize("index", ["deflection", "stiffness", "jiao2022"])
 def test_principal_spring_errors_change_the_cost_as_refits_do(index: StiffnessIndex) -> None:
-    """One standard deviation along each principal axis of the covariance, and nothing in the mean."""
+    """One standard deviation along each principal axis of the covariance; the mean does not change."""
     p = plan_case("kr500 force")
     rows = np.flatnonzero(p.path.counted)[::29]
     q, k = p.chosen.assignment.q[rows], p.setup.elasticity.stiffness.joints
@@ -287,7 +292,7 @@ def test_principal_spring_errors_change_the_cost_as_refits_do(index: StiffnessIn
         ]
         slope = (sides[0] - sides[1]) / (2 * h)
         np.testing.assert_allclose(changed[:, 1 + n], slope, rtol=1e-5, atol=1e-6 * np.abs(changed).max())
-    assert (doubt.own(p.directions, rows, index) == 0.0).all()  # a covariance says nothing of single poses
+    assert (doubt.own(p.directions, rows, index) == 0.0).all()  # a covariance contains no pose-specific part
     assert DiscrepancyModel.of_springs(replace_stiffness(elasticity, ArmStiffness(joints=k))) is None
 
 
@@ -296,7 +301,8 @@ def replace_stiffness(e: ArmElasticity, stiffness: ArmStiffness) -> ArmElasticit
 
 
 def test_deflection_uncertainty_follows_the_file() -> None:
-    """NaN without a covariance; with one that scales all springs alike, the same share of mean and of each point."""
+    """NaN without a covariance; if all springs scale equally,
+    the mean and each point have the same relative uncertainty."""
     p = plan_case("kr500 force")
     k = p.setup.elasticity.stiffness.joints
     mean, each = compute_mean_cost_std(with_stiffness(p, ArmStiffness(joints=k)))

@@ -1,4 +1,4 @@
-"""Depth of a cutter in a part against analytic solids and trimesh."""
+"""Depth of a cutter in a part, compared with analytic solids and trimesh."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_meshes_agree_with_their_analytic_solids(tmp_path: Path) -> None:
     by_mesh = replace(export_part(mesh, tmp_path), T_parent_shape=box.T_parent_shape)
     a, b = (compute_gouge_depth((s,), points, T, LIMIT) for s in (box, by_mesh))
     assert 10 < (a.depth > 0).sum() < 60
-    np.testing.assert_allclose(a.depth, b.depth, atol=1e-7)  # STL holds single precision
+    np.testing.assert_allclose(a.depth, b.depth, atol=1e-7)  # STL has single precision
     np.testing.assert_allclose(a.place[a.depth > 0], b.place[a.depth > 0], atol=1e-7)
 
 
@@ -73,12 +73,13 @@ def test_faceted_solids_converge_to_round_ones(shape: CollisionShape, mesh: trim
     round_, faceted = (compute_gouge_depth((s,), points, T, LIMIT) for s in (shape, export_part(mesh, tmp_path)))
     inside = round_.depth > 0.0
     assert 10 < inside.sum() < 60
-    # a facet lies up to r (1 − cos(π/256)) = 6 µm below the bar, a triangle of the ball (edge² / 6r) 50 µm
+    # a facet is up to r (1 − cos(π/256)) = 6 µm below the bar, a triangle of the ball (edge² / 6r) 50 µm
     np.testing.assert_allclose(np.maximum(round_.depth, 0.0), np.maximum(faceted.depth, 0.0), atol=5e-5)
 
 
 def test_part_with_a_pocket_agrees_with_trimesh(tmp_path: Path) -> None:
-    """Rows that follow one another, so that what is remembered of the row before is used; an independent distance."""
+    """The rows are consecutive, so the cached result of the previous row is used;
+    the reference distance is independent."""
     ring = trimesh.creation.annulus(r_min=0.03, r_max=0.08, height=0.05, sections=16)
     part, points = export_part(ring, tmp_path), build_cutter_points(CutterGeometry(0.008, 0.06, 0.002))[::7]
     t = np.linspace(0.0, 1.0, 12)
@@ -116,7 +117,7 @@ def test_warm_start_does_not_change_the_result(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_deepest_point_equals_that_of_each_pose_alone(seed: int, tmp_path: Path) -> None:
-    """Thin lips, plates and balls anywhere at a cutter that turns as it goes, places and all, to the last bit."""
+    """Thin lips, plates and balls near a rotating cutter: depths and positions are equal to the last bit."""
     rng = np.random.default_rng(seed)
     thin, plate = (
         rng.uniform((2.5e-4, 2e-3, 2e-3), (8e-4, 6e-3, 6e-3)),

@@ -17,7 +17,7 @@ def resident_mib() -> float:
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_freed_blocks_below_a_live_one_are_returned() -> None:
-    blocks = [np.ones(1 << 13) for _ in range(2000)]  # 64 KiB each: below the size that is returned at once
+    blocks = [np.ones(1 << 13) for _ in range(2000)]  # 64 KiB each: below the size that is returned immediately
     last = blocks[-1]
     full = resident_mib()
     del blocks

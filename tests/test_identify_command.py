@@ -28,13 +28,13 @@ from machopt.measurement.recording import write_recording
 
 ROOT = Path(__file__).resolve().parent.parent
 CELL = ROOT / "cells" / "kr240_drilling"
-TRUE_K = np.array([1.6e6, 4.4e5, 8.1e5, 3.2e5, 4.3e5, 3.5e5])  # N·m/rad, up to 20 % off the cell's
+TRUE_K = np.array([1.6e6, 4.4e5, 8.1e5, 3.2e5, 4.3e5, 3.5e5])  # N·m/rad, up to 20 % different from the cell's values
 MIDDLE = np.radians([0, -90, 100, 20, 60, 30.0])
 
 
 @pytest.fixture(scope="module")
 def simulated() -> Simulated:
-    """16 poses, 4 loads of up to 1500 N, two cycles; trade noise."""
+    """16 poses, 4 loads of up to 1500 N, two cycles; typical measurement noise."""
     cell = load_cell(CELL)
     robot, rng = load_robot(cell), np.random.default_rng(3)
     q = scattered_poses(robot, rng, 16, MIDDLE, 0.6)
@@ -66,19 +66,19 @@ def test_files_agree_with_each_other_and_with_the_truth(done: IdentifyResult, si
     for joint, k, true in zip(result["joints"], written.joints, TRUE_K, strict=True):
         assert joint["identified"]
         assert joint["k_Nm_per_rad"] == pytest.approx(k)
-        assert k == pytest.approx(true, rel=0.15)  # joint 6 is known to 5 %; 3 standard errors
+        assert k == pytest.approx(true, rel=0.15)  # standard error of joint 6: 5 %; three of them allowed
         inside += joint["ci90"][0] <= true <= joint["ci90"][1]
-    assert inside >= 4  # of six 90 % intervals; fewer happens once in 80 recordings
+    assert inside >= 4  # of six 90 % intervals; fewer than 4 occurs once in 80 recordings
     assert written.covariance is not None
     half = [(j["ci90"][1] - j["ci90"][0]) / 2 / j["k_Nm_per_rad"] for j in result["joints"]]
     sigma = np.sqrt(np.diag(written.covariance)) * written.joints
     ratio = np.array(half) / sigma
-    assert ratio.min() > 1.6  # the normal's 1.645, to the curvature of 1/c
-    assert ratio.max() < 2.92  # Student's t for two degrees of freedom; 16 poses have more
-    # unseen poses err as much as the noise: 36 µm a coordinate and 0.75 % of the load
+    assert ratio.min() > 1.6  # 1.645 for a normal distribution; the difference comes from the curvature of 1/c
+    assert ratio.max() < 2.92  # 2.92: Student's t for two degrees of freedom; 16 poses have more
+    # the error on unseen poses equals the noise: 36 µm per coordinate and 0.75 % of the load
     assert 0.03 < result["heldout_rmse_mm"] < 0.07
     assert result["rmse_mm"] <= result["heldout_rmse_mm"]
-    assert len(result["outliers"]) >= simulated.outlier.sum() - 1  # one may hide in the noise
+    assert len(result["outliers"]) >= simulated.outlier.sum() - 1  # noise may cover one
 
 
 def test_readings_are_in_base_axes_with_their_prediction(done: IdentifyResult, simulated: Simulated) -> None:
@@ -90,16 +90,17 @@ def test_readings_are_in_base_axes_with_their_prediction(done: IdentifyResult, s
         for kind in ("measured", "predicted", "heldout")
     )
     assert simulated.recording.displacement is not None
-    np.testing.assert_allclose(measured, 1e3 * simulated.recording.displacement, atol=1e-5)  # as printed
+    # tolerance: printed decimals
+    np.testing.assert_allclose(measured, 1e3 * simulated.recording.displacement, atol=1e-5)
     good = ~simulated.outlier
     error = (predicted - 1e3 * simulated.displacement[:, :3])[good]
-    assert np.sqrt(np.mean(error**2)) < 0.03  # mm; 2 mm and more are measured
+    assert np.sqrt(np.mean(error**2)) < 0.03  # mm; the measured displacements are 2 mm and more
     assert np.sqrt(np.mean((unseen - measured)[good] ** 2)) > np.sqrt(np.mean((predicted - measured)[good] ** 2))
 
 
 def test_page_is_self_contained_and_states_the_main_result(done: IdentifyResult) -> None:
     html = done.report.read_text(encoding="utf-8")
-    assert "http" not in html.replace("http://www.w3.org", "")  # nothing is fetched
+    assert "http" not in html.replace("http://www.w3.org", "")  # no external resource is loaded
     assert "Joints 1, 2, 3, 4, 5 and 6 identified to" in html
     for chart in ("i-joints", "i-parity", "i-residual", "i-ellipse0", "i-subset0"):
         assert f'id="{chart}"' in html
@@ -169,8 +170,8 @@ def test_term_is_fitted_with_the_joints_and_written(tmp_path: Path, simulated: S
     result = run_identify(request).result.to_json_types()
     (term,) = result["terms"]
     assert (term["effect"], term["location"]) == ("joint_coupling", "joint:4-5")
-    assert term["ci90"][0] < 0 < term["ci90"][1]  # there is none in the truth
-    assert abs(term["value"]) < 0.2 / 3.2e5  # against joint 4's own compliance
+    assert term["ci90"][0] < 0 < term["ci90"][1]  # the true value is 0
+    assert abs(term["value"]) < 0.2 / 3.2e5  # compared with the compliance of joint 4
 
 
 @pytest.mark.parametrize("text", ["link_compliance", "@link:4", "tool_compliance@tool{length_mm 3", "x@"])
@@ -236,7 +237,7 @@ def test_two_poses_are_too_few_for_six_joints(simulated: Simulated, tmp_path: Pa
     result = run_identify(
         IdentifyRequest(cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", studies=False)
     ).result.to_json_types()
-    assert result["heldout_rmse_mm"] is None  # no pose is left to judge by
+    assert result["heldout_rmse_mm"] is None  # no pose remains for validation
     assert any("pose" in w for w in result["warnings"])
 
 
@@ -271,7 +272,7 @@ def test_published_readings_without_an_explanation_are_reported(tmp_path: Path) 
 
 
 def test_joint_warnings_are_complete_in_the_summary(done: IdentifyResult) -> None:
-    """The summary left out every warning that began with "joint ", the cell's own among them."""
+    """The summary omitted every warning that began with "joint ", including those of the cell."""
     own, shown = (
         "joint 'a6' is continuous; its range is taken as ±360°",
         describe_unidentified_joint(4, "no reading shows it"),
@@ -292,7 +293,7 @@ def test_command_is_deterministic_and_prints_the_main_result_first(
     write_recording(recording, simulated.recording)
     words = ["identify", str(CELL), str(recording), "-o", str(tmp_path / "out"), "--quiet"]
     assert main([*words[:-1]]) == 0
-    for name in ("stiffness.yaml", "readings.csv", "identification.json"):  # the same input, the same bytes
+    for name in ("stiffness.yaml", "readings.csv", "identification.json"):  # same input, same bytes
         assert (tmp_path / "out" / name).read_bytes() == (done.report.parent / name).read_bytes(), name
     out = capsys.readouterr().out
     assert "128 readings, 16 poses, constant model" in out
@@ -306,7 +307,7 @@ def test_command_is_deterministic_and_prints_the_main_result_first(
 
 
 def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Their own tests cover what they do; here every option has to reach the request."""
+    """Each option reaches the request; other tests cover what the options do."""
     words = [
         "plan-poses",
         str(CELL),
@@ -329,7 +330,7 @@ def test_plan_poses_and_map_are_commands(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_ninety_percent_intervals_keep_their_key(simulated: Simulated, done: IdentifyResult, tmp_path: Path) -> None:
-    """Other programs read ci90; another level stands beside it."""
+    """Other programs read the key ci90; another confidence level is written in addition."""
     write_recording(tmp_path / "recording", simulated.recording)
     request = IdentifyRequest(
         cell=CELL, recordings=(tmp_path / "recording",), out=tmp_path / "out", level_percent=99.0, studies=False

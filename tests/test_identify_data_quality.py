@@ -1,4 +1,4 @@
-"""Faults of a recording are named, and correct recordings raise no alarm."""
+"""Faults of a recording are named; correct recordings cause no false positive."""
 
 from __future__ import annotations
 
@@ -75,7 +75,8 @@ def test_wrong_frame_is_refused(wrench: str, displacement: str, code: str, rotat
     finding = find_record_faults(wrong)[code]
     assert finding.severity == "error"
     assert "base" in finding.message
-    assert not {"units", "rotation_units", "far_from_nominal"} & set(find_record_faults(wrong))  # no guesses on top
+    # no further finding of the same cause
+    assert not {"units", "rotation_units", "far_from_nominal"} & set(find_record_faults(wrong))
 
 
 def test_tool_axes_stated_as_base_axes_are_refused() -> None:
@@ -128,7 +129,7 @@ def test_moments_about_another_point_are_found() -> None:
 def test_moments_inconsistent_with_forces_are_found_row_by_row() -> None:
     record = simulate_correct_record(rotations=False)
     wrench = record.wrench.copy()
-    wrench[:, 3:] = np.cross([0.1, 0.05, -0.2], wrench[:, :3])  # all loads hang in one eye
+    wrench[:, 3:] = np.cross([0.1, 0.05, -0.2], wrench[:, :3])  # all loads are applied at one lifting eye
     assert "moment_along_force" not in find_record_faults(replace(record, wrench=wrench))
     wrench[5, 3:] = wrench[5, [5, 3, 4]]  # columns exchanged
     finding = find_record_faults(replace(record, wrench=wrench))["moment_along_force"]
@@ -143,7 +144,7 @@ def test_duplicated_rows_are_found_unless_the_gauge_is_coarse() -> None:
     twice = rows_of(record, np.r_[np.arange(len(record)), 3:9])
     finding = find_record_faults(twice)["repeated_rows"]
     assert finding.rows == tuple(range(len(record), len(record) + 6))
-    coarse = replace(record, displacement=np.round(record.displacement, 5))  # dial gauges of 0.01 mm
+    coarse = replace(record, displacement=np.round(record.displacement, 5))  # dial gauges with a resolution of 0.01 mm
     assert "repeated_rows" not in find_record_faults(coarse)
 
 
@@ -192,7 +193,7 @@ def test_errors_are_raised_together_with_the_remedy() -> None:
 
 @pytest.mark.proof
 def test_correct_records_raise_no_alarm() -> None:
-    """200 records of all kinds: noise of the trade, hanging weights, few and many poses, weak loads, coarse gauges."""
+    """200 correct recordings: typical noise, hanging weights, few and many poses, small loads, coarse gauges."""
     rng = np.random.default_rng(42)
     alarms = []
     for n in range(200):
@@ -200,7 +201,7 @@ def test_correct_records_raise_no_alarm() -> None:
         size = float(np.exp(rng.uniform(np.log(100), np.log(2500))))
         k = TRUE_K * np.exp(rng.uniform(-1, 1, 6))
         wrench = None
-        if rng.random() < 0.4:  # a weight hung from one eye, or a rope pulled in one direction
+        if rng.random() < 0.4:  # a weight hung from one lifting eye, or a rope pulled in one direction
             down = np.array([0.0, 0.0, -1.0]) if rng.random() < 0.5 else rng.standard_normal(3)
             force = np.linspace(0.3, 1.0, loads)[:, None] * size * down / np.linalg.norm(down)
             wrench = np.concatenate([force, np.cross(rng.uniform(-0.3, 0.3, 3), force)], axis=1)
@@ -218,9 +219,9 @@ def test_correct_records_raise_no_alarm() -> None:
 
 @pytest.mark.parametrize(("unit", "newtons"), [("kilograms", 9.80665), ("kilonewtons", 1e3)])
 def test_forces_in_another_unit_than_their_moments_are_refused(unit: str, newtons: float) -> None:
-    """Forces alone are scaled: no stiffness explains both parts of the load."""
+    """Only the forces are scaled: no stiffness explains both forces and moments."""
     record = simulate_correct_record(rotations=False)
-    lever = np.array([0.03, -0.02, 0.05])  # m: with kN, moment per force still is within an arm's reach
+    lever = np.array([0.03, -0.02, 0.05])  # m: with forces in kN, moment divided by force is still shorter than the arm
     wrench = record.wrench.copy()
     wrench[:, 3:] = 1e-3 * wrench[:, 3:] + np.cross(lever, wrench[:, :3])
     A = build_load_test_experiment(replace(record, wrench=wrench), *cell()[1:]).response()
@@ -287,7 +288,10 @@ def test_robot_size_replaces_a_missing_cell_stiffness() -> None:
 
 
 def test_wrong_frame_is_refused_in_strong_noise() -> None:
-    """The right reading explains a third; a ratio of what is left over would not tell, poses do."""
+    """In strong noise the correct interpretation explains one third of the readings.
+
+    The ratio of the residuals could not decide; the comparison pose by pose can.
+    """
     rng = np.random.default_rng(44)
     record = add_measurement_errors(plan_load_tests(rng, force=60.0, moment=6.0), rng, outliers=0.0)
     assert not set(find_record_faults(record)) & set(CODES)
@@ -297,7 +301,8 @@ def test_wrong_frame_is_refused_in_strong_noise() -> None:
 
 
 def test_moments_about_the_base_are_refused_where_they_change_the_stiffness() -> None:
-    """Three quarters are explained as stated, but with compliances off by a factor."""
+    """Three quarters of the readings are explained with the wrong reference point,
+    but with compliances wrong by a factor."""
     _, robot, T = cell()
     record = simulate_correct_record(rotations=False)
     wrench = record.wrench.copy()
@@ -316,7 +321,8 @@ def test_impossible_joint_positions_are_named() -> None:
 
 
 def test_common_unit_factor_of_all_joints_is_reported() -> None:
-    """Pounds (4.4) lie within what stiffness is off by; that all joints are off alike gives them away."""
+    """The factor of pounds (4.4) is within the uncertainty of a stiffness;
+    the fault is recognised because all joints have the same factor."""
     from machopt.measurement.identification.data_quality.unit_checks import describe_common_stiffness_factor
 
     output = describe_common_stiffness_factor(TRUE_K / 4.448 * np.array([1.0, 1.1, 0.95, 1.0, 1.05, 1.0]), TRUE_K)
@@ -325,6 +331,7 @@ def test_common_unit_factor_of_all_joints_is_reported() -> None:
     assert "kilograms" in str(describe_common_stiffness_factor(TRUE_K[:3] / 9.81, TRUE_K[:3]))
     assert (
         describe_common_stiffness_factor(TRUE_K / 4.448 * np.array([1.0, 1.6, 0.95, 1.0, 1.05, 0.7]), TRUE_K) is None
-    )  # each its own
-    assert describe_common_stiffness_factor(TRUE_K * 1.1, TRUE_K) is None  # alike, as it should be
-    assert describe_common_stiffness_factor(TRUE_K[:2] / 4.448, TRUE_K[:2]) is None  # two say little
+    )  # a different factor for each joint
+    # the same factor for all joints, but close to 1
+    assert describe_common_stiffness_factor(TRUE_K * 1.1, TRUE_K) is None
+    assert describe_common_stiffness_factor(TRUE_K[:2] / 4.448, TRUE_K[:2]) is None  # two joints are not enough

@@ -42,7 +42,7 @@ C = 1.0 / TRUE_K
 
 
 def dumas(e: LoadTestExperiment) -> tuple[np.ndarray, np.ndarray]:
-    """B and c of dumas2011 eqs. 21–24, element by element."""
+    """Compute B and c of dumas2011 eqs. 21–24, element by element."""
     rows, right = [], []
     for n in range(len(e)):
         J, w = e.state.J[n], e.wrench[n]
@@ -52,7 +52,7 @@ def dumas(e: LoadTestExperiment) -> tuple[np.ndarray, np.ndarray]:
 
 
 def dense(e: LoadTestExperiment, groups: ErrorClusters, V: np.ndarray, share: VarianceComponents) -> np.ndarray:
-    """(3N, 3N) covariance of one channel, written out."""
+    """Return the (3N, 3N) covariance matrix of one channel as a dense matrix."""
     same_cycle = groups.cycle[:, None] == groups.cycle
     visit = groups.visit_of_cycle[groups.cycle]
     same_visit = visit[:, None] == visit
@@ -73,7 +73,8 @@ def test_plain_fit_equals_eq_26_of_dumas2011(rotations: bool) -> None:
 
 def test_truth_is_found_without_noise() -> None:
     e = draw_load_tests(np.random.default_rng(2), rotations=True, noise=0.0)
-    # turning by c τ is finite in the truth: relative error of the order of the turn itself, 1e-3 rad, mostly cancelling
+    # the rotation c τ is finite in the simulated data: relative error of the order of the rotation itself, 1e-3 rad,
+    # which mostly cancels
     np.testing.assert_allclose(fit_stiffness(e).compliance, C, rtol=1e-3)
 
 
@@ -85,11 +86,11 @@ def test_gross_errors_do_not_move_the_result() -> None:
     d, w = record.displacement.copy(), record.wrench.copy()
     bad = rng.choice(len(d), 8, replace=False)  # 5 %
     d[bad[:4]] *= 10.0
-    w[bad[4:]] *= 10.0  # leverage: these pull hard at a fit that only looks at residuals
+    w[bad[4:]] *= 10.0  # high leverage: a test of the residuals alone does not find these
     spoilt = fit_stiffness(build_load_test_experiment(replace(record, displacement=d, wrench=w), robot, T))
     error = np.sqrt(np.diag(np.linalg.inv(clean.normal.total()[0]))) * clean.column
     assert np.abs(spoilt.x - clean.x).max() < 10 * error.max()
-    assert (np.abs(spoilt.x - clean.x) < 1.5 * error).all()  # 5 % of the data are missing, no more
+    assert (np.abs(spoilt.x - clean.x) < 1.5 * error).all()  # the effect of 5 % missing data at most
     assert spoilt.outlier[bad].all()
     assert spoilt.outlier.sum() <= len(bad) + 2
     squares = fit_stiffness(
@@ -111,7 +112,7 @@ def test_weights_by_group_equal_the_dense_inverse() -> None:
     X = A.reshape(-1, 6)
     found = build_normal_equations(groups, sum_channel_equations(groups, np.linalg.inv(V), A, y, float(y.size)), share)
     H, h = found.total()
-    np.testing.assert_allclose(H, X.T @ W @ X, rtol=1e-8)  # double precision, condition of the blocks below 1e4
+    np.testing.assert_allclose(H, X.T @ W @ X, rtol=1e-8)  # double precision; condition number of the blocks below 1e4
     np.testing.assert_allclose(h, X.T @ W @ y.reshape(-1), rtol=1e-8)
     assert found.yy == pytest.approx(y.reshape(-1) @ W @ y.reshape(-1), rel=1e-8)
     other = build_normal_equations(
@@ -157,16 +158,16 @@ def test_variance_components_maximise_the_restricted_likelihood() -> None:
     for field in ("scale", "cycle", "visit"):
         for factor in (0.9, 1.1):
             moved = replace(found, **{field: getattr(found, field) * factor})
-            assert deviance(moved) > least - 1e-3  # the search ends within 1e-7 of a deviance of some thousands
+            assert deviance(moved) > least - 1e-3  # the search ends within 1e-7 of a deviance of several thousand
 
 
 def test_noise_of_reading_cycle_and_pose_is_found() -> None:
     e = draw_load_tests(np.random.default_rng(6), poses=60, loads=4, repeats=3)
     scatter = fit_stiffness(e).weighting.scatter(build_error_clusters(e))[0]
-    # 60 poses × 3 axes: 5 % standard error of the pose's share, less of the others; four of them allowed
+    # 60 poses × 3 axes: 5 % standard error of the pose component, less of the others; about four of them allowed
     assert scatter.visit == pytest.approx(POSE, rel=0.22)
     assert scatter.cycle == pytest.approx(CYCLE, rel=0.22)
-    # a reading's own error is white noise and the force's 0.7 % of about a millimetre
+    # the reading component is white noise plus the force error, 0.7 % of about 1 mm
     assert WHITE < scatter.reading < 1.4 * WHITE
 
 
@@ -197,7 +198,7 @@ def test_stated_uncertainties_are_propagated_to_the_displacement() -> None:
     for c, own in enumerate((1e-5, 2e-5)):
         sample = np.cov(d[:, 3 * c : 3 * c + 3].T) + own**2 * np.eye(3)
         size = np.sqrt(np.outer(np.diag(sample), np.diag(sample)))
-        # sampling error of a covariance from 20,000 draws is 0.7 to 1 % of the standard deviations' product
+        # sampling error of a covariance from 20,000 draws: 0.7 to 1 % of the product of the standard deviations
         np.testing.assert_allclose(V[c, n] / size, sample / size, atol=0.04)
 
 
@@ -213,7 +214,7 @@ def test_displacement_sensitivity_agrees_with_finite_differences() -> None:
     slope = np.stack(
         [(moved(e.state.q + step * axis) - moved(e.state.q - step * axis)) / (2 * step) for axis in np.eye(6)], axis=-1
     )
-    # central differences: truncation step² = 1e-10, rounding 1e-16/1e-5 = 1e-11, of displacements of 1e-3
+    # central differences of displacements of 1e-3: truncation error step² = 1e-10, rounding error 1e-16/1e-5 = 1e-11
     np.testing.assert_allclose(compute_joint_sensitivity(e.state.J, e.wrench, C), slope, atol=1e-10)
 
 
@@ -230,7 +231,7 @@ def test_known_terms_are_subtracted_and_unknown_ones_found() -> None:
     error = np.sqrt(np.diag(np.linalg.inv(found.normal.total()[0]))) * found.column
     assert (np.abs(found.x[6:] - known.values) < 4 * error[6:]).all()
     assert np.abs(with_it.compliance / C - 1).max() < 0.03
-    assert np.abs(without.compliance / C - 1).max() > 0.05  # the joints swallow what is left out
+    assert np.abs(without.compliance / C - 1).max() > 0.05  # the joint compliances absorb the omitted term
 
 
 def test_bounded_minimum_satisfies_the_optimality_conditions() -> None:
@@ -240,7 +241,7 @@ def test_bounded_minimum_satisfies_the_optimality_conditions() -> None:
         H, h = X.T @ X, X.T @ rng.standard_normal(12)
         lower = np.where(rng.random(6) < 0.3, -np.inf, 0.0)
         x = minimise_bounded_quadratic(H, h, lower)
-        gradient = (H @ x - h) / np.sqrt(np.diag(H))  # in units where all coefficients count alike
+        gradient = (H @ x - h) / np.sqrt(np.diag(H))  # scaled to comparable units for all coefficients
         assert (x >= lower).all()
         at_bound = x <= lower + 1e-12 * np.abs(x).max()
         np.testing.assert_allclose(gradient[~at_bound], 0.0, atol=1e-8)
@@ -267,7 +268,7 @@ def test_unobserved_coefficient_stays_at_its_bound_without_an_upper_end() -> Non
     np.testing.assert_allclose(
         minimise_bounded_quadratic(none, np.zeros(3), np.array([free, 0.0, 2.0])), [0.0, 0.0, 2.0]
     )
-    alike = np.ones((2, 2))  # only the sum of both is seen: each may go anywhere
+    alike = np.ones((2, 2))  # only the sum of both is observed: each of them is unbounded
     for sign in (-1, 1):
         assert (
             compute_profile_bound(np.diag([4.0, 0.0]), np.array([2.0, 0.0]), np.full(2, free), 1, 1.0, sign)
@@ -277,7 +278,8 @@ def test_unobserved_coefficient_stays_at_its_bound_without_an_upper_end() -> Non
 
 
 def test_profile_of_a_bounded_coefficient_ends_at_its_bound() -> None:
-    """(x − 1)² rises by 1 at 0 and 2, by 4 at −1 and 3: there the bound comes first."""
+    """(x − 1)² rises by 1 at x = 0 and x = 2, and by 4 at x = −1 and x = 3;
+    at the lower side the bound 0 is reached first."""
     H, h, lower = np.eye(1), np.ones(1), np.zeros(1)
     assert compute_profile_bound(H, h, lower, 0, 4.0, -1) == 0.0
     assert compute_profile_bound(H, h, lower, 0, 0.25, -1) == pytest.approx(0.5, rel=1e-5)
@@ -285,7 +287,7 @@ def test_profile_of_a_bounded_coefficient_ends_at_its_bound() -> None:
 
 
 def test_noise_is_not_estimated_without_redundancy() -> None:
-    """Six coordinates for six compliances: nothing is left over, so what is stated stays."""
+    """Six coordinates for six compliances leave no residual: the stated noise is used unchanged."""
     e = draw_load_tests(np.random.default_rng(15), poses=2, loads=1, repeats=1)
     groups, V = build_error_clusters(e), np.broadcast_to(WHITE**2 * np.eye(3), (2, 3, 3))
     channel_equations = sum_channel_equations(groups, np.linalg.inv(V), e.response(), e.measured, 6.0)
@@ -326,7 +328,7 @@ def test_wrench_and_displacement_in_tool_axes_give_the_same_result() -> None:
         wrench=np.einsum("nji,nbj->nbi", R, record.wrench.reshape(-1, 2, 3)).reshape(-1, 6),
         displacement=np.einsum("nji,nj->ni", R, record.displacement),
     )
-    # weights and coefficients are sought to a thousandth of a standard error, which is 3 % of joint 6
+    # weights and coefficients converge to 1/1000 of a standard error; the standard error is 3 % of joint 6
     np.testing.assert_allclose(fit_stiffness(build_load_test_experiment(turned, robot, T)).x, base.x, rtol=3e-5)
 
 
@@ -340,7 +342,7 @@ def test_same_input_same_result() -> None:
 def test_pipeline_at_the_loaded_equilibrium_finds_what_the_linear_law_misses() -> None:
     rng = np.random.default_rng(15)
     _, robot, T = cell()
-    soft = TRUE_K / 6.0  # turns of 10 mrad: a linear law errs by some tenths of a percent
+    soft = TRUE_K / 6.0  # rotations of 10 mrad: a linear law has an error of some tenths of a percent
     made = plan_load_tests(rng, force=2500.0, k=soft)
     exact = TrueArm(robot, T, 1.0 / soft).displacement(made.q, made.wrench)
     e = build_load_test_experiment(
@@ -353,7 +355,7 @@ def test_pipeline_at_the_loaded_equilibrium_finds_what_the_linear_law_misses() -
         wrong[geometric] = np.abs(found.stiffness.joints / soft - 1).max()
         assert ("geometric_stiffness" in [t.effect for t in found.stiffness.terms]) == geometric
     assert wrong[False] > 1e-3
-    assert wrong[True] < 1e-6  # the compliances are sought to 1e-9
+    assert wrong[True] < 1e-6  # the compliances converge to 1e-9
 
 
 def test_pipeline_gives_terms_grid_and_model_choice() -> None:
@@ -363,9 +365,9 @@ def test_pipeline_gives_terms_grid_and_model_choice() -> None:
         model="auto", terms=(StiffnessTerm("joint_coupling", "joint:4-5"),), grid_cell=0.8, studies=False
     )
     found = identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), options, np.random.default_rng(0))
-    assert found.model == "constant"  # nothing varies in the truth
+    assert found.model == "constant"  # the true stiffness does not vary
     assert found.why_model.startswith("constant: ")
-    assert found.stiffness.terms == ()  # no coupling there: not found, left out
+    assert found.stiffness.terms == ()  # the data contain no coupling: the term is not significant and is omitted
     assert not found.terms[0].identified
     grid = identify_stiffness(
         e, robot, T, ArmStiffness(joints=TRUE_K), replace(options, model="grid"), np.random.default_rng(0)
@@ -373,4 +375,4 @@ def test_pipeline_gives_terms_grid_and_model_choice() -> None:
     assert grid.model == "grid"
     assert grid.stiffness.grid is not None
     assert grid.table.predicted.shape == e.measured.shape
-    assert grid.errors.rmse == pytest.approx(found.errors.rmse, rel=0.2)  # the same truth, the same noise
+    assert grid.errors.rmse == pytest.approx(found.errors.rmse, rel=0.2)  # same true values, same noise

@@ -35,7 +35,7 @@ from machopt.process.stability.structural_modes import compute_arm_modes
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = ROOT / "cells" / "kr500_milling"
-SPRINGS = np.array([1.2e7, 7.0e6, 4.5e6, 5.5e5, 2.6e5, 3.0e5])  # N·m/rad, other than the cell's
+SPRINGS = np.array([1.2e7, 7.0e6, 4.5e6, 5.5e5, 2.6e5, 3.0e5])  # N·m/rad, different from the cell's values
 DAMPING = 0.06 * SPRINGS / (2.0 * math.pi * 30.0)  # N·m·s/rad
 FREQUENCY = np.arange(5.0, 76.0, 2.0)
 POSES = np.radians([[0, -90, 90, 0, 45, 0], [40, -75, 105, 50, 60, 20]])
@@ -49,13 +49,13 @@ operations: {default: {kind: milling, material: al, spindle_rpm: 6000, ae_mm: 1,
 
 
 def load_simulator() -> ModuleType:
-    """The simulator of the benchmark; it imports nothing of machopt."""
+    """Load the simulator of the benchmark; it imports nothing from machopt."""
     path = ROOT / "benchmarks" / "frequency_response_benchmark" / "arm_simulator.py"
     spec = importlib.util.spec_from_file_location("arm_simulator", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["arm_simulator"] = module  # dataclasses look their module up
+    sys.modules["arm_simulator"] = module  # required by dataclasses, which look up their module
     spec.loader.exec_module(module)
     return module
 
@@ -147,7 +147,8 @@ def test_true_values_lie_in_the_intervals_and_files_are_read_back(tmp_path: Path
     for joint, k, d in zip(found["joints"], SPRINGS, DAMPING, strict=True):
         if joint["identified"]:
             low, high = joint["interval"]
-            assert low / (high / low) < k < high * (high / low)  # 90 % intervals: all of six would be luck
+            # widened interval: 90 % intervals rarely contain all six true values
+            assert low / (high / low) < k < high * (high / low)
         else:
             assert joint["interval"][1] is None
         low, high = joint["damping_interval"]
@@ -162,7 +163,7 @@ def test_true_values_lie_in_the_intervals_and_files_are_read_back(tmp_path: Path
     modes = compute_arm_modes(
         load_dynamics(load_cell(CELL, bodies=False)).compute_mass_matrix(POSES), 1.0 / SPRINGS, np.zeros((2, 3, 6))
     )
-    ratios = []  # by the complex roots of the damped equations of motion
+    ratios = []  # from the complex roots of the damped equations of motion
     for M in load_dynamics(load_cell(CELL, bodies=False)).compute_mass_matrix(POSES):
         A = np.block(
             [
@@ -181,7 +182,7 @@ def test_true_values_lie_in_the_intervals_and_files_are_read_back(tmp_path: Path
 
 
 def test_unexcited_joint_gets_a_bound_without_interval(tmp_path: Path) -> None:
-    """In a pose with a plane of symmetry, forces in the plane move joints 2, 3 and 5 only."""
+    """In a pose with a plane of symmetry, forces in this plane move joints 2, 3 and 5 only."""
     out = tmp_path / "out"
     folder = record(tmp_path / "r", build_rows(((2, 2), (0, 0)), poses=1))
     identified = machopt.identify_frequency_responses(CELL, folder)
@@ -207,7 +208,7 @@ def test_unexcited_joint_gets_a_bound_without_interval(tmp_path: Path) -> None:
 
 
 def test_coherence_gives_the_noise_of_each_frequency(tmp_path: Path) -> None:
-    """|H|² (1 − γ²)/γ² is the noise, whatever |H| is; its mean over seven frequencies is taken."""
+    """The noise is |H|² (1 − γ²)/γ² for any |H|; its mean over seven frequencies is used."""
     rows = build_rows(((0, 0),), noise=0.0, poses=1)
     values = [row.split(",") for row in rows[1:]]
     size = np.array([math.hypot(float(v[2]), float(v[3])) for v in values])
@@ -219,11 +220,11 @@ def test_coherence_gives_the_noise_of_each_frequency(tmp_path: Path) -> None:
         load_frequency_responses(record(tmp_path / "r", lines)), cell, load_robot(cell), None
     )
     expected = [np.sqrt(np.mean(noise[max(n - 3, 0) : n + 4] ** 2)) for n in range(len(size))]
-    np.testing.assert_allclose(found.shape, expected, rtol=0.03)  # coherences above 0.9999 are cut
+    np.testing.assert_allclose(found.shape, expected, rtol=0.03)  # coherences above 0.9999 are limited to that value
 
 
 def test_uncertain_masses_widen_the_intervals(equations: ResponseEquations) -> None:
-    """The variance added is that of refits with the mass of one link after the other changed."""
+    """The added variance equals that of refits with the mass of one link changed at a time."""
     model, prior = build_response_model(equations, "viscous"), build_prior(SPRINGS, True)
     fit = fit_responses(model, np.log(np.concatenate([SPRINGS, DAMPING / SPRINGS * equations.reference])), prior)
     plain, wide = (np.diag(_compute_covariance(model, fit, sigma)) for sigma in (None, 0.05))

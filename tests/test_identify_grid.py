@@ -44,17 +44,17 @@ from machopt.stiffness.joint_stiffness import GRID_FACE_TOLERANCE_M, compute_joi
 from machopt.stiffness.terms import build_fitted_term
 
 CELL = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
-ORIGIN = np.array([1.8407, -0.6, 0.1843])  # of the calibration space, in base_link
+ORIGIN = np.array([1.8407, -0.6, 0.1843])  # origin of the calibration space, in base_link
 SIZE = np.array([0.6, 1.2, 0.6])
 MARGINS = SingularityMargins(np.radians(5), np.radians(3), 0.05, np.radians(2))
-BRANCH = 5  # elbow up, arm forward, the wrist as at home
+BRANCH = 5  # elbow up, arm forward, wrist as in the home position
 BASE_SEEDS = (1, 5)
 NO_TERMS = np.zeros(0, bool)
 Law = np.ndarray | Compliance
 
 
 class Rig:
-    """The KR 500 and what is needed to load it anywhere in the calibration space."""
+    """The KR 500 with the functions needed to load it anywhere in the calibration space."""
 
     def __init__(self) -> None:
         self.cell: Cell = load_cell(CELL)
@@ -65,7 +65,7 @@ class Rig:
         self.c = 1.0 / self.cell.stiffness.joints
 
     def poses(self, position: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """TCP at given positions, tool as at home but for a few degrees either way."""
+        """Return poses with the TCP at the given positions; the tool orientation is that of home plus a few degrees."""
         turned = convert_vector_to_rotation(np.radians(12) * rng.uniform(-1, 1, (len(position), 3)))
         R = self.robot.compute_fk(self.cell.home, self.T)[:3, :3] @ turned
         q = self.solver.solve(build_transform(R, position) @ invert_transform(self.T)).q[:, BRANCH]
@@ -90,7 +90,7 @@ class Rig:
         return fit_stiffness(build_load_test_experiment(made.recording, self.robot, self.T)), made
 
     def fresh_error(self, law: Law, stiffness: ArmStiffness, rng: np.random.Generator) -> float:
-        """rms in m of a predicted coordinate at 80 new poses, against the noise-free truth."""
+        """Return the rms error in m of predicted coordinates at 80 new poses, compared with the noise-free values."""
         q = self.anywhere(rng, 80)
         made = record(
             TrueArm(self.robot, self.T, law), q, random_loads(rng, len(q), 4, 1000, 300), rng, noise=Noise.none()
@@ -139,11 +139,11 @@ def test_cells_of_a_position_equal_those_of_the_planner() -> None:
         own = row[row >= 0]
         assert len(set(own)) == len(own)
         np.testing.assert_allclose(stiffness.grid.joints[own].mean(axis=0), k, rtol=1e-14)
-    assert ((cells >= 0).sum(axis=1) == 8).sum() >= 2 * (2 * 1 * 3)  # every inner corner, exact and half a µm off
+    assert ((cells >= 0).sum(axis=1) == 8).sum() >= 2 * (2 * 1 * 3)  # every inner corner, exact and offset by 0.5 µm
 
 
 def test_relative_compliance_of_a_place_and_its_derivative() -> None:
-    """ρ is the harmonic mean of the cells' relative compliances; its slope against finite differences."""
+    """ρ is the harmonic mean of the relative compliances of the cells; its derivative equals finite differences."""
     rng = np.random.default_rng(1)
     region = GridRegion(np.zeros(3), 1.0, (2, 2, 1))
     places = find_measured_cells(
@@ -170,8 +170,8 @@ def test_relative_compliance_of_a_place_and_its_derivative() -> None:
 def test_unmeasured_cells_follow_their_neighbours_and_the_mean() -> None:
     region, used = GridRegion(np.zeros(3), 1.0, (4, 1, 1)), np.array([0, 1])
     weight, left, mean, unsure = interpolate_by_kriging(region, used, 0.0)
-    np.testing.assert_allclose(weight[2:], [[0.5, 0.5]] * 2)  # independent: the mean
-    np.testing.assert_allclose(left, [0, 0, 1.5, 1.5])  # one for the cell, a half for the mean of two
+    np.testing.assert_allclose(weight[2:], [[0.5, 0.5]] * 2)  # without correlation: the mean
+    np.testing.assert_allclose(left, [0, 0, 1.5, 1.5])  # 1 for the cell itself plus 0.5 for the mean of two
     np.testing.assert_allclose(mean, [0.5, 0.5])
     assert unsure == pytest.approx(0.5)
     weight, left, *_ = interpolate_by_kriging(region, used, 2.0)
@@ -183,7 +183,7 @@ def test_unmeasured_cells_follow_their_neighbours_and_the_mean() -> None:
 def test_grid_around_planned_poses_equals_the_planned_one(rig: Rig) -> None:
     rng = np.random.default_rng(0)
     plan = grid_plan(rig.cell, rig.robot, rig.solver, GridRegion(ORIGIN, 0.3, (2, 4, 2)), MARGINS)
-    f, _ = rig.measure(rig.c, plan.q[plan.reached], rng, loads=3)  # encoders off by fractions of a millimetre
+    f, _ = rig.measure(rig.c, plan.q[plan.reached], rng, loads=3)  # encoder errors of fractions of a millimetre
     g = fit_grid(f, 0.3)
     assert g.grid.shape == (2, 4, 2)
     np.testing.assert_allclose(g.grid.origin, ORIGIN, atol=2e-3)
@@ -228,11 +228,11 @@ def test_gradient_of_the_likelihood(rig: Rig) -> None:
     linear = work.linear(beta)
     x = evidence.parameters(prior) + 0.2 * rng.standard_normal(len(evidence.parameters(prior)))
     _, slope = evidence.misfit(evidence.prior(x), linear)
-    assert len(x) == 2 * 3 + 6 + 1 + 1  # two channels' noise, spreads, within, range
+    assert len(x) == 2 * 3 + 6 + 1 + 1  # noise of two channels, spreads, variation within a cell, correlation range
     for i, given in enumerate(slope):
         d = 1e-4 * np.eye(len(x))[i]
         ends = [evidence.misfit(evidence.prior(x + s * d), linear)[0] for s in (1, -1)]
-        # one-sided steps of 1e-5 in the noise: 1e-5 of a curvature of the size of the readings' number
+        # one-sided steps of 1e-5 in the noise give an error of 1e-5 times a curvature of about the number of readings
         assert given == pytest.approx((ends[0] - ends[1]) / 2e-4, abs=0.01, rel=1e-4)
 
 
@@ -263,7 +263,7 @@ def test_closed_form_of_held_out_poses_equals_refits(rig: Rig) -> None:
         posterior = rest.evidence(weighting).posterior(prior, linear)
         r = posterior.response[work.places.place[work.places.site[p]]]
         error = work.y[~retained] - work.A[~retained] @ r
-        # the whole fit stopped within a fraction of a standard error of its mode: nanometres of 50 µm
+        # the whole fit ends within a fraction of a standard error of its mode: nanometres, compared with 50 µm
         np.testing.assert_allclose(g.heldout.grid[~retained], error, atol=2e-7)
 
 
@@ -275,11 +275,11 @@ def _unknowns_of(g: GridFit, work: GridEquations) -> np.ndarray:
     return np.log(1 / g.grid.joints / work.reference)[work.places.cells].ravel()
 
 
-# ------------------------------------------------------------------------------------------------- does it work?
+# ------------------------------------------------------------------------------------------------- estimation accuracy
 
 
 def test_cells_are_estimated_with_correct_uncertainty(rig: Rig) -> None:
-    """A truth drawn as the model assumes: errors in units of the stated sigma have variance 1."""
+    """The true field is drawn from the model: errors divided by the stated sigma have variance 1."""
     region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     scores, better = [], []
     for seed in range(4):
@@ -292,16 +292,16 @@ def test_cells_are_estimated_with_correct_uncertainty(rig: Rig) -> None:
         scores.append(error / (g.grid.std / g.grid.joints))
         better.append(np.sqrt(np.mean(error**2) / np.mean(constant**2)))
         assert (g.grid.joints > 0).all()
-        # 16 cells tell the spread to 18 %, less where a joint is badly seen; 3 sigma
+        # 16 cells determine the spread to 18 %, fewer observable joints less; 3 sigma allowed
         np.testing.assert_allclose(np.median(g.spread), 0.2, rtol=0.4)
         np.testing.assert_allclose(
             np.sqrt(np.diagonal(g.covariance, axis1=1, axis2=2)) * g.grid.joints**2, g.grid.std, rtol=1e-9
         )
     z = np.concatenate(scores)
-    # 64 cells × 6 joints, correlated in a cell: a standard deviation good to about 6 %
+    # 64 cells × 6 joints, correlated within a cell: standard error of a standard deviation about 6 %
     assert 0.8 < z.std() < 1.25
     assert 0.84 < np.mean(np.abs(z) < 1.645) < 0.95  # the 90 % interval
-    assert np.max(better) < 0.5  # half of the variation or less is left
+    assert np.max(better) < 0.5  # at most half of the variation remains
 
 
 def test_grid_without_variation_equals_the_constant_model(rig: Rig) -> None:
@@ -318,9 +318,9 @@ def test_grid_without_variation_equals_the_constant_model(rig: Rig) -> None:
         gains.append(g.heldout.gain)
         assert np.median(g.spread) < 0.02
     gain, error = np.array(gains).T
-    # no worse on poses held out, within the standard error over the seeds
+    # not worse on held-out poses, within the standard error over the seeds
     assert gain.mean() > -gain.std(ddof=1) / np.sqrt(len(gain)) - error.mean() / np.sqrt(len(gain))
-    assert np.mean(worse) < 1e-6  # and at new poses: under a micrometre, of 35 µm noise
+    assert np.mean(worse) < 1e-6  # at new poses: worse by less than 1 µm, with noise of 35 µm
 
 
 def test_grid_with_variation_is_better_on_held_out_poses(rig: Rig) -> None:
@@ -336,13 +336,13 @@ def test_grid_with_variation_is_better_on_held_out_poses(rig: Rig) -> None:
         k = 1 / f.compliance
         fresh = rig.fresh_error(field, ArmStiffness(joints=k, grid=g.grid), np.random.default_rng(50 + seed))
         assert fresh < 0.75 * rig.fresh_error(field, ArmStiffness(joints=k), np.random.default_rng(50 + seed))
-        # a site's own part is seen: the field changes by its own size over 50 cm, and a cell is 30 cm
+        # the site component is identifiable: the field varies fully over 50 cm and a cell measures 30 cm
         assert (g.place_spread < g.spread + 1e-12).all()
         assert g.place_spread.max() > 0.01
 
 
 def test_weakly_measured_cell_stays_near_the_mean_and_is_marked(rig: Rig) -> None:
-    """Cell 0 without a reading, cell 1 with one pose under a fiftieth of the load; the others with twenty poses."""
+    """Cell 0 has no reading, cell 1 one pose under 1/50 of the load, the others twenty poses each."""
     rng = np.random.default_rng(4)
     region = GridRegion(ORIGIN, 0.3, (2, 4, 2))
     truth = drawn_cells(rig, region, rng, 0.25)
@@ -354,21 +354,21 @@ def test_weakly_measured_cell_stays_near_the_mean_and_is_marked(rig: Rig) -> Non
     g = fit_grid(f, 0.3, ORIGIN, (2, 4, 2), smooth=False)
     assert g.grid.std is not None
     relative = g.grid.std / g.grid.joints
-    np.testing.assert_allclose(g.grid.joints[0], g.centre, rtol=1e-9)  # nobody measured: the centre
-    assert (relative[0] >= g.spread).all()  # and the whole spread, with the mean's own error
+    np.testing.assert_allclose(g.grid.joints[0], g.centre, rtol=1e-9)  # without readings: the mean value
+    assert (relative[0] >= g.spread).all()  # with the full spread and the standard error of the mean
     assert (relative[0] < 1.3 * g.spread).all()
     assert g.readings[0] == 0
     assert (g.information_gain[0] < 1e-9).all()
     assert (relative[1] <= relative[0]).all()
     assert (relative[1] > relative[2:].mean(axis=0)).all()
     assert g.information_gain[1].mean() < g.information_gain[2:].mean()
-    # and it does not go wild, as the cell's own readings do that are fitted by themselves
+    # the estimate is less extreme than a separate fit to the readings of this cell
     alone = fit_stiffness(f.experiment.select_readings(f.experiment.pose == 0)).compliance
-    assert np.abs(1 / g.grid.joints[1] * truth[1] - 1).max() < 0.6  # two and a half times the spread of the truth
+    assert np.abs(1 / g.grid.joints[1] * truth[1] - 1).max() < 0.6  # 2.5 times the spread of the true values
     assert np.abs(alone * truth[1] - 1).max() >= 1.0  # one joint rigid, another twice as soft
     np.testing.assert_allclose(
         np.sqrt(np.diag(g.centre_covariance)) * g.centre, relative[0], rtol=1e-6
-    )  # the cell of nobody's
+    )  # the cell without readings
 
 
 def test_neighbours_help_where_the_truth_is_smooth(rig: Rig) -> None:
@@ -398,13 +398,13 @@ def test_outliers_do_not_move_cells(rig: Rig) -> None:
         found.append(np.sqrt(np.mean(np.log(g.grid.joints / truth) ** 2)))
         if outliers:
             flagged = (g.weighting.robust < 0.5).any(axis=1)
-            assert flagged[made.outlier].mean() > 0.9  # a few of 0.25 mm hide
+            assert flagged[made.outlier].mean() > 0.9  # a few outliers of 0.25 mm are not detectable
             assert flagged[~made.outlier].mean() < 0.05
-    assert found[1] < 1.25 * found[0]  # 5 % of the readings at half a millimetre are worth 5 % of the readings
+    assert found[1] < 1.25 * found[0]  # 5 % outliers of 0.5 mm cost the information of 5 % of the readings
 
 
 def test_unobserved_joint_is_fixed(rig: Rig) -> None:
-    """TCP on axis 6, forces without moment: joint 6 does nothing."""
+    """The TCP is on axis 6 and the forces have no moment: joint 6 has no effect."""
     rng = np.random.default_rng(0)
     flange = np.eye(4)
     q = rig.anywhere(rng, 60)
@@ -427,7 +427,7 @@ def test_additional_term_is_fitted_with_the_grid(rig: Rig) -> None:
     region = GridRegion(ORIGIN, 0.6, (1, 2, 1))
     truth = drawn_cells(rig, region, rng, 0.2)
     link = build_fitted_term("link_compliance", "link:2", rig.robot, rig.T)
-    x = np.array([1 / 4e6, 1 / 3e6])  # per N·m²: 0.2 mm per kN at the end of the upper arm
+    x = np.array([1 / 4e6, 1 / 3e6])  # 1/(N·m²): 0.2 mm per kN at the end of the upper arm
     q = rig.anywhere(rng, 150)
     arm = TrueArm(rig.robot, rig.T, law_of(cellwise(region, truth)))
     made = record(arm, q, random_loads(rng, len(q), 6, 1000, 300), rng, rotations=True, loads_per_cycle=3)
@@ -439,7 +439,7 @@ def test_additional_term_is_fitted_with_the_grid(rig: Rig) -> None:
     with_term = np.sqrt(np.mean(np.log(g.grid.joints / truth) ** 2))
     without = fit_grid(fit_stiffness(e), 0.6, ORIGIN, (1, 2, 1), smooth=False)
     assert with_term < 0.5 * np.sqrt(np.mean(np.log(without.grid.joints / truth) ** 2))
-    np.testing.assert_allclose(g.terms, x, rtol=0.1)  # the bending and torsion of one link against six joints
+    np.testing.assert_allclose(g.terms, x, rtol=0.1)  # bending and torsion of one link, separated from six joints
 
 
 def test_recording_unsuitable_for_a_grid_is_reported(rig: Rig) -> None:
@@ -451,7 +451,7 @@ def test_recording_unsuitable_for_a_grid_is_reported(rig: Rig) -> None:
         fit_grid(f, 0.001)
     with pytest.raises(InputError, match="three whole numbers"):
         fit_grid(f, 0.3, ORIGIN, (0, 2, 2))
-    half = fit_grid(f, 0.3, ORIGIN, (2, 2, 2))  # readings outside do not count, and are told
+    half = fit_grid(f, 0.3, ORIGIN, (2, 2, 2))  # readings outside the grid are excluded and reported
     assert 0 < half.inside.sum() < len(half.inside)
     assert len(half.heldout.grid) == half.inside.sum()
 
@@ -486,14 +486,14 @@ def test_nine_positions_per_cell_and_three_configurations(rig: Rig, edge: float,
         assert (region.cells(p, FACE_TOLERANCE) == n).any(axis=1).all()
     ok = plan.reached
     assert ok.mean() > 0.9
-    # closed form to rounding
+    # tolerance: rounding of the closed form
     np.testing.assert_allclose(rig.robot.compute_fk(plan.q[ok], rig.T), plan.T_base_tcp[ok], atol=1e-9)
     assert len(set(plan.branch[ok].tolist())) == 1
     limits = rig.cell.limits
     assert ((plan.q[ok] > limits.lower[:6]) & (plan.q[ok] < limits.upper[:6])).all()
     assert np.isnan(plan.q[~ok]).all()
     assert (plan.branch[~ok] == -1).all()
-    # the initial posture lies along the edges; the others are turned by 10° about the tool's y
+    # the initial orientation is along the edges; the others are rotated by 10° about the tool's y axis
     R = plan.T_base_tcp[:3, :3, :3]
     assert {0.0, 1.0} == set(np.abs(R[0]).round(12).ravel().tolist())
     np.testing.assert_allclose(np.degrees(plan.angle), [0, -10, 10])
@@ -510,14 +510,14 @@ def test_unmeasurable_cells_have_a_reason(rig: Rig) -> None:
     robot, shapes = load_chain(rig.cell)
     collision = CollisionModel(rig.cell, robot, shapes, 0.0)
     plan = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS, collision=collision)
-    assert (plan.reason == InfeasibilityReason.COLLIDING).any()  # the table stands in the calibration space
+    assert (plan.reason == InfeasibilityReason.COLLIDING).any()  # the table is inside the calibration space
     assert collision.check_configurations(plan.q[plan.reached], np.zeros(plan.reached.sum(), bool)).hit.sum() == 0
     other = grid_plan(rig.cell, rig.robot, rig.solver, region, MARGINS, branch=1)
     assert set(other.branch.tolist()) <= {-1, 1}
 
 
 def test_coefficients_of_terms_stay_within_their_bounds(rig: Rig) -> None:
-    """Readings of an arm on a rigid base: the compliances of a fitted base are noise, but none is negative."""
+    """Readings of an arm on a rigid base: the fitted base compliances are noise, but none is negative."""
     region = GridRegion(ORIGIN, 0.6, (1, 2, 1))
     base = build_fitted_term("base_compliance", "base", rig.robot, rig.T)
     for seed in BASE_SEEDS:

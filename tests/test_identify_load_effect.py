@@ -29,7 +29,7 @@ SOFT = TRUE_K / 3.0
 
 
 def hanging(seed: int, noise: float = 1.0) -> LoadTestExperiment:
-    """Weights of up to 150 kg on arms of up to 0.3 m, at the exact equilibrium."""
+    """Weights of up to 150 kg on lever arms of up to 0.3 m, at the exact equilibrium."""
     rng = np.random.default_rng(seed)
     _, robot, T = cell()
     force = np.zeros((20, 4, 3))
@@ -56,10 +56,11 @@ def test_hanging_loads_bias_the_linear_law_and_the_load_effect_corrects_it() -> 
         result = identify_joints(e, load_effect=on)
         observed = np.array([j.identified for j in result.joints])
         error[on] = np.abs(result.stiffness.joints / SOFT - 1)[observed].max()
-        assert result.stiffness.terms == ()  # a correction of the readings, not a term for the planner
+        # the effect corrects the readings; it is not a term of the written stiffness
+        assert result.stiffness.terms == ()
         assert any("K_C" in note for note in result.notes) == on
     assert error[False] > 2e-3
-    assert error[True] < 0.05 * error[False]  # one round: the square of the effect is left
+    assert error[True] < 0.05 * error[False]  # one correction round: the second-order effect remains
 
 
 @pytest.mark.proof
@@ -74,7 +75,7 @@ def test_intervals_of_hanging_loads_cover_with_the_load_effect() -> None:
                     inside[on] += hit
                     outside[on] += not hit
     share = {on: inside[on] / (inside[on] + outside[on]) for on in inside}
-    assert share[True] > 0.78  # 60 intervals of 90 %: fewer happens once in 200
+    assert share[True] > 0.78  # 60 intervals of 90 %: fewer occurs once in 200
     assert share[False] < share[True] - 0.1
 
 
@@ -88,13 +89,13 @@ def test_load_effect_inside_the_noise_is_ignored() -> None:
 
 def test_recording_without_an_equilibrium_falls_back_to_the_linear_law() -> None:
     e = draw_load_tests(np.random.default_rng(6))
-    huge = replace(e, wrench=1e3 * e.wrench, measured=1e3 * e.measured)  # metres of displacement
+    huge = replace(e, wrench=1e3 * e.wrench, measured=1e3 * e.measured)  # displacements of metres
     assert not any("K_C" in n for n in identify_joints(huge, load_effect=True, accept=frozenset({"units"})).notes)
 
 
 @pytest.fixture(scope="module")
 def full() -> tuple[LoadTestExperiment, StiffnessTerm]:
-    """A base with three angular compliances, fitted with all 21 coefficients."""
+    """Return a fit with a base of three angular compliances and all 21 coefficients."""
     _, robot, T = cell()
     e = draw_load_tests(np.random.default_rng(7), poses=20)
     law = build_fitted_term("base_compliance", "base", robot, T, compliance_diagonal=[0, 0, 0, 3e-7, 2.5e-7, 0])
@@ -109,7 +110,7 @@ def test_fitted_matrix_is_positive_semidefinite_and_accepted_by_the_planner(
     _, robot, T = cell()
     e, term = full
     free = fit_stiffness(e, compile_terms((term,), robot, T)[0])
-    assert has_negative_compliance(list_fitted_matrices(free)[0].matrix(free.x))  # noise does it
+    assert has_negative_compliance(list_fitted_matrices(free)[0].matrix(free.x))  # caused by noise
     result = identify_stiffness(
         e,
         robot,
@@ -121,21 +122,21 @@ def test_fitted_matrix_is_positive_semidefinite_and_accepted_by_the_planner(
     assert any("would move against a load" in w for w in result.warnings)
     write_stiffness(tmp_path / "stiffness.yaml", result.stiffness)
     read = load_stiffness(tmp_path / "stiffness.yaml")
-    compile_terms(read.terms, robot, T)  # refuses what gives way
+    compile_terms(read.terms, robot, T)  # this function refuses a negative compliance
     C = np.array(read.terms[0].parameters["compliance"])
-    assert np.diag(C)[3] == pytest.approx(3e-7, rel=0.1)  # readings know the tilt to some percent
+    assert np.diag(C)[3] == pytest.approx(3e-7, rel=0.1)  # the readings determine the tilt compliance to some percent
     assert result.heldout is not None
     assert result.heldout.rmse < 1.3 * result.errors.rmse
 
 
 def test_projected_matrix_is_the_minimum(full: tuple[LoadTestExperiment, StiffnessTerm]) -> None:
-    """No admissible neighbour has a smaller sum of squares (the problem is convex)."""
+    """No other admissible matrix nearby has a smaller sum of squares (the problem is convex)."""
     _, robot, T = cell()
     e, term = full
     free = fit_stiffness(e, compile_terms((term,), robot, T)[0])
     part = list_fitted_matrices(free)[0]
     H, h = free.normal.total()
-    H = H + 1e-9 * np.trace(H) / len(H) * np.eye(len(H))  # one minimum, also in directions without data
+    H = H + 1e-9 * np.trace(H) / len(H) * np.eye(len(H))  # makes the minimum unique, also in directions without data
     x = fit_semidefinite_matrix(free, part, H, h, free.x, np.zeros(len(free.x), bool))
     assert not has_negative_compliance(part.matrix(x))
 
@@ -151,7 +152,7 @@ def test_projected_matrix_is_the_minimum(full: tuple[LoadTestExperiment, Stiffne
             turned = root @ (np.eye(6) + size * rng.standard_normal((6, 6)))
             other[part.first_coefficient] = (turned @ turned.T)[part.row, part.column]
             other[:6] *= 1 + size * rng.standard_normal(6)
-            assert value(other) > value(x) - 1e-3  # in squared standard errors
+            assert value(other) > value(x) - 1e-3  # tolerance in squared standard errors
 
 
 @pytest.mark.proof
@@ -164,7 +165,7 @@ def test_matrix_from_noise_alone_is_not_found() -> None:
         options = IdentifyOptions(terms=(term,), studies=False)
         result = identify_stiffness(e, robot, T, ArmStiffness(joints=TRUE_K), options, np.random.default_rng(0))
         retained += bool(result.stiffness.terms)
-    assert retained <= 3  # at 10 % each: more happens once in 200
+    assert retained <= 3  # false positive rate of 10 % each: more occurs once in 200
 
 
 def test_zero_redundancy_is_refused_and_few_equations_keep_every_reading() -> None:

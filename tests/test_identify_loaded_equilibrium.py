@@ -1,4 +1,4 @@
-"""Identification at the loaded equilibrium, against an independently simulated arm, and its limits."""
+"""Identification at the loaded equilibrium, compared with an independently simulated arm, and its limits."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def poses(cell: Cell, robot: Robot, rng: np.random.Generator, count: int = 30) -
 def soft_test(
     cell: Cell, robot: Robot, masses: RobotMasses | None, soft: float = 10.0, noise: Noise | None = None
 ) -> tuple[LoadTestExperiment, np.ndarray]:
-    """2 kN on an arm ten times softer than the KR 500: centimetres of deflection."""
+    """Loads of 2 kN on an arm ten times softer than the KR 500: deflections of centimetres."""
     rng = np.random.default_rng(3)
     c = soft * constant(cell)
     arm = TrueArm(robot, cell.tool.T_flange_tcp, c, masses=masses)
@@ -78,16 +78,16 @@ def soft_test(
 def test_gravity_torques_equal_pinocchio(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
     import pinocchio as pin
 
-    links = len(masses.mass) - 1  # the last is the tool, which the URDF does not have
+    links = len(masses.mass) - 1  # the last mass is the tool, which the URDF does not contain
     bare = RobotMasses(masses.body[:links], masses.mass[:links], masses.com[:links], masses.gravity)
     q = np.random.default_rng(0).uniform(-2, 2, (6, 6))
     torque, slope = compute_gravity_torque(robot, bare, robot.compute_state(q, None, bodies=True))
     model = pin.buildModelFromUrdf(str(cell.urdf))
     model.gravity.linear = masses.gravity
     for row, expected in zip(q, torque, strict=True):
-        # pinocchio gives what the motors must hold, the opposite of what weight does; 10 µN·m of 9 kN·m is rounding
+        # pinocchio returns the motor torque, the opposite of the torque of the weight; rounding: 10 µN·m of 9 kN·m
         np.testing.assert_allclose(pin.computeGeneralizedGravity(model, model.createData(), row), -expected, atol=1e-5)
-    h = 1e-5  # rad; central differences of 10 kN·m torques are good to about 1e-5 N·m/rad there
+    h = 1e-5  # rad; central differences of torques of 10 kN·m have an error of about 1e-5 N·m/rad
     for j in range(6):
         d = h * np.eye(6)[j]
         ends = [
@@ -109,7 +109,7 @@ def test_tool_counts_as_a_mass_of_the_last_link(cell: Cell, robot: Robot, masses
 
 
 def test_simulated_arm_converges_to_the_linear_law_for_small_loads(cell: Cell, robot: Robot) -> None:
-    """Joints, a link, base and tool springs: the difference from the linear law falls as fast as the load does."""
+    """Joints, a link, base and tool springs: the difference from the linear law is proportional to the load."""
     rng = np.random.default_rng(0)
     T = cell.tool.T_flange_tcp
     terms = [
@@ -129,8 +129,8 @@ def test_simulated_arm_converges_to_the_linear_law_for_small_loads(cell: Cell, r
         made = record(arm, q, share * loads, rng, rotations=True, noise=Noise.none())
         e = build_load_test_experiment(made.recording, robot, T)
         off.append(np.abs(e.response(terms) @ x - e.measured).max() / np.abs(e.measured).max())
-    assert off[0] < 0.01  # 1 kN on a KR 500 is a small load
-    np.testing.assert_allclose(off[0] / off[1], 10.0, rtol=0.02)  # first order in the load
+    assert off[0] < 0.01  # for a KR 500, 1 kN is a small load
+    np.testing.assert_allclose(off[0] / off[1], 10.0, rtol=0.02)  # the error is of first order in the load
 
 
 def test_noise_of_a_recording_has_the_requested_size(cell: Cell, robot: Robot) -> None:
@@ -147,11 +147,12 @@ def test_noise_of_a_recording_has_the_requested_size(cell: Cell, robot: Robot) -
     error = (r.displacement - made.displacement[:, :3])[~made.outlier]
     label = r.pose[~made.outlier]
     means = np.stack([np.bincount(label, error[:, a]) / np.bincount(label) for a in range(3)], axis=1)
-    # variance of a pose's mean: pose + cycle/4 + white/8 (a few outliers less); 1,200 values are good to 2 %, 3 sigma
+    # variance of a pose mean: pose + cycle/4 + white/8 (with a few outliers); 1,200 values have a standard error of 2
+    # %; 3 sigma allowed
     expected = np.sqrt(noise.pose**2 + noise.cycle**2 / 4 + noise.white**2 / 8)
     assert np.std(means) == pytest.approx(expected, rel=0.07)
-    assert made.outlier.mean() == pytest.approx(0.02, abs=0.008)  # 3,200 readings: ± 0.0025
-    # a share of each force; 9,600 values are good to 0.7 %
+    assert made.outlier.mean() == pytest.approx(0.02, abs=0.008)  # standard error of 3,200 readings: 0.0025
+    # relative force error; 9,600 values have a standard error of 0.7 %
     share = (r.wrench[:, :3] / made.wrench[:, :3] - 1).std()
     assert share == pytest.approx(noise.force, rel=0.03)
     again = record(arm, q, random_loads(np.random.default_rng(9), 400, 4, 500), np.random.default_rng(2))
@@ -168,7 +169,7 @@ def test_smooth_field_stays_within_its_amplitude_and_varies(cell: Cell) -> None:
     assert stiffer.max() <= 1.3 + 1e-12
     assert (stiffer.std(axis=0) > 0.05).all()
     step = np.abs(field(np.zeros((4000, 6)), p + np.array([0.01, 0, 0])) / field(np.zeros((4000, 6)), p) - 1)
-    assert step.max() < 0.05  # 1 cm of a field that changes over 50 cm
+    assert step.max() < 0.05  # a distance of 1 cm in a field that varies over 50 cm
     with pytest.raises(ValueError, match="no rest"):
         TrueArm(*_tiny_arm(cell), 1e4 * constant(cell)).rest(cell.home[None], np.array([[0, 0, -5000.0, 0, 0, 0]]))
 
@@ -182,11 +183,12 @@ def _tiny_arm(cell: Cell) -> tuple[Robot, np.ndarray]:
 
 @pytest.mark.parametrize("weight", [False, True])
 def test_prediction_equals_the_simulated_arm(cell: Cell, robot: Robot, masses: RobotMasses, weight: bool) -> None:
-    """Newton on joint angles here, a chain of bodies brought to rest by iteration there."""
+    """The prediction uses Newton's method on joint angles;
+    the reference is a chain of bodies iterated to equilibrium."""
     e, c = soft_test(cell, robot, masses if weight else None)
-    assert np.abs(e.measured[:, :3]).max() > 0.01  # centimetres: no small-angle shortcut could pass
+    assert np.abs(e.measured[:, :3]).max() > 0.01  # deflections of centimetres: a small-angle approximation would fail
     predicted, _ = LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp, masses if weight else None).predict(c)
-    np.testing.assert_allclose(predicted, e.measured, atol=1e-11)  # rounding of 3 m through two iterations
+    np.testing.assert_allclose(predicted, e.measured, atol=1e-11)  # tolerance: rounding of 3 m in two iterations
 
 
 def test_sensitivities_agree_with_finite_differences(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
@@ -196,7 +198,7 @@ def test_sensitivities_agree_with_finite_differences(cell: Cell, robot: Robot, m
     for j in range(6):
         h = 1e-3 * c[j] * np.eye(6)[j]
         slope = (eq.predict(c + h)[0] - eq.predict(c - h)[0]) / (2 * h[j])
-        # third derivatives: about (a percent of a percent)² of the sensitivity
+        # tolerance from third derivatives: about (1 % of 1 %)² of the sensitivity
         np.testing.assert_allclose(slope, S[..., j], atol=1e-7 * np.abs(S[..., j]).max())
 
 
@@ -215,15 +217,16 @@ def test_equilibrium_fit_finds_the_truth_where_the_linear_fit_is_biased(
 ) -> None:
     e, c = soft_test(cell, robot, masses)
     linear = fit_unweighted_compliances(e)
-    assert np.abs(linear / c - 1).max() > 0.1  # tens of percent off at the soft joints
+    assert np.abs(linear / c - 1).max() > 0.1  # the linear fit has errors of tens of percent at the soft joints
     found = refine_at_equilibrium(LoadedEquilibriumModel(e, robot, cell.tool.T_flange_tcp, masses), linear)
-    np.testing.assert_allclose(found.compliance, c, rtol=1e-8)  # data without noise: only the iteration's end
-    assert found.rounds <= 5  # Gauss–Newton on residuals that vanish converges quadratically
+    # data without noise: only the convergence tolerance remains
+    np.testing.assert_allclose(found.compliance, c, rtol=1e-8)
+    assert found.rounds <= 5  # Gauss–Newton converges quadratically because the residuals vanish at the solution
     assert found.influence.max() > 0.1
 
 
 def test_neglected_weight_biases_the_fit(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
-    """1.8 t of links and tool on springs: K_C of the load alone is not enough."""
+    """1.8 t of links and tool on springs: K_C from the load alone is not sufficient."""
     e, c = soft_test(cell, robot, masses, soft=1.0)
     T = cell.tool.T_flange_tcp
     start = fit_unweighted_compliances(e)
@@ -234,7 +237,7 @@ def test_neglected_weight_biases_the_fit(cell: Cell, robot: Robot, masses: Robot
 
 
 def test_weighted_robust_fit_works_at_the_equilibrium(cell: Cell, robot: Robot, masses: RobotMasses) -> None:
-    """Same noise, same method: only the equations change."""
+    """Same noise and same method as in the linear fit; only the equations differ."""
     e, c = soft_test(cell, robot, masses, noise=Noise())
     linear = fit_stiffness(e)
     found = refine_at_equilibrium(
@@ -243,14 +246,14 @@ def test_weighted_robust_fit_works_at_the_equilibrium(cell: Cell, robot: Robot, 
         lambda at: fit_stiffness(at).compliance,
     )
     assert np.abs(linear.compliance / c - 1).max() > 0.05
-    assert np.abs(found.compliance / c - 1).max() < 0.02  # noise of 35 µm and 0.75 % of force on 10 mm
+    assert np.abs(found.compliance / c - 1).max() < 0.02  # noise of 35 µm and 0.75 % of the force, deflections of 10 mm
     one = found.linear.select_readings(np.arange(len(e)) < 8)
     assert one.response().shape == (8, 6, 6)
     np.testing.assert_array_equal(one.response(), found.linear.response()[:8])
 
 
 def test_small_loads_give_the_linear_result(cell: Cell, robot: Robot) -> None:
-    """The difference falls in proportion to the load, so it is K_C's and the finite turning's and nothing else's."""
+    """The difference is proportional to the load, so K_C and finite rotations alone cause it."""
     rng = np.random.default_rng(5)
     T, c = cell.tool.T_flange_tcp, constant(cell)
     q, loads = poses(cell, robot, rng), random_loads(rng, 30, 4, 1000, 200)
@@ -272,16 +275,16 @@ def test_terms_beside_the_joints_remain_linear(cell: Cell, robot: Robot) -> None
     base = build_fitted_term("base_compliance", "base", robot, T)
     at = LoadedEquilibriumModel(e, robot, T).linearise(c)
     np.testing.assert_array_equal(at.response([base])[..., 6:], e.response([base])[..., 6:])
-    # at the truth the linearised readings are what the sensitivities say
+    # at the true values the linearised readings equal the product of sensitivities and compliances
     np.testing.assert_allclose(at.response() @ c, at.measured, atol=1e-11)
 
 
 def test_size_of_the_load_effect_on_the_kr240() -> None:
-    """dumas2011 section 3.2 finds ν_p ≤ 0.016 for [0, 0, −2000 N, 200, 200 N·m, 0], wrist at 45°.
+    """dumas2011 section 3.2 gives ν_p ≤ 0.016 for the wrench [0, 0, −2000 N, 200, 200 N·m, 0], wrist at 45°.
 
-    On the ranges of joints 2 and 3 (every 5°): ν_p 0.0159 by its linear formula, 0.0154 by letting the arm settle.
-    The links' weight, which the paper leaves out, changes a displacement by up to 0.086, median 0.022 (masses
-    of the URDF, which are our estimate).
+    Over the ranges of joints 2 and 3 (every 5°): ν_p is 0.0159 by its linear formula and 0.0154 at the computed
+    equilibrium. The weight of the links, which the paper omits, changes a displacement by up to 0.086, median 0.022
+    (the masses in the URDF are our estimate).
     """
     cell = load_cell(CELLS / "kr240_drilling")
     assert cell.stiffness is not None
@@ -305,7 +308,7 @@ def test_size_of_the_load_effect_on_the_kr240() -> None:
     nu = compute_geometric_influence(state.J, k, compute_geometric_stiffness(state.J, w), w).nu_p
     settled = compute_nonlinear_share(LoadedEquilibriumModel(e, robot, T), 1 / cell.stiffness.joints)
     weighed = compute_nonlinear_share(LoadedEquilibriumModel(e, robot, T, load_masses(cell)), 1 / cell.stiffness.joints)
-    assert nu.max() == pytest.approx(0.0159, abs=2e-4)  # the paper's figure to its printed digit
+    assert nu.max() == pytest.approx(0.0159, abs=2e-4)  # the paper's value to its printed digit
     assert settled.max() == pytest.approx(0.0154, abs=2e-4)
     assert settled.max() < weighed.max() < 0.1
 

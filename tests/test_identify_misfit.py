@@ -28,7 +28,7 @@ TURN = np.ones(3)
 
 
 def truths(k: Array) -> dict[str, dict[str, Any]]:
-    """What the springs are not alone with; sizes of a tenth to a third of the springs' own deflection."""
+    """Return the additional compliances, by name; their deflection is a tenth to a third of that of the springs."""
     return {
         "nothing": {},
         "base, tilt": {"hinges": {0: 3e-8 * np.diag([1.0, 1.0, 0.0])}},
@@ -56,7 +56,7 @@ def identify(folder: Path, seed: int, name: str, capsys: pytest.CaptureFixture[s
 
 @pytest.mark.proof
 def test_intervals_cover_the_as_built_joints(tmp_path: Path) -> None:
-    """90 % intervals hold 85 % of the springs over all causes, two thirds for each, and stay useful."""
+    """The 90 % intervals contain 85 % of the springs over all causes, two thirds per cause, and are narrow."""
     rates, width = [], []
     for name in truths(np.ones(6)):
         fixed = []

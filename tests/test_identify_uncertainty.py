@@ -51,7 +51,7 @@ def test_ninety_percent_intervals_cover(rotations: bool, loads: int, repeats: in
             low, high = compute_coefficient_uncertainty(fit_stiffness(e)).interval[:6].T
             hits.append((low <= C) & (high >= C))
     assert 0.86 <= np.mean(hits) <= 0.94
-    # of a joint by itself 200 draws tell the coverage to 2.1 %; three of that on either side of 86 … 94 %
+    # standard error of the coverage of one joint from 200 draws: 2.1 %; three of them on either side of 86 … 94 %
     assert (np.mean(hits, axis=0) > 0.80).all()
 
 
@@ -66,7 +66,7 @@ def test_intervals_cover_with_few_poses_and_without_labels() -> None:
             e = build_load_test_experiment(add_measurement_errors(made, rng, labels=False, stated=False), robot, T)
             low, high = compute_coefficient_uncertainty(fit_stiffness(e)).interval[:6].T
             hits.append((low <= C) & (high >= C))
-    assert 0.86 <= np.mean(hits) <= 0.95  # Satterthwaite's degrees of freedom (3 to 5 here) err to the safe side
+    assert 0.86 <= np.mean(hits) <= 0.95  # Satterthwaite's degrees of freedom (3 to 5 here) give conservative intervals
 
 
 def test_cluster_robust_covariance_equals_cr2() -> None:
@@ -99,7 +99,7 @@ def test_cluster_robust_covariance_equals_cr2() -> None:
 
 
 def axial(rng: np.random.Generator) -> LoadTestExperiment:
-    """Loads along axis 6 only: joint 6 gets no torque."""
+    """Loads along axis 6 only: joint 6 has no torque."""
     _, robot, T = cell()
     made = plan_load_tests(rng, poses=20, loads=1, repeats=1)
     z = robot.compute_fk(made.q)[:, :3, 2]
@@ -124,7 +124,7 @@ def test_joint_without_torque_keeps_the_value_of_the_cell() -> None:
     assert any("singular design" in w for w in found.warnings)
     assert all(j.identified for j in found.joints[:3])
     assert np.abs(found.stiffness.joints[:3] / TRUE_K[:3] - 1).max() < 0.2
-    sure = np.sqrt(np.diag(found.stiffness.covariance))  # a joint not identified is as uncertain as its own value
+    sure = np.sqrt(np.diag(found.stiffness.covariance))  # the relative standard deviation of an unidentified joint is 1
     assert sure[5] == pytest.approx(1 / 7e5)
     assert np.isnan(found.monte_carlo.spread[5])
     alone = identify_stiffness(e, robot, T, None, IdentifyOptions(studies=False), np.random.default_rng(0))
@@ -144,9 +144,9 @@ def test_inseparable_joints_are_named_with_their_sum() -> None:
     assert not settled.status[0].identified
     assert settled.status[0].reason.startswith("cannot be distinguished from base_compliance at base rz")
     assert not settled.status[turn].identified
-    # the sum is what a fit without the base gives; the base's other five coefficients change it by less than that
+    # the sum equals that of a fit without base; the base's other five coefficients change it by less than the tolerance
     assert settled.x[0] + settled.x[turn] == pytest.approx(fit_stiffness(e).x[0], rel=0.02)
-    # however the two share it, neither is more than both together
+    # for any division between the two, neither exceeds the sum
     assert sure.interval[0, 1] < 1.1 * fit_stiffness(e).x[0]
     assert sure.interval[0, 0] == 0.0
 
@@ -155,7 +155,7 @@ def test_joint_hidden_by_noise_gets_a_bound_only() -> None:
     rng = np.random.default_rng(24)
     _, robot, T = cell()
     stiff = TRUE_K.copy()
-    stiff[5] = 1e9  # far stiffer than the cell says: not to be told from rigid
+    stiff[5] = 1e9  # far stiffer than the cell's value: not distinguishable from rigid
     e = build_load_test_experiment(
         add_measurement_errors(plan_load_tests(rng, force=300.0, moment=30.0, k=stiff), rng), robot, T
     )
@@ -180,7 +180,7 @@ def test_errors_on_unseen_poses_equal_those_of_a_refit() -> None:
     for p in range(8):
         out = e.pose == p
         x = np.linalg.lstsq(B[~out].reshape(-1, 6), e.measured[~out].reshape(-1), rcond=None)[0]
-        np.testing.assert_allclose(left_out[out], e.measured[out] - B[out] @ x, atol=1e-12)  # m; rounding
+        np.testing.assert_allclose(left_out[out], e.measured[out] - B[out] @ x, atol=1e-12)  # m; tolerance: rounding
     together = summarise_residuals(found, left_out)
     assert together.rmse == pytest.approx(np.sqrt(np.mean(left_out**2)))
     assert together.rmse > summarise_residuals(found, found.residual).rmse
@@ -208,7 +208,7 @@ def test_leverages_sum_to_the_unknowns_and_the_wrong_pose_has_the_largest_residu
     assert felt.leverage.sum() == pytest.approx(6, rel=1e-6)
     assert felt.pose_leverage.sum() == pytest.approx(6, rel=1e-6)
     assert felt.pose[np.argmax(felt.pose_cook)] in (7, record.pose[11])
-    one = found.clusters.readings(3)[:1]  # first order against a real refit without the reading
+    one = found.clusters.readings(3)[:1]  # first-order formula compared with a refit without the reading
     rest = np.setdiff1d(np.arange(len(d)), one)
     less = fit_stiffness(found.experiment.select_readings(rest), robust=False, weighting=None)
     assert np.isfinite(less.x).all()
@@ -242,7 +242,7 @@ def test_monte_carlo_agrees_with_error_propagation() -> None:
     study = run_monte_carlo(found, settled, robot, T, np.random.default_rng(0), uncertainty=only, draws=400)
     B = e.response().reshape(-1, 6)
     expected = WHITE * np.sqrt(np.diag(np.linalg.inv(B.T @ B)))
-    # 400 draws tell a standard deviation to 3.5 %; four of that
+    # standard error of a standard deviation from 400 draws: 3.5 %; four of them allowed
     np.testing.assert_allclose(study.compliance.std(axis=0, ddof=1), expected, rtol=0.15)
     everything = replace(only, force=10.0, moment=3.0, joint=np.radians(0.01))
     more = run_monte_carlo(found, settled, robot, T, np.random.default_rng(0), uncertainty=everything, draws=100)
@@ -267,7 +267,8 @@ def test_scatter_of_few_tests_agrees_with_dumas2011_table_2() -> None:
         settled = settle_coefficients(found, compute_coefficient_uncertainty(found), TRUE_K)
         spread.append(run_monte_carlo(found, settled, robot, T, rng, uncertainty=sigma, draws=100).spread)
     typical = np.median(spread, axis=0)
-    assert (typical < 0.15).all()  # the poses and loads of the paper are not printed: the size, not the digits
+    # the paper does not print its poses and loads: only the order of magnitude is compared
+    assert (typical < 0.15).all()
     assert (typical > 0.003).all()
 
 
@@ -304,7 +305,7 @@ def test_terms_are_found_with_their_interval_and_written() -> None:
     assert term.identified
     assert term.interval[0] < 3e-7 < term.interval[1]
     assert found.stiffness.terms[0].parameters["compliance_rad_per_Nm"] == term.value
-    # known terms of the cell are subtracted, and stay in the file
+    # known terms of the cell are subtracted and written unchanged
     known = ArmStiffness(joints=TRUE_K, terms=(law.to_file(),))
     with_known = identify_stiffness(e, robot, T, known, IdentifyOptions(studies=False), np.random.default_rng(0))
     assert with_known.stiffness.terms == (law.to_file(),)

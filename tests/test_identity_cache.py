@@ -1,4 +1,4 @@
-"""Values cached with the object that they follow from."""
+"""Values cached with the object from which they are computed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from machopt.numerics.identity_cache import IdentityCache
 
 @dataclass(frozen=True)
 class Owner:
-    """An object that has no hash."""
+    """An object without a hash."""
 
     numbers: NDArray[np.float64]
 

@@ -55,7 +55,7 @@ def test_names_refer_to_their_bodies(cell: Cell) -> None:
     assert [(m.first, m.second) for m in found] == [
         (("link_1_0",), ("link_3_0",)),
         ((tool,), (cell.obstacles[0].name,)),
-        (("base_link_0",), ("link_2_0",)),  # links next to each other, and of another robot, are not there
+        (("base_link_0",), ("link_2_0",)),  # adjacent links, and links of another robot, are not included
     ]
     assert found[2].source == "robot.srdf line 3: Never"
 
@@ -77,10 +77,10 @@ def test_invalid_pairs_are_refused(cell: Cell, entry: list[str], parts: list[str
 
 @pytest.mark.parametrize(("name", "like"), [("base_link_0", "link base_link"), ("cutter", "the tool's cutter")])
 def test_ambiguous_body_name_is_refused(cell: Cell, name: str, like: str) -> None:
-    """Planner and verification both know pairs by name: what may touch would be let through for the other one too."""
+    """Planner and verification identify pairs by name, so the permission would also apply to the other body."""
     assert cell.tool.cutter is not None
     twice = replace(cell, obstacles=(replace(cell.obstacles[0], name=name),))
-    assert read_ignored_pairs(twice) == ()  # without pairs names carry no permission
+    assert read_ignored_pairs(twice) == ()  # without ignored pairs a repeated name has no effect
     with pytest.raises(InputError, match=f"named '{name}' like .*{like}; another name would work"):
         read_ignored_pairs(twice, ["link_1", "link_3"])
 
@@ -107,7 +107,10 @@ def test_srdf_defaults_and_exceptions(cell: Cell, tmp_path: Path) -> None:
 
 
 def test_pairs_with_a_constant_distance_are_excluded_by_planner_and_verifier(cell: Cell) -> None:
-    """A disc about axis 6 is as far from link 5 in every pose: where that is too near, right plans failed."""
+    """A disc about axis 6 has the same distance to link 5 in every pose.
+
+    Where this distance was below the clearance, correct plans failed.
+    """
     disc = CollisionShape(name="disc", kind="cylinder", size=(0.02, 0.004), mesh=None, T_parent_shape=np.eye(4))
     round_tool = replace(cell, tool=replace(cell.tool, geometry=(disc,)))
     arm = UrdfKinematics(round_tool)
@@ -160,7 +163,7 @@ def test_contact_at_home_names_the_key_that_allows_it(cell: Cell) -> None:
     )
     boom = CollisionShape(
         name="boom", kind="sphere", size=(0.2,), mesh=None, T_parent_shape=T
-    )  # at home it is in link 2, elsewhere mostly not
+    )  # in link 2 at home, but not in most other poses
     home = replace(cell, tool=replace(cell.tool, geometry=(boom,)))
     model = CollisionModel(home, robot, shapes, 0.0)
     assert any("`ignore_pairs: [[link_2_0, boom]]` in cell.yaml" in words for words in model.suspicious)
@@ -183,7 +186,7 @@ def test_body_without_pairs_is_accepted_only_where_the_cell_allows_it(cell: Cell
     every = list_checked_pairs(cell, arm, bodies)
 
     def told(others: tuple[str, ...]) -> list[str]:
-        """Without any pair of link 3, which the cell lets touch some others."""
+        """Check an inventory without any pair of link 3, which the cell allows to touch some other bodies."""
         lenient = replace(cell, may_touch=(IgnoredPair("a", "b", ("link_3_0",), others, "here"),))
         left = [pair for pair in list_checked_pairs(lenient, arm, bodies) if "link_3_0" not in {b.name for b in pair}]
         return [c.where for c in check_inventory(lenient, arm, bodies, left) if c.passed is False]
@@ -197,7 +200,7 @@ def test_body_without_pairs_is_accepted_only_where_the_cell_allows_it(cell: Cell
 
 
 def test_body_that_nothing_moves_against_is_in_no_pair(cell: Cell, tmp_path: Path) -> None:
-    """An arm without bodies of its own in an empty hall, as `machopt init` writes it of such a URDF."""
+    """An arm without collision bodies in an empty cell, as `machopt init` writes it for such a URDF."""
     bare = tmp_path / "bare.urdf"
     bare.write_text(re.sub(r"<collision>.*?</collision>", "", cell.urdf.read_text(), flags=re.DOTALL))
     alone = replace(cell, urdf=bare, obstacles=(), workpiece=replace(cell.workpiece, geometry=()))

@@ -1,6 +1,6 @@
 """Inverse kinematics of arms without a spherical wrist: complete, exact, and equal to independent solvers.
 
-Exactness is judged by pinocchio on a URDF written here, so an error in our own forward kinematics would show.
+pinocchio checks the exactness on a URDF that is written here, so errors of our own forward kinematics would be found.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from machopt.numerics.rigid_transforms import (
 )
 
 Array = NDArray[np.float64]
-SAME = 1e-5  # rad; a double root is known to √rounding only, distinct roots of random poses lie far apart
-EXACT = 1e-9  # m and rad, what the solver promises
+SAME = 1e-5  # rad; a double root is accurate to √rounding only; distinct roots of random poses are far apart
+EXACT = 1e-9  # m and rad, the accuracy that the solver guarantees
 JOINTS = ("j1", "j2", "j3", "j4", "j5", "j6")
 FULL = np.full(6, np.pi)
 
@@ -79,7 +79,7 @@ UR5 = from_dh([0.089159, 0, 0, 0.10915, 0.09465, 0.0823], [0, -0.425, -0.39225, 
 UR10 = from_dh([0.1273, 0, 0, 0.163941, 0.1157, 0.0922], [0, -0.612, -0.5723, 0, 0, 0], [P, 0, 0, P, -P, 0])
 # Tian 2025, Table 5
 TIAN = from_dh([0.196, 0, 0, 0.114, 0.098, 0.089], [0, 0.418, 0.398, 0, 0, 0], [P, 0, 0, P, P, 0])
-# FANUC CRX-10iA/L: the wrist centre is 150 mm beside axis 4
+# FANUC CRX-10iA/L: the wrist centre is 150 mm away from axis 4
 CRX = from_lines(
     [[0, 0, 1], [0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, -1, 0], [-1, 0, 0]],
     [[0, 0, 0.245], [0, 0, 0.245], [0, 0, 0.955], [0, 0, 0.955], [0.54, -0.15, 0.955], [0.7, -0.15, 0.955]],
@@ -89,7 +89,7 @@ INDUSTRIAL = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]]
 
 
 def industrial(below: float, beside: float, tilt: float = 0.0) -> Robot:
-    """A KUKA-like arm whose axes 5 and 6 miss axis 4 by ``below`` and ``beside`` m, axis 3 tilted out of 2∥3."""
+    """A KUKA-like arm whose axes 5 and 6 miss axis 4 by ``below`` and ``beside`` m; axes 2 and 3 are not parallel."""
     axis = [list(map(float, a)) for a in INDUSTRIAL]
     axis[2] = [0.0, np.cos(tilt), np.sin(tilt)]
     z = 1.784 + below
@@ -111,7 +111,7 @@ ARMS = list(CLOSED | GENERAL)
 
 @functools.cache
 def solver_of(name: str) -> GeneralSolver:
-    """Made once and when first asked for: choosing its eliminations takes a second."""
+    """Build the solver at its first use: choosing its eliminations takes a second."""
     return GeneralSolver.for_robot((CLOSED | GENERAL)[name])
 
 
@@ -121,7 +121,8 @@ def random_poses(arm: Robot, count: int, seed: int) -> tuple[Array, Array]:
 
 
 def gaps(q: Array, wanted: Array) -> Array:
-    """Largest joint difference modulo a turn between each branch (M, B, 6) and ``wanted`` (M, 6); inf where none."""
+    """Return the largest joint difference modulo 2π between each branch (M, B,
+    6) and ``wanted`` (M, 6); inf if none."""
     return np.nan_to_num(np.abs(numerics_wrap_angle(q - wanted[:, None])).max(axis=-1), nan=np.inf)
 
 
@@ -130,7 +131,8 @@ def counts(q: Array) -> Array:
 
 
 def pinocchio_poses(arm: Robot, folder: Path, q: Array) -> Array:
-    """Flange poses (K, 4, 4) by pinocchio from a URDF of the same arm; every joint frame is parallel to the base."""
+    """Return flange poses (K, 4, 4) by pinocchio from a URDF of the same arm;
+    its joint frames are parallel to the base."""
     import pinocchio as pin
 
     T = arm.T_base_flange_zero
@@ -179,7 +181,8 @@ def test_every_solution_reaches_its_pose_by_pinocchio(name: str, tmp_path: Path)
     reached = pinocchio_poses(arm, tmp_path, found)
     turn = reached[:, :3, :3] @ np.swapaxes(T[pose, :3, :3], 1, 2) - np.eye(3)
     assert np.linalg.norm(reached[:, :3, 3] - T[pose, :3, 3], axis=1).max() < EXACT
-    assert np.linalg.norm(turn, axis=(1, 2)).max() < EXACT * np.sqrt(2)  # Frobenius norm of a small turn is √2 times it
+    # the Frobenius norm of a small rotation is √2 times its angle
+    assert np.linalg.norm(turn, axis=(1, 2)).max() < EXACT * np.sqrt(2)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -199,7 +202,8 @@ def test_random_arms_are_solved_completely(seed: int) -> None:
     assert np.mean(counts(found) % 2 == 0) > 0.99  # complex roots come in pairs
 
 
-@pytest.mark.parametrize("name", GENERAL)  # the closed form's fixed order shows coinciding roots in both places
+# with the fixed order of the closed form, coinciding roots occur at both indices
+@pytest.mark.parametrize("name", GENERAL)
 def test_no_general_solution_appears_twice(name: str) -> None:
     _, T = random_poses(GENERAL[name], 200, seed=5)
     q = solver_of(name).solve(T)
@@ -209,7 +213,8 @@ def test_no_general_solution_appears_twice(name: str) -> None:
 
 
 def test_calibrated_arm_keeps_all_its_branches() -> None:
-    """Axes some 0.1 mrad and 0.1 mm off the nominal: no closed form holds, and the exact structure is nearly there."""
+    """The axes deviate by about 0.1 mrad and 0.1 mm: no closed form applies,
+    and the exact structure is almost reached."""
     g = np.random.default_rng(8)
     arm = Robot(
         joints=JOINTS,
@@ -234,12 +239,12 @@ def test_axes_rounded_to_few_decimals_use_the_closed_form_exactly() -> None:
     found = solver.solve(T)
     reached = arm.compute_fk(found)
     assert np.nanmax(np.abs(reached - T[:, None])) < EXACT
-    assert (gaps(found, q).min(axis=1) > SAME).sum() <= 1  # lost only where the nominal arm just fails to reach
+    assert (gaps(found, q).min(axis=1) > SAME).sum() <= 1  # lost only where the nominal arm is just out of reach
 
 
 @pytest.mark.parametrize("name", ["ur5", "tian2025"])
 def test_quick_error_bound_of_a_branch_is_an_upper_bound(name: str) -> None:
-    """It decides that a branch needs no Newton step: small twists of known size, against what it says of them."""
+    """A branch below the bound needs no Newton step: the bound is compared with small displacements of known size."""
     arm, g = CLOSED[name], np.random.default_rng(5)
     q, T = random_poses(arm, 300, seed=5)
     for size in (1e-12, 1e-9, 1e-6):
@@ -261,7 +266,7 @@ def test_quick_error_bound_of_a_branch_is_an_upper_bound(name: str) -> None:
 
 
 def test_margins_of_three_parallel_axes() -> None:
-    """The shoulder's is where axes 5 and 6 meet, from whole chains of poses; the others from the angles of bodies."""
+    """The shoulder margin is computed from the intersection of axes 5 and 6; the others from joint angles."""
     branches = GeneralBranches(UR5)
     _, T = random_poses(UR5, 100, seed=6)
     found = branches.solve(T)
@@ -292,11 +297,11 @@ def test_angles_equal_within_a_turn(angle: float) -> None:
     assert abs(wrap_angle(angle)) <= np.pi
 
 
-# ---------------------------------------------------------------- against independent solvers
+# ---------------------------------------------------------------- comparison with independent solvers
 
 
 def ssik_arm(arm: Robot) -> object:
-    """ssik's arm ends in a frame parallel to the base, hence the turn in :func:`as_ssik`."""
+    """The arm of ssik ends in a frame parallel to the base; :func:`as_ssik` therefore contains a rotation."""
     ssik = pytest.importorskip("ssik")
     ends = np.vstack([np.zeros(3), arm.point, arm.T_base_flange_zero[:3, 3]])
     return ssik.Manipulator.from_axes(arm.axis, np.diff(ends, axis=0))
@@ -322,7 +327,7 @@ def test_same_solutions_as_ssik(name: str) -> None:
 
 
 def test_same_solutions_as_ssik_on_an_offset_wrist() -> None:
-    """ssik ships this arm with its own derivation, read from the maker's URDF."""
+    """ssik contains this arm with its own derivation, read from the manufacturer's URDF."""
     crx = pytest.importorskip("ssik.prebuilt.fanuc.crx10ial_ik")
     T, axis, point = np.eye(4), [], []
     for joint in crx._KB.joints:
@@ -369,7 +374,7 @@ def test_same_solutions_as_eaik(name: str) -> None:
 
 
 def machining_grid(arm: Robot, points: int, rotations: int, seed: int) -> Array:
-    """A path that moves and reorients, with the flange turning about an axis of a tool held at an angle."""
+    """A path with changing position and orientation; the flange rotates about the axis of an inclined tool."""
     g = np.random.default_rng(seed)
     start = g.uniform(-2.0, 2.0, 6)
     T = arm.compute_fk(start + np.linspace(0.0, 1.0, points)[:, None] * g.uniform(-0.3, 0.3, 6))
@@ -386,7 +391,8 @@ def test_grid_solutions_equal_those_of_single_poses(name: str, seed: int) -> Non
     grid = solver.solve_grid(T)
     single = solver.solve(T.reshape(-1, 4, 4)).reshape(grid.shape)
     assert np.all(counts(grid) <= counts(single))
-    assert counts(grid).sum() >= 0.999 * counts(single).sum()  # islands smaller than the coarse grid may be missed
+    # feasible regions smaller than the coarse grid may be missed
+    assert counts(grid).sum() >= 0.999 * counts(single).sum()
     exists = np.isfinite(grid[..., 0])
     gap = np.abs(numerics_wrap_angle(grid[..., :, None, :] - single[..., None, :, :])).max(axis=-1)
     assert np.all(np.nanmin(np.where(np.isnan(gap), np.inf, gap), axis=-1)[exists] < SAME)
@@ -402,14 +408,14 @@ def test_one_index_is_one_branch_along_the_path(name: str) -> None:
     jump = np.abs(numerics_wrap_angle(np.diff(q, axis=0))).max(axis=-1)
     start = gaps(q[19:20], q0[None])[0].argmin()
     assert np.isfinite(q[:, start]).all()
-    assert jump[:, start].max() < 0.01  # 0.5 mm steps at arm's length
+    assert jump[:, start].max() < 0.01  # steps of 0.5 mm at the length of the arm
     assert np.nanmax(jump) < 0.5
 
 
 @given(st.integers(0, 10**6))
 @settings(max_examples=scale_example_count(30), deadline=None)
 def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
-    """Turning the base turns q1 of every branch alike and changes nothing else, index by index."""
+    """Rotating the base changes q1 of every branch by the same angle and nothing else, index by index."""
     _, T = random_poses(UR5, 1, seed)
     angle = 0.7
     turned = build_transform(compute_axis_rotation(UR5.axis[0], np.array(angle)), np.zeros(3)) @ T
@@ -419,7 +425,7 @@ def test_closed_form_indices_name_the_assembly_mode(seed: int) -> None:
     assert np.abs(numerics_wrap_angle(b - a - angle * np.eye(6)[0]))[both].max() < SAME
 
 
-# ---------------------------------------------------------------- edges
+# ---------------------------------------------------------------- special cases
 
 
 def test_unreachable_poses_are_nan_and_do_not_affect_others() -> None:
@@ -475,7 +481,7 @@ def test_kinds_of_geometry_are_recognised() -> None:
 @pytest.mark.parametrize("arm", [industrial(0.05, 0.0), industrial(0.0, 0.12), industrial(0.05, 0.1), CRX])
 @pytest.mark.parametrize("q4", [0.0, np.pi, 1e-7])
 def test_forearm_in_the_plane_of_the_arm_loses_no_configuration(arm: Robot, q4: float) -> None:
-    """Every path with an upright tool: two solutions share an angle there, and a quarter of them was lost."""
+    """On every path with an upright tool two solutions have an angle in common; a quarter of them was lost."""
     q = np.random.default_rng(4).uniform(-2.0, 2.0, (60, 6))
     q[:, 3] = q4
     found = GeneralSolver.for_robot(arm).solve(arm.compute_fk(q))
@@ -484,9 +490,9 @@ def test_forearm_in_the_plane_of_the_arm_loses_no_configuration(arm: Robot, q4: 
 
 
 def test_angles_at_zero_and_a_full_turn_are_neighbours() -> None:
-    """Rounding leaves one at 1e-16 and its twin at 2π − 1e-16: they are neighbours, too."""
+    """Rounding gives 1e-16 for one angle and 2π − 1e-16 for an equal one: they must be recognised as adjacent."""
     elimination = GeneralSolver.for_robot(CRX).eliminations[0]
     q, pose = np.full((6, 6), -1e-12), np.array([7, 8, 7, 9, 9, 3])
     q[2] = 1e-12
-    q[4] = 0.5  # pose 9 has two, apart; poses 3 and 8 have one each
+    q[4] = 0.5  # pose 9 has two, separate ones; poses 3 and 8 have one each
     assert elimination.find_shared_eigenvalues(q, pose).tolist() == [7]

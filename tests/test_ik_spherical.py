@@ -28,7 +28,7 @@ from machopt.numerics.rigid_transforms import compute_axis_rotation, wrap_angle
 CELLS = Path(__file__).resolve().parent.parent / "cells"
 SPHERICAL = ("kr500_milling", "kr240_drilling", "irb6700_drilling", "s420f_handling")
 REAL = ("kr210l150", "kr500_r2800_2", "m20ia", "rx160")
-EXACT = 1e-9  # m and rad, the issue's bound for candidates
+EXACT = 1e-9  # m and rad, the required accuracy of candidates
 MARGINS = SingularityMargins(wrist=np.radians(5), elbow=np.radians(3), shoulder=0.05, limit=0.0)
 
 
@@ -43,7 +43,7 @@ def small_robot(folder: Path) -> Robot:
 
 
 def with_shoulder_offset(robot: Robot, offset: float) -> Robot:
-    """The same arm with everything from axis 2 on shifted along axis 2: the wrist centre misses axis 1's plane."""
+    """Return the arm shifted along axis 2 from axis 2 on: the wrist centre is not in the plane of axis 1."""
     point, flange = robot.point.copy(), robot.T_base_flange_zero.copy()
     shift = offset * robot.axis[1]
     point[1:] += shift
@@ -59,7 +59,8 @@ def with_shoulder_offset(robot: Robot, offset: float) -> Robot:
 
 
 def with_bent_elbow(robot: Robot, angle: float) -> Robot:
-    """Axes 4 to 6 tilted about the vertical: a wrist that is spherical but not square to axis 3."""
+    """Return the arm with axes 4 to 6 tilted about the vertical:
+    a spherical wrist that is not perpendicular to axis 3."""
     W = find_wrist_centre(robot)
     assert W is not None
     R = compute_axis_rotation(np.array([0.0, 0.0, 1.0]), np.array(angle))
@@ -95,11 +96,12 @@ def test_every_branch_reaches_and_contains_the_original_configuration(name: str,
     found = solver.solve(T)
     assert found.q.shape == (1000, 8, 6)
     exists = np.isfinite(found.q).all(axis=-1)
-    np.testing.assert_array_equal(exists, np.isfinite(found.q).any(axis=-1))  # a branch is whole or absent
+    # all joints of a branch are finite, or none
+    np.testing.assert_array_equal(exists, np.isfinite(found.q).any(axis=-1))
     assert (found.q[exists] > -np.pi).all()
     assert (found.q[exists] <= np.pi).all()
-    # Near the wrist singularity acos of the closed form loses half the digits; Newton gives them back where it matters,
-    # so the bound of 1e-9 is asked where the margins let the planner go.
+    # Near the wrist singularity acos of the closed form loses half of the digits; Newton restores them where the
+    # margins allow the planner to go, so the bound of 1e-9 applies there.
     regular = exists & (found.wrist > 1e-2) & (found.elbow > 1e-2) & (found.shoulder > 1e-2)
     reached = robot.compute_fk(np.where(exists[..., None], found.q, 0.0))
     error = np.abs(reached - T[:, None]).max(axis=(2, 3))
@@ -116,7 +118,7 @@ def test_every_branch_reaches_and_contains_the_original_configuration(name: str,
 
 @pytest.mark.parametrize("kind", ["plain", "shoulder offset", "oblique wrist"])
 def test_branches_are_distinct_and_complete_by_newton_restarts(kind: str, tmp_path: Path) -> None:
-    """Completeness by an independent way: Newton from many random starts finds no solution that is not a branch."""
+    """Newton's method from many random starts finds no solution that is not a branch."""
     robot = arms(tmp_path)[kind]
     rng = np.random.default_rng(1)
     q = rng.uniform(-np.pi, np.pi, (12, 6))
@@ -138,7 +140,7 @@ def test_branches_are_distinct_and_complete_by_newton_restarts(kind: str, tmp_pa
         distance = np.abs(wrap_angle(solutions[:, None] - branches[None])).max(axis=-1)
         assert (distance.min(axis=1) < 1e-6).all()
         newton_found += len(np.unique(distance.argmin(axis=1)))
-    assert newton_found > 40  # the comparison saw most of the branches
+    assert newton_found > 40  # most branches are included in the comparison
 
 
 def test_branch_index_is_shoulder_elbow_wrist_along_a_path(tmp_path: Path) -> None:
@@ -150,9 +152,10 @@ def test_branch_index_is_shoulder_elbow_wrist_along_a_path(tmp_path: Path) -> No
     assert len(set(index.tolist())) == 1
     whole = np.flatnonzero(np.isfinite(found.q).all(axis=(1, 2)))[0]
     at = found.q[whole].reshape(2, 2, 2, 6)
-    np.testing.assert_allclose(at[:, :, 0, :3], at[:, :, 1, :3], atol=1e-12)  # wrist flip leaves joints 1 to 3
+    # a wrist flip does not change joints 1 to 3
+    np.testing.assert_allclose(at[:, :, 0, :3], at[:, :, 1, :3], atol=1e-12)
     np.testing.assert_allclose(wrap_angle(at[:, :, 0, 3] - at[:, :, 1, 3] - np.pi), 0, atol=1e-9)
-    np.testing.assert_allclose(at[:, 0, :, 0], at[:, 1, :, 0], atol=1e-12)  # elbow flip leaves joint 1
+    np.testing.assert_allclose(at[:, 0, :, 0], at[:, 1, :, 0], atol=1e-12)  # an elbow flip does not change joint 1
     np.testing.assert_allclose(np.abs(wrap_angle(at[0, :, :, 0] - at[1, :, :, 0])), np.pi, atol=1e-9)
 
 
@@ -163,7 +166,7 @@ def test_arms_of_another_kind_are_refused(tmp_path: Path) -> None:
         SphericalWristSolver(robot)
     plain = small_robot(tmp_path)
     point = plain.point.copy()
-    point[5] += [0, 0, 0.001]  # axis 6 passes 1 mm beside
+    point[5] += [0, 0, 0.001]  # axis 6 has a distance of 1 mm from the wrist centre
     assert not SphericalWristSolver.is_applicable(
         Robot(
             joints=plain.joints,
@@ -176,11 +179,11 @@ def test_arms_of_another_kind_are_refused(tmp_path: Path) -> None:
     )
 
 
-# --- what lies outside -------------------------------------------------------------------------------------
+# --- outside the workspace -----------------------------------------------------------------------------------
 
 
 def geometric_shortfall(robot: Robot, target: np.ndarray) -> float:
-    """Least distance of the wrist centre to a point, over joints 1 to 3, by minimisation."""
+    """Return the smallest distance of the wrist centre to a point over joints 1 to 3, by minimisation."""
     W = find_wrist_centre(robot)
     assert W is not None
 
@@ -211,10 +214,10 @@ def test_out_of_reach_is_nan_with_the_missing_length(tmp_path: Path, beyond: flo
         T[:3, 3] = wrist - R06 @ (W - zero[:3, 3])
         found = SphericalWristSolver(robot).solve(T[None])
         expected = geometric_shortfall(robot, wrist)
-        if expected > 1e-6:  # too near in front may be reached over the head
+        if expected > 1e-6:  # a point too near in front may be reachable with the arm folded back
             assert np.isnan(found.q).all()
             assert (compute_branch_reasons(found, MARGINS) == InfeasibilityReason.UNREACHABLE).all()
-        assert found.shortfall[0] == pytest.approx(expected, abs=1e-6)  # BFGS ends within 1e-6 m
+        assert found.shortfall[0] == pytest.approx(expected, abs=1e-6)  # BFGS converges to 1e-6 m
         if not near:
             assert expected == pytest.approx(beyond, abs=1e-6)
 
@@ -224,7 +227,7 @@ def test_pose_too_near_axis_1_is_reported_by_the_shoulder_offset(tmp_path: Path)
     W = find_wrist_centre(robot)
     assert W is not None
     T = robot.compute_fk(np.zeros(6))
-    wrist = np.array([0.03, 0.04, 1.9])  # 50 mm from axis 1, where 120 mm are needed
+    wrist = np.array([0.03, 0.04, 1.9])  # 50 mm from axis 1; at least 120 mm are needed
     R06 = T[:3, :3] @ robot.T_base_flange_zero[:3, :3].T
     T[:3, 3] = wrist - R06 @ (W - robot.T_base_flange_zero[:3, 3])
     found = SphericalWristSolver(robot).solve(T[None])
@@ -249,14 +252,14 @@ def test_margins_are_the_named_angles_and_lengths(kind: str, tmp_path: Path) -> 
     axis = np.einsum("mkij,kj->mki", poses[:, 1:, :3, :3], robot.axis)
     point = np.einsum("mkij,kj->mki", poses[:, 1:, :3, :3], robot.point) + poses[:, 1:, :3, 3]
     wrist = np.einsum("mij,j->mi", poses[:, 3, :3, :3], W) + poses[:, 3, :3, 3]
-    if kind != "oblique wrist":  # there the merging of the two solutions is not at aligned axes
+    if kind != "oblique wrist":  # with the oblique wrist the two solutions do not merge at aligned axes
         between = np.arccos(np.clip(np.abs(np.sum(axis[:, 3] * axis[:, 5], axis=1)), 0, 1))
         np.testing.assert_allclose(found.wrist[rows, own], between, atol=1e-6)
     a, b = point[:, 2] - point[:, 1], wrist - point[:, 2]
     a, b = (v - np.sum(v * axis[:, 1], axis=1, keepdims=True) * axis[:, 1] for v in (a, b))
     cosine = np.sum(a * b, axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     np.testing.assert_allclose(found.elbow[rows, own], np.arccos(np.clip(np.abs(cosine), 0, 1)), atol=1e-6)
-    # the lever of joint 1: distance of the wrist centre from the plane through axis 1 and the direction of axis 2
+    # the lever arm of joint 1: distance of the wrist centre from the plane through axis 1 and the direction of axis 2
     normal = np.cross(robot.axis[0], axis[:, 1])
     lever = np.abs(np.sum((wrist - robot.point[0]) * normal, axis=1))
     np.testing.assert_allclose(found.shoulder[rows, own], lever, atol=1e-6)
@@ -264,12 +267,13 @@ def test_margins_are_the_named_angles_and_lengths(kind: str, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("which", ["wrist", "elbow", "shoulder"])
 def test_each_singularity_is_named_as_its_margin_vanishes(which: str, tmp_path: Path) -> None:
-    """Rank of the Jacobian falls exactly where the margin goes to zero, and the reason says which one."""
+    """The rank of the Jacobian decreases exactly where the margin becomes zero,
+    and the reason names the singularity."""
     robot = small_robot(tmp_path)
     W = find_wrist_centre(robot)
     assert W is not None
     regular = np.radians([20.0, -80, 70, 30, 50, 10])
-    straight = np.arctan2(0.041, 1.0)  # joint 3 where the wrist centre lies on the line of the upper arm
+    straight = np.arctan2(0.041, 1.0)  # joint 3 with the wrist centre on the line of the upper arm
     codes = {
         "wrist": InfeasibilityReason.SINGULAR_WRIST,
         "elbow": InfeasibilityReason.SINGULAR_ELBOW,
@@ -282,7 +286,7 @@ def test_each_singularity_is_named_as_its_margin_vanishes(which: str, tmp_path: 
             q[4] = gap
         elif which == "elbow":
             q[2] = straight + gap
-        else:  # joint 2 puts the wrist centre at distance gap from axis 1
+        else:  # joint 2 sets the distance of the wrist centre from axis 1 to ``gap``
             v = (
                 compute_axis_rotation(robot.axis[2], np.array(q[2])) @ (W - robot.point[2])
                 + robot.point[2]
@@ -299,8 +303,8 @@ def test_each_singularity_is_named_as_its_margin_vanishes(which: str, tmp_path: 
         limit = getattr(MARGINS, which)
         assert compute_branch_reasons(found, MARGINS)[0, b] == (codes[which] if gap < limit else InfeasibilityReason.OK)
         smallest.append(np.linalg.svd(robot.compute_fk_jacobian(q)[1])[1][-1])
-    assert smallest[-1] < 2e-3 * max(smallest[0], 0.1) * 10  # goes to zero with the gap
-    assert np.log(smallest[-2] / smallest[-1]) / np.log(10) == pytest.approx(1.0, abs=0.1)  # linearly
+    assert smallest[-1] < 2e-3 * max(smallest[0], 0.1) * 10  # converges to zero with the gap
+    assert np.log(smallest[-2] / smallest[-1]) / np.log(10) == pytest.approx(1.0, abs=0.1)  # linear convergence
 
 
 def test_exactly_singular_poses_are_never_ok(tmp_path: Path) -> None:
@@ -345,7 +349,7 @@ def test_whole_turns_return_every_angle_into_the_limits(low: float, high: float)
     for angle in np.linspace(lower[0], upper[0], 401)[1:-1]:
         assert np.isclose(wrap_angle(np.array(angle)) + 2 * np.pi * k, angle).any()
     assert len(every) == len(k) ** 6
-    for n in k[k != 0]:  # no turn that could never be inside
+    for n in k[k != 0]:  # whole turns that would never be within the limits are excluded
         assert lower[0] <= np.pi + 2 * np.pi * n
         assert upper[0] > -np.pi + 2 * np.pi * n
 
@@ -358,20 +362,20 @@ def test_refinement_ends_at_the_pose(tmp_path: Path) -> None:
     np.testing.assert_allclose(x, q, atol=1e-10)
 
 
-# --- the kernel and NumPy ----------------------------------------------------------------------------------
+# --- compiled kernel and NumPy -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["plain", "shoulder offset", "oblique wrist"])
 def test_kernel_equals_the_closed_form_in_numpy(kind: str, tmp_path: Path) -> None:
-    """Same branches in the same order, margins, shortfall and reasons, within and out of reach."""
+    """Same branches in the same order, same margins, shortfall and reasons, inside and outside the workspace."""
     robot = arms(tmp_path)[kind]
     rng = np.random.default_rng(7)
     T = robot.compute_fk(rng.uniform(-np.pi, np.pi, (3000, 6)))
-    T[::2, :3, 3] *= rng.uniform(0.0, 3.0, (1500, 1))  # half of them anywhere: too far, too near, at axis 1
+    T[::2, :3, 3] *= rng.uniform(0.0, 3.0, (1500, 1))  # half of them at any position: too far, too near, at axis 1
     found, known = SphericalWristSolver(robot).solve(T), Reference(robot).solve(T)
     np.testing.assert_array_equal(np.isnan(found.q), np.isnan(known.q))
     assert 0.2 < np.isnan(known.q).mean() < 0.8
-    for name, off in (("shoulder", 1e-12), ("elbow", 1e-12), ("wrist", 1e-10)):  # acos is steep near 0
+    for name, off in (("shoulder", 1e-12), ("elbow", 1e-12), ("wrist", 1e-10)):  # acos has a steep slope near 0
         np.testing.assert_allclose(getattr(found, name), getattr(known, name), atol=off)
     np.testing.assert_allclose(found.shortfall, known.shortfall, atol=1e-12)
     assert (known.shortfall > 0).mean() > 0.1

@@ -1,4 +1,4 @@
-"""Advice of ``machopt init`` works when it is followed."""
+"""The advice of ``machopt init`` solves the problem when it is followed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PLACE = (1000.0, 0.0, 500.0)
 
 
 def add_joint(before: int, axis: str) -> str:
-    """A URDF of seven joints: one more that turns in front of joint ``before`` (1 to 6)."""
+    """Return a URDF of seven joints: an additional joint rotates before joint ``before`` (1 to 6)."""
     root = ElementTree.fromstring(urdf_text())
     joint = next(j for j in root.iter("joint") if j.get("name") == f"a{before}")
     parent = joint.find("parent")
@@ -44,7 +44,7 @@ def add_joint(before: int, axis: str) -> str:
 
 
 def follow_advice(robot: Path, folder: Path) -> int:
-    """Follow each piece of advice; return how many there were."""
+    """Follow each piece of advice; return their number."""
     with pytest.raises(InputError) as refused:
         run_init(InitRequest(robot=robot, out=folder / "cell"))
     text = str(refused.value)
@@ -64,7 +64,7 @@ def follow_advice(robot: Path, folder: Path) -> int:
 
 
 AXES = ("0 0 1", "0 1 0", "1 0 0")
-SEVENTH_JOINTS = [  # each place and each axis are tried in every run, all together among the proofs
+SEVENTH_JOINTS = [  # every run tests each position and each axis once; the proofs test all combinations
     pytest.param(before, axis, marks=() if (before - 1) % 3 == k else pytest.mark.proof)
     for before in range(1, 7)
     for k, axis in enumerate(AXES)
@@ -78,7 +78,7 @@ def test_advice_for_seven_joints_leads_to_a_cell(before: int, axis: str, tmp_pat
     robot.write_text(add_joint(before, axis))
     folder = tmp_path / "out"
     folder.mkdir()
-    assert follow_advice(robot, folder) >= 1  # without the joint it is the arm of all other tests
+    assert follow_advice(robot, folder) >= 1  # without the additional joint it is the arm of all other tests
 
 
 @pytest.mark.slow

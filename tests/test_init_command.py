@@ -78,7 +78,7 @@ def test_new_cell_loads_reaches_its_workpiece_and_is_free_of_contacts(robot: Pat
 
 @pytest.mark.parametrize("turn", [(0, 90, 0), (90, 0, 0), (0, 180, 0), (10, -20, 30), (0, 0, 0)])
 def test_tool_points_out_of_the_arm_in_any_flange_frame(turn: tuple[float, ...], tmp_path: Path) -> None:
-    """flange against tool0: the frames differ by a quarter turn, and a tool along the wrong z stands sideways."""
+    """The frames of flange and tool0 differ by 90°; a tool along the wrong z axis points sideways."""
     there = load_robot(small_cell(tmp_path))
     R = compute_rpy_matrix(np.radians(turn))
     T = there.T_base_flange_zero.copy()
@@ -87,7 +87,7 @@ def test_tool_points_out_of_the_arm_in_any_flange_frame(turn: tuple[float, ...],
     assert found is not None
     assert before is not None
     assert R @ found == pytest.approx(before, abs=1e-9)
-    assert there.T_base_flange_zero[:3, :3] @ before == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)  # the URDF's arm
+    assert there.T_base_flange_zero[:3, :3] @ before == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)  # the arm of the URDF
     assert compute_rpy_matrix(compute_pointing_rpy(found))[:, 2] == pytest.approx(found, abs=1e-9)
 
 
@@ -98,7 +98,7 @@ def test_shipped_cells_have_flanges_along_z() -> None:
 
 
 def find_reachable_points(cell: Cell, toolpath: Path) -> np.ndarray:
-    """(N,) some rotation of each point has a configuration, the external joints at home."""
+    """Return (N,) whether some rotation of each point has a configuration, with the external joints at home."""
     options = load_options(overrides=["collision=false", "rotation_step_deg=30"])
     setup, path = prepare_planning(cell, options), build_planning_path(read_toolpath(toolpath), ())
     candidates = enumerate_candidates(fix_external_axes(path, cell.external_home), setup.arm, options)
@@ -107,7 +107,7 @@ def find_reachable_points(cell: Cell, toolpath: Path) -> np.ndarray:
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (0.0, 0.0, 90.0), (90.0, 0.0, 0.0)])
 def test_arm_on_a_rail_gets_a_cell_with_a_reachable_part(turned: tuple[float, ...], tmp_path: Path) -> None:
-    """The base stands off the URDF's root, turned; the part is placed in world and turned there as asked."""
+    """The base is rotated and away from the URDF's root; the part is placed in world and rotated as requested."""
     stand = '<origin xyz="0.4 -0.3 0.6" rpy="0 0 1.5707963"/>'
     rail = RAIL.replace('<origin xyz="-0.1 0 0.2"/>', stand)
     assert stand in rail
@@ -121,9 +121,9 @@ def test_arm_on_a_rail_gets_a_cell_with_a_reachable_part(turned: tuple[float, ..
     robot = load_robot(cell)
     T = load_machine(cell, robot).compute_T_base_workpiece(cell.external_home[None])[0]
     points = read_toolpath(toolpath).position @ T[:3, :3].T + T[:3, 3]
-    tip = robot.compute_fk(cell.home, cell.tool.T_flange_tcp)[:3, 3]  # home is straight above one of the points
+    tip = robot.compute_fk(cell.home, cell.tool.T_flange_tcp)[:3, 3]  # home is vertically above one of the points
     additional = np.linalg.norm((points - tip)[:, :2], axis=1)
-    assert additional.min() < 3e-3  # m: places are rounded to a mm, angles to 0.01 degrees
+    assert additional.min() < 3e-3  # m: positions are rounded to 1 mm, angles to 0.01 degrees
     text = (tmp_path / "cell" / "cell.yaml").read_text()
     assert "the URDF's root link, below the rail, in world" in text
     assert "a1, a2, a3, a4, a5, a6, rail (mm); deg (mm where it slides)" in text
@@ -173,10 +173,11 @@ def test_whole_path_is_reached_in_one_branch(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (-0.6, 0.0, 0.8)])
 def test_workpiece_is_placed_away_from_wrist_and_elbow_singularities(axis: tuple[float, ...], tmp_path: Path) -> None:
-    """By the room to joint limits alone a first job was put where the planner found the wrist too near singular."""
+    """With the distance to joint limits as only criterion, a first job was placed too near a wrist singularity."""
     cell = small_cell(tmp_path)
     arm = build_reaching_arm(cell, load_robot(cell), load_options(None))
-    arm = replace(arm, lower=np.full(6, -2 * np.pi), upper=np.full(6, 2 * np.pi))  # joint limits tell nothing here
+    # wide joint limits, which have no influence here
+    arm = replace(arm, lower=np.full(6, -2 * np.pi), upper=np.full(6, 2 * np.pi))
     t = np.linspace(0.0, 1.0, 300)[:, None]
     position = np.concatenate([0.4 * np.cos(40 * t), 0.4 * np.sin(40 * t), 0.1 * t], axis=1)
     found = find_place(arm, position, np.broadcast_to(axis, position.shape), 3.0)
@@ -184,13 +185,13 @@ def test_workpiece_is_placed_away_from_wrist_and_elbow_singularities(axis: tuple
     assert found.share == 1.0
     T = build_tool_poses(position + found.T_base_workpiece[:3, 3], np.array(axis), np.radians(np.arange(0, 360, 30)))
     bent = compute_candidates(arm, T).singularity_margin.reshape(len(t), 12, -1)
-    best = np.nan_to_num(bent, nan=0.0).max(axis=1).min(axis=0).max()  # of the branch that does best everywhere
+    best = np.nan_to_num(bent, nan=0.0).max(axis=1).min(axis=0).max()  # of the branch that is best over all points
     assert best > np.radians(20)
-    assert found.margin <= best + np.radians(2)  # it was told by fewer points
+    assert found.margin <= best + np.radians(2)  # ``margin`` is computed with fewer points
 
 
 def test_path_too_large_for_the_arm_has_its_middle_in_reach(robot: Path, tmp_path: Path) -> None:
-    """A start that validates: the report of a plan then says which points lack what."""
+    """The start is valid; the report of a plan then states what is missing at which points."""
     file = tmp_path / "large.csv"
     file.write_text("x_mm,y_mm,z_mm,i,j,k,feed_mm_min,kind\n100,0,0,0,0,1,600,path\n9100,0,0,0,0,1,600,\n")
     done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", toolpath=file))
@@ -225,7 +226,7 @@ def test_missing_links_and_invalid_arms_are_reported(robot: Path, tmp_path: Path
 
 @pytest.mark.parametrize("source", ["nosuch", "strut"])
 def test_robot_errors_name_the_file_of_the_user(source: str, tmp_path: Path) -> None:
-    """Not a line of the cell in its temporary folder, which is gone by then."""
+    """The message does not name a line of the cell in its temporary folder, which is already deleted."""
     strut = (
         '<link name="rod"/><link name="end"/><joint name="strut" type="fixed"><parent link="rod"/><child link="end"/>'
         '</joint><joint name="couple" type="revolute"><parent link="base_link"/><child link="rod"/><axis xyz="0 0 1"/>'
@@ -278,7 +279,7 @@ def test_similar_arm_of_half_size_has_an_eighth_of_the_stiffness() -> None:
 def test_path_without_unit_or_feed_is_refused_with_the_options(
     robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The options that the refusal names are those of every other command that reads toolpaths."""
+    """The refusal names the same options as every other command that reads toolpaths."""
     file = tmp_path / "path.csv"
     file.write_text("x,y,z\n" + "".join(f"{0.5 * k},0,0\n" for k in range(4)))
     arguments = ["init", str(robot), "-o", str(tmp_path / "a b"), "--toolpath", str(file)]
@@ -312,7 +313,7 @@ def test_command_refuses_to_overwrite_and_to_guess(
 
 
 def test_missing_velocities_are_estimated_low_and_reported(robot: Path, tmp_path: Path) -> None:
-    """velocity="0" is common in URDFs drawn by CAD: what else a cell needs is estimated and flagged, too."""
+    """velocity="0" is common in URDFs exported by CAD; the other missing values are also estimated and reported."""
     robot.write_text(robot.read_text().replace('velocity="2"', 'velocity="0"', 1))
     done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1500.0, 0.0, 600.0)))
     np.testing.assert_allclose(np.degrees(done.cell.limits.velocity), [45.0, *[np.degrees(2.0)] * 5], rtol=1e-4)
@@ -324,7 +325,7 @@ def test_missing_velocities_are_estimated_low_and_reported(robot: Path, tmp_path
 
 
 def test_joint_without_zero_in_its_range_has_a_valid_home(robot: Path, tmp_path: Path) -> None:
-    """Panda's joint 4 ends at -0.0698 rad, -3.99925 deg: three decimals of that lie outside."""
+    """Joint 4 of the Panda ends at -0.0698 rad = -3.99925 deg: three decimals of that value are outside the range."""
     text = robot.read_text()
     high = text.index('upper="', text.index('name="a2"')) + len('upper="')
     robot.write_text(text[:high] + "-0.0698" + text[text.index('"', high) :])
@@ -348,7 +349,7 @@ def test_seven_axis_arm_is_refused_with_working_advice(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("how", ["holds the mesh", "package.xml", "given"])
 def test_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path) -> None:
-    """ROS names a package in package.xml; robots are passed on in folders of any name."""
+    """ROS names a package in package.xml; robots are often distributed in folders with other names."""
     import trimesh
 
     folder = tmp_path / "kuka_kr" / "urdf"
@@ -375,7 +376,7 @@ def test_package_in_a_folder_of_another_name_is_found(how: str, tmp_path: Path) 
             run_init(requested)
         requested = replace(requested, packages={"kr_support": package})
     assert (run_init(requested).folder / "kr_support" / "meshes" / "a.stl").is_file()
-    if how == "package.xml":  # a folder that says another name is not it, whatever it holds
+    if how == "package.xml":  # a folder whose package.xml has another name is not the package, whatever it contains
         (package / "package.xml").write_text("<package><name>other</name></package>")
         with pytest.raises(InputError, match="refers to the ROS package 'kr_support'"):
             run_init(replace(requested, out=tmp_path / "c2"))
@@ -390,7 +391,7 @@ def test_schema_of_a_file_is_current(file: str) -> None:
 
 
 def test_post_with_missing_requirements_is_replaced_by_a_related_one(robot: Path, tmp_path: Path) -> None:
-    """FANUC's CONFIG needs the sign of J5 of N, which no URDF says: the first validate must not be a refusal."""
+    """FANUC's CONFIG needs the sign of J5 in N, which no URDF states: the first validate must not fail."""
     done = run_init(InitRequest(robot=robot, out=tmp_path / "cell", workpiece_mm=(1000.0, 0.0, 500.0), post="fanuc"))
     assert done.cell.controller.post == "fanuc_joint"
     assert any("controller.nonflip_j5 in cell.yaml allows fanuc" in g for g in done.guesses)

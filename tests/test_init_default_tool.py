@@ -1,4 +1,4 @@
-"""Default tool of ``init``: bodies end at the cutter for any angle; meshes keep their size in any unit."""
+"""Default tool of ``init``: bodies end at the cutter for any angle; meshes have the same size in any unit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def run_init_on_arm(folder: Path, text: str | None = None, **options: object) ->
 
 
 def spindle_ends(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
-    """Rear and front end (3,) m of the spindle's axis in the flange frame, seen along the TCP's z."""
+    """Return the rear and front end (3,) m of the spindle axis in the flange frame, seen along z of the TCP."""
     spindle = next(s for s in cell.tool.geometry if s.name == "spindle")
     axis, middle = spindle.T_parent_shape[:3, 2], spindle.T_parent_shape[:3, 3]
     ends = [middle + way * axis * spindle.size[1] / 2 for way in (-1.0, 1.0)]
@@ -80,7 +80,7 @@ def test_tool_on_the_last_axis_is_reported_immediately(options: dict[str, object
     assert out is not None
     if "tcp_mm" in options:
         options = {"tcp_mm": tuple(250.0 * out)}
-    if "tcp_rpy_deg" in options:  # along another axis than the last: no report
+    if "tcp_rpy_deg" in options:  # about another axis than the last one: not reported
         options = {"tcp_mm": tuple(250.0 * out + np.array([50.0, 50.0, 50.0]))}
     (tmp_path / "other").mkdir()
     done = run_init_on_arm(tmp_path / "other", **options)
@@ -132,7 +132,7 @@ UNITS = {"m": 1.0, "mm": 1e3, "inch": 1 / 0.0254}
 @pytest.mark.parametrize("role", ["tool", "workpiece"])
 @pytest.mark.parametrize("stated", [True, False])
 def test_mesh_has_its_size_in_every_unit(role: str, unit: str, stated: bool, tmp_path: Path) -> None:
-    """Inches are not told from a size: they must be stated."""
+    """Inches cannot be recognised from the size: they must be stated."""
     if unit == "inch" and not stated:
         return
     mesh = SPINDLE.copy()

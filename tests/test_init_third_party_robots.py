@@ -26,7 +26,7 @@ TOOLPATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 
 
 def build_unnamed_arm() -> str:
-    """An arm whose outermost link no convention names."""
+    """Return an arm whose last link matches no naming convention."""
     return urdf_text().replace('"flange"', '"wrist_end"')
 
 
@@ -45,7 +45,7 @@ def test_gripper_behind_the_arm_is_not_part_of_its_joints(kind: str, tmp_path: P
     assert done.cell.flange_link == "wrist_end"
     assert done.cell.arm_joints == ("a1", "a2", "a3", "a4", "a5", "a6")
     values = [g for g in done.guesses if "jointGripper behind wrist_end is assumed to belong to a gripper" in g]
-    assert len(values) == (kind != "prismatic")  # one that slides never was among six that turn
+    assert len(values) == (kind != "prismatic")  # a prismatic joint is not one of six rotating joints
 
 
 def test_seventh_joint_with_another_name_is_questioned(tmp_path: Path) -> None:
@@ -56,7 +56,7 @@ def test_seventh_joint_with_another_name_is_questioned(tmp_path: Path) -> None:
 
 
 def test_undeclared_prefixes_are_read_as_by_urdf_parsers(tmp_path: Path) -> None:
-    """``drake:acceleration`` was an internal error; the file of the new cell stays as it was given but for that."""
+    """``drake:acceleration`` caused an internal error; the rest of the file of the new cell is unchanged."""
     given = (
         urdf_text()
         .replace('effort="1000"', 'effort="1000" drake:acceleration="2"')
@@ -66,7 +66,7 @@ def test_undeclared_prefixes_are_read_as_by_urdf_parsers(tmp_path: Path) -> None
     file.write_text(given)
     out = tmp_path / "cell"
     assert main(["init", str(file), "-o", str(out), "--workpiece-mm", "1500,0,600", "--quiet"]) == 0
-    (out / "robot.urdf").write_text(given)  # a cell made by hand
+    (out / "robot.urdf").write_text(given)  # simulates a cell written by hand
     assert main(["validate", str(out), "--quiet"]) == 0
     assert load_cell(out).urdf_text.count('xmlns:drake="urn:drake"') == 1
 
@@ -100,7 +100,7 @@ def test_default_tool_fits_the_arm(span: float, length: float) -> None:
 
 
 def test_unreachable_part_is_rotated_into_reach(tmp_path: Path) -> None:
-    """With a wrist that cannot look down only a part that stands before the arm is reached."""
+    """A wrist that cannot point down reaches only a part in front of the arm."""
     cell = small_cell(tmp_path)
     arm = build_reaching_arm(cell, load_robot(cell), load_options(None))
     arm = replace(

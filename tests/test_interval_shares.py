@@ -1,4 +1,4 @@
-"""Shares of normal distributions within limits, against SciPy's normal distribution."""
+"""Shares of normal distributions within limits, compared with SciPy's normal distribution."""
 
 from __future__ import annotations
 

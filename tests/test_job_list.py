@@ -88,7 +88,7 @@ def test_list_may_be_parquet(tmp_path: Path) -> None:
     parquet.write_table(pyarrow.table({"toolpath": ["a.nc"], "cel": [None]}), file)
     with pytest.raises(InputError, match="unknown column; did you mean 'cell'"):
         find_jobs(request_for(file, tmp_path / "out"))
-    file.write_bytes(b"PAR1 and no more")  # no list, then; what reads it as points says why
+    file.write_bytes(b"PAR1 and no more")  # not a list; the reader of points reports the reason
     assert not is_job_table(file)
 
 

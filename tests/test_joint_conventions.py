@@ -1,4 +1,4 @@
-"""Joint angle conventions of controllers that differ from the URDF are identified once, and never without a cause."""
+"""Joint angle conventions of controllers that differ from the URDF are identified once, without false positives."""
 
 from __future__ import annotations
 
@@ -136,6 +136,6 @@ def test_joint_map_of_the_cell_is_tried_first() -> None:
 
 
 def test_offsets_and_soft_springs_are_no_convention() -> None:
-    """Small zero offsets and soft springs are no convention."""
+    """Small zero offsets and soft springs are not reported as a convention."""
     cell, clean = load_cell(CELL), poses()
     assert correct_joint_convention(clean, load_robot(cell), cell.tool.T_flange_tcp) == (clean, [])

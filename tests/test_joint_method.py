@@ -43,7 +43,7 @@ EXACT = 1e-10
 
 
 def write_pass(file: Path) -> Path:
-    """A weaving pass of 0.1 m along the rim, at a feed that the tolerance does not permit."""
+    """Write a weaving pass of 0.1 m along the rim, with a feed that the tolerance does not permit."""
     rows = [HEAD, "60,-81,40,0,0,1,rapid,,finish"]
     for n in range(26):
         u = n / 25
@@ -89,7 +89,7 @@ def window(planned: tuple[Plan, ToolSegment]) -> tuple[RunState, Window, Symboli
 
 
 def keep_present(data: WindowData) -> WindowSolution:
-    """The present plan as a solution."""
+    """Return the present plan as the solution."""
     return WindowSolution(x=data.x, phi=data.phi, feed=data.cap, time=0.0, is_solved=True, status="", iterations=0)
 
 
@@ -228,7 +228,7 @@ def test_command_is_verified_and_never_slower(toolpath_file: Path) -> None:
         if advised and largest and float(largest) > 0.0
     ]
     assert len(pairs) > 20
-    assert all(advised <= largest * (1.0 + 1e-4) for advised, largest in pairs)  # of the driven postures
+    assert all(advised <= largest * (1.0 + 1e-4) for advised, largest in pairs)  # for the executed configurations
     page = (toolpath_file.parent / "out" / "report.html").read_text(encoding="utf-8")
     section = page.partition("<section id=joint>")[2].partition("</section>")[0]
     assert f"{entry.fixed_path_s:.1f}" in section
@@ -324,11 +324,12 @@ def test_moving_external_joints_are_free(tmp_path: Path) -> None:
 
 
 def test_joint_ranges_hold_between_unequal_nodes() -> None:
-    """A parabola that leaves its middle node by 0.01 rad beyond the node: the row is its largest value."""
+    """A parabola exceeds its value at the middle node by 0.01 rad:
+    the constraint row is the largest value of the parabola."""
     casadi = pytest.importorskip("casadi")
     way = np.array([0.001, 0.004])
     s = np.concatenate([[0.0], np.cumsum(way)])
-    peak, curvature = 0.003, 500.0  # m, rad/m²; the peak is the middle of the longer segment
+    peak, curvature = 0.003, 500.0  # m, rad/m²; the maximum is at the middle of the longer segment
     x = np.zeros((3, 6))
     x[:, 0] = 1.0 - curvature * (s - peak) ** 2
     data = SimpleNamespace(

@@ -39,16 +39,16 @@ def test_installed_kernel_is_not_compiled_again(tmp_path: Path, monkeypatch: pyt
     again._cache = module._InstalledCache(again.py_func, again._cache, tmp_path)
     assert again(3.0) == 6.0
     assert len(again.stats.cache_hits) == 1
-    assert again(3) == 6  # of other types: compiled
+    assert again(3) == 6  # other types: compiled
     assert len(again.stats.cache_misses) == 1
-    monkeypatch.setitem(globals(), "FACTOR", 3.0)  # as if another version had another number
+    monkeypatch.setitem(globals(), "FACTOR", 3.0)  # simulates another version with another number
     other = numba.njit(nogil=True)(scale_by_factor.py_func)  # type: ignore[attr-defined]
     other._cache = module._InstalledCache(other.py_func, other._cache, tmp_path)
     assert other(3.0) == 9.0
 
 
 def test_kernel_is_recompiled_when_a_called_kernel_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """numba looks at the caller's own file: with the callee in another it would go on with the old machine code."""
+    """numba checks only the caller's file: with the callee in another file it would use the old machine code."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "numba"))
     monkeypatch.syspath_prepend(tmp_path)
     head = "from machopt.numerics.compiled_functions import jit_compile\n"
@@ -56,10 +56,11 @@ def test_kernel_is_recompiled_when_a_called_kernel_changed(tmp_path: Path, monke
         f"{head}from inner_kernel import inner\n\n@jit_compile\ndef outer(x):\n    return inner(x)\n"
     )
     made, output = ("outer_kernel", "inner_kernel"), []
-    for factor in ("2.0", "2.0", "-3.25"):  # lengths differ: a module's bytecode is found by time and size
+    # the lengths differ because the bytecode of a module is identified by time and size
+    for factor in ("2.0", "2.0", "-3.25"):
         (tmp_path / "inner_kernel.py").write_text(f"{head}\n@jit_compile\ndef inner(x):\n    return {factor} * x\n")
         importlib.invalidate_caches()
-        module._hash_file.cache_clear()  # as in a new process
+        module._hash_file.cache_clear()  # simulates a new process
         for name in made:
             sys.modules.pop(name, None)
         outer = importlib.import_module(made[0]).outer
@@ -71,7 +72,8 @@ def test_kernel_is_recompiled_when_a_called_kernel_changed(tmp_path: Path, monke
 
 
 def test_precompiled_kernel_is_stored_under_its_call_signature() -> None:
-    """numba stores under what ``compile`` is given: under a text of the types no call finds it."""
+    """numba stores under the argument of ``compile``: if the argument is a text
+    of the types, no call finds the entry."""
     finest = next(k for k in KERNELS if k[1] == "_finest")
     (kernel,) = compile_all([finest])
     values = [*kernel.stats.cache_hits, *kernel.stats.cache_misses]
@@ -96,7 +98,7 @@ def test_stored_kernel_is_loaded_without_compilation(tmp_path: Path, monkeypatch
 
 
 def test_machine_code_is_loaded_without_the_compiler(tmp_path: Path) -> None:
-    """In a process that finds it stored; what is of other types is compiled there all the same."""
+    """A process with stored code does not import the compiler; other types are compiled there."""
     (tmp_path / "stored_kernel.py").write_text(
         "from machopt.numerics.compiled_functions import jit_compile\n\n\n@jit_compile\ndef mean(x):\n    return "
         "x.sum() / len(x)\n"
@@ -148,7 +150,7 @@ def test_second_core_loads_kernels_until_one_is_missing(
 def test_unknown_kernel_entry_does_not_affect_a_plan(
     gone: tuple[str, str, str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Nothing is printed, no plan is lost; the next test names the entry."""
+    """Nothing is printed and the plan succeeds; the next test names the entry."""
     requested: list[str] = []
     monkeypatch.setattr(
         module, "load_stored_kernel", lambda kernel, _: requested.append(kernel.py_func.__name__) or True
@@ -178,7 +180,7 @@ def test_every_precompiled_entry_is_a_kernel() -> None:
 
 
 def test_every_called_kernel_is_precompiled() -> None:
-    """Else the first command that calls it after an installation compiles: a cobot's first run took twice as long."""
+    """Otherwise the first command after an installation compiles: the first run of a cobot took twice as long."""
     trees = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
         for path in (ROOT / "machopt").rglob("*.py")
@@ -198,7 +200,7 @@ def test_every_called_kernel_is_precompiled() -> None:
             if isinstance(node, ast.ImportFrom) and node.module:
                 known |= {a.asname or a.name: (node.module, a.name) for a in node.names}
         if not any(of in made or ".".join(of) in files for of in known.values()):
-            continue  # it names no compiled function and no file with one
+            continue  # it uses no compiled function and no file with one
         inside = {id(n) for (there, _), f in made.items() if there == file for n in ast.walk(f)}
         for node in ast.walk(tree):
             if id(node) in inside:
@@ -213,7 +215,7 @@ def test_every_called_kernel_is_precompiled() -> None:
 
 
 def test_kernel_compilation_needs_only_numpy_and_numba() -> None:
-    """A wheel is built where nothing else is installed."""
+    """A wheel is built where no other package is installed."""
     code = """
 import sys, numba
 from importlib import import_module
@@ -274,7 +276,7 @@ def test_second_process_compiles_on_a_free_core(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_installation_processes_divide_the_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each module once, whoever comes first; all are stored in the folder."""
+    """Each module is compiled once, by the first free process; all are stored in the folder."""
     made: list[str] = []
     stored: list[str] = []
     monkeypatch.setattr(kernel_precompilation, "compile_all", lambda some: made.extend(module for module, *_ in some))
@@ -295,7 +297,7 @@ def test_missing_cache_folder_is_reported_with_a_remedy(
     monkeypatch.setattr(module._LISTENER, "stored", True)
     monkeypatch.setattr(
         module._CallTreeCache._impl_class, "_locator_classes", []
-    )  # numba finds no place, and says so itself
+    )  # numba finds no location and reports it
     module.jit_compile(lambda x: x)
     monkeypatch.setattr(
         "machopt.planning.kernel_precompilation.start_compile_process", lambda: pytest.fail("would store nothing")

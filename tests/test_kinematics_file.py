@@ -1,4 +1,4 @@
-"""kinematics.yaml end to end: reader, map between encoder and true angles, planned and verified motion."""
+"""kinematics.yaml end to end: reader, mapping between encoder angles and true angles, planned and verified motion."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_written_file_is_read_back(tmp_path: Path) -> None:
     write_kinematics(tmp_path / "k.yaml", ALL)
     assert load_kinematics(tmp_path / "k.yaml") == ALL
     small = KinematicCorrections((KinematicCorrection("joint_coupling", "joint:5-6", {"ratio": 1e-7}),))
-    write_kinematics(tmp_path / "k.yaml", small)  # 1e-07 would be text to a YAML 1.1 reader
+    write_kinematics(tmp_path / "k.yaml", small)  # a YAML 1.1 reader would read 1e-07 as text
     assert load_kinematics(tmp_path / "k.yaml") == small
     assert "1.0e-07" in (tmp_path / "k.yaml").read_text()
     write_kinematics(tmp_path / "k.yaml", KinematicCorrections())
@@ -86,7 +86,7 @@ REFUSED = [
     (entry("joint_zero_offset", "joint:1", "offset_deg: 1, range_deg: [1, 2]"), ["unknown key 'range_deg'"]),
     (
         entry("transmission_error", "joint:2", "per_turn: 1, cos_arcsec: 4000, sin_arcsec: 0, range_deg: [-5, 10]"),
-        ["joint 2", "0.51 rad per rad"],  # 0.02 of the wave, 35 / 16 of it over 5 degrees
+        ["joint 2", "0.51 rad per rad"],  # 0.02 from the wave, 35 / 16 of its amplitude over 5 degrees
     ),
     (2 * entry("joint_zero_offset", "joint:1", "offset_deg: 1"), ["line 4", "is given twice"]),
     ("  - {effect: joint_zero_offset}\n", ["required key is missing"]),
@@ -148,14 +148,15 @@ def test_waves_apply_in_their_measured_range_and_fade_out_beyond() -> None:
     np.testing.assert_array_equal(ranged.compute_correction(q)[inside, 0], whole.compute_correction(q)[inside, 0])
     gone = (np.degrees(q[:, 0]) < -45.0) | (np.degrees(q[:, 0]) > 30.5)
     assert not ranged.compute_correction(q)[gone, 0].any()
-    assert (ranged.compute_correction(q)[gone, 2] == np.radians(0.2)).all()  # an offset holds everywhere
+    assert (ranged.compute_correction(q)[gone, 2] == np.radians(0.2)).all()  # an offset applies everywhere
     np.testing.assert_allclose(ranged.compute_encoder_angles(ranged.compute_true_angles(q)), q, atol=2e-15)
     h = 1e-5
-    for part in ranged.parts:  # its first three derivatives, all over the fading ends
+    for part in ranged.parts:  # the first three derivatives, including the fading ends of the range
         for order in (1, 2, 3):
             slope = (part.compute_angle(q + h, order - 1) - part.compute_angle(q - h, order - 1)) / (2.0 * h)
             size = max(float(np.abs(slope).max()), 1e-9)
-            np.testing.assert_allclose(part.compute_angle(q, order), slope, atol=1e-3 * size)  # the fourth jumps
+            # the fourth derivative is discontinuous
+            np.testing.assert_allclose(part.compute_angle(q, order), slope, atol=1e-3 * size)
 
 
 def test_planner_and_verifier_report_angles_beyond_the_measured_range(tmp_path: Path) -> None:
@@ -165,7 +166,7 @@ def test_planner_and_verifier_report_angles_beyond_the_measured_range(tmp_path: 
     assert "-90.0° to 10.0°" in output
     assert "-30.0° to 20.0°" in output
     (check,) = check_correction_range(RANGED, q)
-    assert check.passed is None  # told; nothing is broken
+    assert check.passed is None  # information only
     assert "joint:5" in check.name
     assert "1 of 2 samples" in check.where
     assert correction(ALL).list_range_violations(q) == []
@@ -182,7 +183,7 @@ def test_waves_of_another_range_are_added_to_known_ones() -> None:
         KinematicCorrections(RANGED.corrections[1:])
     ).compute_correction(q)
     np.testing.assert_allclose(correction(both).compute_correction(q), parts, atol=1e-15)
-    again = extend_kinematics(RANGED, RANGED.corrections[1:])  # the same range adds up
+    again = extend_kinematics(RANGED, RANGED.corrections[1:])  # the same range is merged
     assert [c.parameters.get("range_deg") for c in again.corrections] == [None, [-40.0, 25.5], [-90.0, 10.0]]
     assert again.corrections[2].parameters["cos_arcsec"] == 120.0
 
@@ -190,16 +191,17 @@ def test_waves_of_another_range_are_added_to_known_ones() -> None:
 def test_range_excludes_isolated_ends() -> None:
     q = np.radians(np.r_[-90.0, np.linspace(-180.0, -122.0, 50)])
     assert compute_measured_range(q) == [-180.0, -122.0]
-    assert compute_measured_range(np.radians([0.0, 120.0])) == [0.0, 120.0]  # of two nobody knows which
+    # with two readings it is unknown which one is isolated
+    assert compute_measured_range(np.radians([0.0, 120.0])) == [0.0, 120.0]
 
 
-# the map --------------------------------------------------------------------------------------------------------
+# the mapping ----------------------------------------------------------------------------------------------------
 
 
 def test_two_programs_invert_the_map() -> None:
     q = np.random.default_rng(0).uniform(-3, 3, (500, 6))
     placed = correction().compute_true_angles(q)
-    np.testing.assert_allclose(correction().compute_encoder_angles(placed), q, atol=2e-15)  # round-off of 3 rad
+    np.testing.assert_allclose(correction().compute_encoder_angles(placed), q, atol=2e-15)  # rounding of 3 rad
     np.testing.assert_allclose(compute_true_angles(ALL, q), placed, atol=2e-15)  # the verifier's own code
     assert np.degrees(placed - q)[0, 2] == pytest.approx(0.2, abs=1e-12)
     np.testing.assert_allclose(
@@ -211,7 +213,7 @@ def test_two_programs_invert_the_map() -> None:
 
 
 def test_path_of_encoder_angles_has_correct_derivatives() -> None:
-    """Taylor series at h against the map itself: the rest is of fourth order."""
+    """The Taylor series at h is compared with the mapping itself: the remainder is of fourth order."""
     rng = np.random.default_rng(2)
     D = rng.normal(size=(40, 4, 6)) * np.array([1.0, 0.3, 0.3, 0.3])[None, :, None]
     E = correction().compute_encoder_path(D)
@@ -234,7 +236,7 @@ def test_limits_of_true_angles_keep_the_encoders_within_theirs() -> None:
     q = correction().compute_encoder_angles(corners)
     assert (q >= limits.lower - 1e-12).all()
     assert (q <= limits.upper + 1e-12).all()
-    # and no more is given away than the coupling could take: 6e-3 rad at joint 5
+    # the margin is at most what the coupling can take: 6e-3 rad at joint 5
     offset = np.radians([0.0, 0.0, OFFSET.parameters["offset_deg"], 0.0, 0.0, 0.0])
     np.testing.assert_allclose(inner.upper - offset, limits.upper, atol=2 * 6e-3 + 1e-3)
     np.testing.assert_allclose((inner.lower - offset)[[1, 2, 3, 5]], limits.lower[[1, 2, 3, 5]], atol=1e-15)
@@ -244,7 +246,7 @@ def test_limits_of_true_angles_keep_the_encoders_within_theirs() -> None:
 
 
 def plan_milling_pass(folder: Path, kinematics: KinematicCorrections | None) -> tuple[Path, Path, Path]:
-    """(cell, toolpath, out) of one pass of milling."""
+    """Return (cell, toolpath, out) of one milling pass."""
     folder.mkdir()
     edits = [("stiffness: stiffness.yaml", "stiffness: stiffness.yaml\nkinematics: kinematics.yaml")]
     cell = changed_cell(folder, *edits if kinematics is not None else ())
@@ -273,7 +275,7 @@ def corrected(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 def test_exported_joints_move_the_arm_to_the_toolpath(corrected: tuple[Path, Path, Path]) -> None:
-    """To 1 µm at every point of points.csv (six decimals of a degree are 0.05 µm at 3 m), by the verifier's map."""
+    """To 1 µm at every point of points.csv (six decimals of a degree are 0.05 µm at 3 m), by the verifier's mapping."""
     cell = load_cell(corrected[0])
     robot, path = load_robot(cell), read_toolpath(corrected[1])
     q = joints(corrected[2] / "points.csv")
@@ -281,9 +283,11 @@ def test_exported_joints_move_the_arm_to_the_toolpath(corrected: tuple[Path, Pat
     placed = T @ robot.compute_fk(compute_true_angles(cell.kinematics, q), cell.tool.T_flange_tcp)
     assert np.linalg.norm(placed[:, :3, 3] - path.position, axis=1).max() < 1e-6
     naive = T @ robot.compute_fk(q, cell.tool.T_flange_tcp)
-    assert np.linalg.norm(naive[:, :3, 3] - path.position, axis=1).min() > 1e-4  # the test would see it left out
+    # the test would fail without the correction
+    assert np.linalg.norm(naive[:, :3, 3] - path.position, axis=1).min() > 1e-4
     motion = joints(corrected[2] / "trajectory.csv")
-    np.testing.assert_allclose(motion[[0, -1]], cell.home[None].repeat(2, 0), atol=1e-11)  # home is what encoders say
+    # home is given as encoder angles
+    np.testing.assert_allclose(motion[[0, -1]], cell.home[None].repeat(2, 0), atol=1e-11)
 
 
 def test_verification_computes_the_corrections_independently(corrected: tuple[Path, Path, Path]) -> None:
@@ -300,12 +304,13 @@ def test_result_names_the_file_and_limits_hold(corrected: tuple[Path, Path, Path
     result = json.loads((corrected[2] / "result.json").read_text())
     assert "kinematics.yaml" in result["inputs"]
     checks = {c["name"]: c for c in result["verification"]["checks"]}
-    for name in ("joint velocity", "joint acceleration", "joint jerk"):  # on what is exported
+    for name in ("joint velocity", "joint acceleration", "joint jerk"):  # checked for the exported angles
         assert checks[name]["passed"]
 
 
 def test_zero_offset_alone_shifts_one_column(plain: tuple[Path, Path, Path], tmp_path: Path) -> None:
-    """Where nothing else changes, q3 by encoder is the true q3 less 0.2° while cutting, and no other joint differs."""
+    """If nothing else changes, the encoder angle
+    of q3 is the true angle minus 0.2° while cutting; other joints are equal."""
     _, _, out = plan_milling_pass(tmp_path / "offset", KinematicCorrections((OFFSET,)))
     a, b = joints(plain[2] / "points.csv"), joints(out / "points.csv")
     np.testing.assert_allclose(np.degrees(b - a), np.array([[0, 0, -0.2, 0, 0, 0]]).repeat(len(a), 0), atol=2e-6)

@@ -1,4 +1,4 @@
-"""Dexterity, characteristic length and K_C: against their definitions, finite differences and loaded springs."""
+"""Dexterity, characteristic length and K_C, compared with definitions, finite differences and loaded springs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def postures(n: int, seed: int) -> np.ndarray:
 
 
 def build_stretched_wrist() -> np.ndarray:
-    """The wrist's own singularity: axes 4 and 6 in line."""
+    """Return the wrist singularity: axes 4 and 6 aligned."""
     return np.array([0.3, -1.2, 1.5, 0.4, 0.0, 0.2])
 
 
@@ -94,14 +94,14 @@ def test_characteristic_length_is_a_minimum_over_length_and_configuration(
             assert condition(found.q + step * rng.normal(size=6), found.length) >= found.condition - 1e-12
     scattered = robot.compute_fk_jacobian(rng.uniform(-np.pi, np.pi, (5000, 6)), tool)[1]
     best = min(compute_frobenius_condition(scattered, x).min() for x in np.geomspace(0.2, 2.0, 9))
-    assert best > found.condition  # no random posture at any length beats it
+    assert best > found.condition  # no random configuration with any length is better
     bounded = compute_characteristic_length(robot, tool, (robot.lower, robot.upper), starts=512, refined=6)
     assert bounded.condition >= found.condition - 1e-12
     assert ((bounded.q >= robot.lower) & (bounded.q <= robot.upper)).all()
 
 
 def test_characteristic_length_scales_with_the_arm(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
-    """Twice the arm has twice the length and the same κ_F; joint 1 does not count."""
+    """An arm of twice the size has twice the length and the same κ_F; joint 1 has no effect."""
     robot, tool, _ = arm
     T, big = robot.T_base_flange_zero.copy(), tool.copy()
     T[:3, 3] *= 2
@@ -117,7 +117,7 @@ def test_characteristic_length_scales_with_the_arm(arm: tuple[Robot, np.ndarray,
     one = compute_characteristic_length(robot, tool, starts=512, refined=6)
     two = compute_characteristic_length(double, big, starts=512, refined=6)
     assert two.condition == pytest.approx(one.condition, rel=1e-9)
-    assert two.length == pytest.approx(2 * one.length, rel=1e-5)  # a minimum is flat: its place is less exact
+    assert two.length == pytest.approx(2 * one.length, rel=1e-5)  # a minimum is flat, so its location is less exact
     turned = one.q + np.array([0.8, 0, 0, 0, 0, 0])
     assert compute_frobenius_condition(robot.compute_fk_jacobian(turned, tool)[1], one.length) == pytest.approx(
         one.condition
@@ -139,7 +139,7 @@ def test_jacobian_derivative_and_geometric_stiffness_match_finite_differences(
         numeric = (robot.compute_fk_jacobian(q + step, tool)[1] - robot.compute_fk_jacobian(q - step, tool)[1]) / (
             2 * h
         )
-        # central differences: h² of curvature (1e-12) and rounding 1e-16/h of numbers near 3
+        # central differences: truncation h² times curvature (1e-12) and rounding 1e-16/h of numbers near 3
         np.testing.assert_allclose(dJ[..., i, :, :], numeric, atol=2e-9)
         torque = np.swapaxes(numeric, -1, -2) @ LOAD
         np.testing.assert_allclose(K_C[..., :, i], torque, atol=2e-9 * np.abs(LOAD).sum())
@@ -155,11 +155,11 @@ def test_only_the_moment_makes_geometric_stiffness_unsymmetric(arm: tuple[Robot,
         for i in range(k + 1, 6):
             gap = np.cross(z[:, :, k], z[:, :, i]) @ LOAD[3:]
             np.testing.assert_allclose(K_C[:, i, k] - K_C[:, k, i], gap, atol=1e-10)
-    assert np.abs(K_C - np.swapaxes(K_C, -1, -2)).max() > 100.0  # N·m/rad: of the moment's own size, not rounding
+    assert np.abs(K_C - np.swapaxes(K_C, -1, -2)).max() > 100.0  # N·m/rad: of the size of the moment, not rounding
 
 
 def test_loaded_springs_deflect_by_the_loaded_compliance(arm: tuple[Robot, np.ndarray, np.ndarray]) -> None:
-    """K_C takes the error of the displacement from second to third order in the load."""
+    """With K_C the error of the displacement is of third instead of second order in the load."""
     robot, tool, k = arm
     q = postures(1, 6)[0]
     J = robot.compute_fk_jacobian(q, tool)[1]
@@ -174,7 +174,7 @@ def test_loaded_springs_deflect_by_the_loaded_compliance(arm: tuple[Robot, np.nd
         errors.append((np.linalg.norm(x - q - torque), np.linalg.norm(x - q - J.T @ w / k)))
     assert (
         errors[0][0] < 0.05 * errors[0][1]
-    )  # 3.7 %: the next order is smaller by about a joint deflection times its lever
+    )  # 3.7 %: the next order is smaller by about a joint deflection times its lever arm
     assert errors[0][0] / errors[1][0] == pytest.approx(8.0, rel=0.05)  # third order
     assert errors[0][1] / errors[1][1] == pytest.approx(4.0, rel=0.05)  # second order
 
@@ -217,7 +217,7 @@ def test_singularity_matters_only_with_a_constrained_orientation(arm: tuple[Robo
         robot.compute_fk_jacobian(build_stretched_wrist() + d, np.eye(4))[1]
         for d in (np.zeros(6), np.r_[0, 0, 0, 0, 1e-3, 0])
     )
-    # axes 4 and 6 in line take a rotation from the wrist; holding it against axis 1's turn needs that rotation
+    # with axes 4 and 6 aligned the wrist lacks one rotation; compensating a rotation of axis 1 needs this rotation
     across = np.array([-np.sin(-0.3), np.cos(0.3), 0.0])
     assert np.isfinite(compute_directional_stiffness(at, k, across, "nothing"))
     assert np.isfinite(compute_directional_stiffness(at, k, across, "position"))

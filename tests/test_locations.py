@@ -1,4 +1,4 @@
-"""Places as text and as parts."""
+"""Locations as text and as separate fields."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_joints_and_links_have_numbers_and_others_have_none() -> None:
 
 
 def test_places_are_parsed_in_one_module() -> None:
-    """Neither by its colon nor by how it begins: its parts are asked for."""
+    """No other module searches for a colon or a prefix in a location: they use its fields."""
     taken = "|".join(
         (
             r"location\w*\.(split|r?partition|startswith|removeprefix)\(",

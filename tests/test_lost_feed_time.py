@@ -1,4 +1,4 @@
-"""Time lost to limits of acceleration and jerk, predicted from the joint path."""
+"""Time lost to acceleration and jerk limits, predicted from the joint path."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def load(name: str) -> tuple[Cell, Robot]:
 
 
 def segment(twist: np.ndarray) -> FeedMotion:
-    """One second of a straight segment."""
+    """Return one second of a straight segment."""
     one = np.ones(1)
     return FeedMotion(
         twist=twist[None], turn=np.zeros((1, 6)), rounding=one, spacing=one, count=np.zeros(1), seconds=one
@@ -46,7 +46,7 @@ def lose(cell: Cell, robot: Robot, limits: JointLimits, q: np.ndarray, motion: F
 
 
 def rotate(vector: np.ndarray) -> np.ndarray:
-    """The rotation by a vector (3,) rad."""
+    """Return the rotation by a vector (3,) rad."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
         return np.eye(3)
@@ -56,7 +56,7 @@ def rotate(vector: np.ndarray) -> np.ndarray:
 
 
 def follow(cell: Cell, robot: Robot, q: np.ndarray, twist: np.ndarray, t: float) -> np.ndarray:
-    """The joints t seconds later: the tool moves straight and turns evenly."""
+    """Return the joints t seconds later: the tool moves straight and rotates uniformly."""
     T = robot.compute_fk(q[None], cell.tool.T_flange_tcp)[0].copy()
     T[:3, 3] += t * twist[:3]
     T[:3, :3] = rotate(t * twist[3:]) @ T[:3, :3]
@@ -67,7 +67,7 @@ def follow(cell: Cell, robot: Robot, q: np.ndarray, twist: np.ndarray, t: float)
 
 @pytest.mark.parametrize("name", ["kr500_milling", "cutting_cobot"])
 def test_segment_time_follows_from_finite_differences(name: str) -> None:
-    """Of weak drives, whose accelerations count before their velocities."""
+    """The drives are weak: their accelerations limit before their velocities."""
     cell, robot = load(name)
     weak = replace(cell.limits, acceleration=cell.limits.acceleration / 16.0, jerk=cell.limits.jerk / 100.0)
     rng = np.random.default_rng(3)
@@ -77,7 +77,7 @@ def test_segment_time_follows_from_finite_differences(name: str) -> None:
     for n in range(40):
         q = rng.uniform(-1.2, 1.2, 6)
         q[2] = rng.uniform(0.7, 1.6)  # neither stretched nor folded
-        q[4] = 0.15 if n % 2 else rng.uniform(0.6, 1.2)  # every second one near the singularity of a wrist
+        q[4] = 0.15 if n % 2 else rng.uniform(0.6, 1.2)  # every second one is near a wrist singularity
         twist = np.r_[rng.normal(size=3) * 0.1, rng.normal(size=3) * 0.2]
         found = lose(cell, robot, weak, q, segment(twist))
         J = robot.compute_fk_jacobian(q[None], cell.tool.T_flange_tcp)[1][0]
@@ -95,7 +95,7 @@ def test_segment_time_follows_from_finite_differences(name: str) -> None:
 
 
 def drive_corner(cell: Cell, robot: Robot, q: np.ndarray, legs: np.ndarray, feed: float) -> float:
-    """Duration in s of two straight legs (2, 3) m that meet in the pose of ``q``, retimed at a feed."""
+    """Return the duration in s of two straight moves (2, 3) m that meet at the pose of ``q``, retimed at a feed."""
     T = robot.compute_fk(q[None], cell.tool.T_flange_tcp)[0]
     machine = load_machine(cell, robot)
     s = np.linspace(-1.0, 1.0, 41)

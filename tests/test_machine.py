@@ -1,4 +1,4 @@
-"""Kinematic chain from the part to the tool against pinocchio on the whole URDF."""
+"""Kinematic chain from the part to the tool, compared with pinocchio on the whole URDF."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def machine(cell: Cell) -> Machine:
 
 
 def by_pinocchio(cell: Cell, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """T_workpiece_tcp (4, 4), T_base_workpiece (4, 4) and T_world_base (4, 4)."""
+    """Return T_workpiece_tcp (4, 4), T_base_workpiece (4, 4) and T_world_base (4, 4)."""
     model = pin.buildModelFromXML(cell.urdf_text)
     data, q = model.createData(), pin.neutral(model)
     pin.framesForwardKinematics(model, data, q)
@@ -80,7 +80,7 @@ def test_jacobian_is_the_derivative(tmp_path: Path, kind: dict[str, bool]) -> No
         d = (m.compute_fk(x + step, cell.tool.T_flange_tcp) - m.compute_fk(x - step, cell.tool.T_flange_tcp)) / (2 * h)
         turn = d[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
         twist = np.column_stack([d[:, :3, 3], turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]])
-        np.testing.assert_allclose(J[:, :, c], twist, atol=1e-8)  # h² f‴ / 6 and rounding over h
+        np.testing.assert_allclose(J[:, :, c], twist, atol=1e-8)  # truncation h² f‴ / 6 and rounding over h
 
 
 @pytest.mark.parametrize("kind", KINDS, ids="-".join)
@@ -90,7 +90,7 @@ def test_higher_derivatives_are_correct(tmp_path: Path, kind: dict[str, bool]) -
     c = rng.uniform(-0.5, 0.5, (4, m.external_count))
 
     def way(u: np.ndarray) -> np.ndarray:
-        """(M, 4, E) a cubic and its derivatives."""
+        """Return (M, 4, E) a cubic and its derivatives."""
         powers = [[1 + 0 * u, u, u**2, u**3], [0 * u, 1 + 0 * u, 2 * u, 3 * u**2]]
         powers += [[0 * u, 0 * u, 2 + 0 * u, 6 * u], [0 * u, 0 * u, 0 * u, 6 + 0 * u]]
         return np.stack([np.stack(p, axis=1) @ c for p in powers], axis=1)
@@ -100,7 +100,7 @@ def test_higher_derivatives_are_correct(tmp_path: Path, kind: dict[str, bool]) -
     ahead, behind = (m.compute_T_base_workpiece_jets(way(u + side)) for side in (h, -h))
     for order in range(3):
         slope = (ahead[:, order] - behind[:, order]) / (2 * h)
-        np.testing.assert_allclose(jets[:, order + 1], slope, atol=2e-6)  # h² f‴ / 6, and rounding over h
+        np.testing.assert_allclose(jets[:, order + 1], slope, atol=2e-6)  # truncation h² f‴ / 6 and rounding over h
 
 
 def test_links_of_a_fixed_arm_are_those_of_the_robot(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def build_request(folder: Path, process: str = DRILLING, **options: object) -> M
 
 
 def test_error_equals_the_compliance_times_the_stated_force(tmp_path: Path) -> None:
-    """By C f of the same postures, with the force along the map's x and the tool axis."""
+    """The error is C f of the same configurations, with the force along the map's x axis and the tool axis."""
     found = compute_map(build_request(tmp_path), lambda _: None)
     (layer,) = found.layers
     value, q = layer.values.value, layer.postures.q
@@ -90,7 +90,7 @@ def test_error_equals_the_compliance_times_the_stated_force(tmp_path: Path) -> N
 
 
 def test_worst_direction_of_travel_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A pass along x and one along y: the error is the larger one of both maps."""
+    """For a pass along x and one along y, the error is the larger one of both maps."""
     text = DRILLING.replace("travel: 100, normal: 0, axial: 40", "travel: 400, normal: 0, axial: 40")
     head, *rows = ROWS.split("\n")
     along = rows[-1].replace("50,0,0", "0,50,0")
@@ -112,7 +112,8 @@ def test_worst_direction_of_travel_counts(tmp_path: Path, monkeypatch: pytest.Mo
 def test_probability_equals_that_of_the_planner_in_its_configurations(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Hole and floor of the job at the postures of a plan, by the price of tolerances with as many draws."""
+    """Hole and floor of the job at the configurations of a plan,
+    compared with the tolerance cost with as many draws."""
     monkeypatch.setattr(job_quantities, "DRAWS", 8192)
     request = build_request(tmp_path)
     given = load_optimize_inputs(
@@ -140,7 +141,7 @@ def test_probability_equals_that_of_the_planner_in_its_configurations(
         points = np.searchsorted(plan.path.index, rows - 1e-6)
         wanted = pricing.compute_probability(segment.cell, is_hole, np.arange(len(rows)), points, q[points])
         at = q[points]
-        if is_hole:  # the position of a hole is that at its entry
+        if is_hole:  # the position of a hole is defined at its entry
             at = pricing._shift_to_entry(np.arange(len(rows)), points, at)
         found_p = by_key[key].function(setting.evaluate_states(at))
         np.testing.assert_allclose(found_p, wanted, rtol=0, atol=0.02)
@@ -164,7 +165,7 @@ def test_clamp_above_the_thrust_has_no_spread(tmp_path: Path, change: tuple[str,
     )
     known = np.isfinite(plain)
     assert np.ptp(plain[known]) > 0.0
-    # torque and the lateral force are drawn still; they move the hole by little
+    # torque and lateral force are still drawn; they move the hole only slightly
     np.testing.assert_allclose(changed[known], plain[known], atol=0.03)
 
 
@@ -179,7 +180,7 @@ def test_stated_normal_gives_no_mapped_error(tmp_path: Path, monkeypatch: pytest
 def test_stated_normal_in_a_weaker_direction_gives_no_mapped_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A pass to the side is added, whose points alone state a normal: the worst direction is not known."""
+    """A lateral pass is added whose points alone state a normal: the worst direction is unknown."""
     head, *rows = ROWS.split("\n")
     lines = [f"{head},nx,ny,nz", *(f"{row},,," for row in rows)]
     lines += [f"50,{y},0,0,0,1,cut,420,push,1,0,0" for y in (20, 40)]
@@ -209,7 +210,7 @@ def test_job_without_a_process_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_command_writes_columns_fields_and_a_legend(tmp_path: Path) -> None:
-    """A milled wall has its stability, too."""
+    """A milled wall also has a stability column."""
     cell, job = CELLS / "kr500_milling", tmp_path / "wall.csv"
     job.write_text(
         "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n-60,0,20,0,0,1,rapid,,wall\n-50,0,20,0,0,1,cut,1200,wall\n"

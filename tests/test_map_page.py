@@ -1,4 +1,4 @@
-"""Page and picture of a map: self-contained, exact numbers, reasons of empty places."""
+"""Page and picture of a map: self-contained, exact numbers, reasons of empty positions."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ NAMES = tuple(REASON_TEXTS.get(c.reason, c.name.lower()) if c.reason is not None
 
 
 class Balanced(HTMLParser):
-    """Fails on a tag closed out of order and on anything fetched from elsewhere; collects ids, links and text."""
+    """Fail on a tag closed out of order and on external resources; collect ids, links and text."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -99,7 +99,7 @@ def read_embedded_json(html: str) -> dict:  # type: ignore[type-arg]
 
 
 def build_sample_map(kind: str = "slice", **changes: object) -> MapPageData:
-    """A slice of 6 × 5 places with a hole of each kind, two layers; or a volume, a line, a joint plane."""
+    """A slice of 6 × 5 positions with a hole of each kind and two layers; or a volume, a line, a joint plane."""
     shape = {"slice": (6, 5), "volume": (6, 5, 4), "line": (7,), "joints": (6, 5)}[kind]
     names = {"slice": "xz", "volume": "xyz", "line": "s", "joints": ("a2", "a3")}[kind]
     unit = "rad" if kind == "joints" else "m"
@@ -181,7 +181,7 @@ def build_sample_map(kind: str = "slice", **changes: object) -> MapPageData:
 
 
 def decode_levels(spec: dict) -> np.ndarray:  # type: ignore[type-arg]
-    """What the page makes of packed levels."""
+    """Decode packed levels as the page does."""
     raw = np.frombuffer(base64.b64decode(spec["level"]), "<u2")
     share = raw / 65534
     low, high = spec["low"], spec["high"]
@@ -228,7 +228,7 @@ def test_packed_levels_keep_four_digits_and_the_gaps() -> None:
     for values, log in ((plain, False), (wide, True)):
         spec = pack_field_levels(values)
         assert spec["log"] is log
-        # half a level: of the span, or of the span's logarithm
+        # half a level: of the range, or of the logarithm of the range
         np.testing.assert_allclose(decode_levels(spec), values, rtol=0.6 * np.log(1e6) / 65534, equal_nan=True)
         known = values[np.isfinite(values)]
         assert (spec["from"], spec["to"]) == tuple(np.percentile(known, [2, 98]))
@@ -238,7 +238,7 @@ def test_packed_levels_keep_four_digits_and_the_gaps() -> None:
 
 
 def test_page_codes_are_independent_of_reason_numbers() -> None:
-    """Numbers of Reason may move; the scripts' patterns and the words of both maps may not."""
+    """The numbers of Reason may change; the patterns of the scripts and the words of both maps must not."""
     script = (ASSETS / "heatmap.js").read_text(encoding="utf-8")
     assert f"const NOT_CHECKED = {PlaceCode.NOT_CHECKED:d};" in script
     drawn = {int(n) for n in re.findall(r"^  (\d+): \(", script, re.MULTILINE)} | {int(PlaceCode.NOT_CHECKED)}
@@ -292,11 +292,12 @@ def test_page_contains_joints_reasons_and_units_of_every_sample() -> None:
         "shortfall",
         "gamma",
     ):
-        assert re.search(rf"\.{key}\b", script), key  # the script reads what is written
+        assert re.search(rf"\.{key}\b", script), key  # the script reads every written key
 
 
 def test_stick_figure_data_agree_with_forward_kinematics() -> None:
-    """The page carries lines only; put together as its script does they end where forward kinematics ends."""
+    """The page contains only line segments; assembled as in its script,
+    they end at the position of forward kinematics."""
     cell = load_cell(KR240)
     robot = load_robot(cell)
     tcp = (robot.T_base_flange_zero @ cell.tool.T_flange_tcp)[:3, 3]
@@ -384,7 +385,7 @@ def test_model_and_measurement_share_their_colours() -> None:
 def test_colours_run_from_dark_to_bright_and_hatchings_differ() -> None:
     np.testing.assert_array_equal(map_to_colours(np.array([0.0, 1.0])), VIRIDIS[[0, -1]])
     brightness = map_to_colours(np.linspace(0, 1, 50)).astype(float) @ [0.21, 0.72, 0.07]
-    assert (np.diff(brightness) > 0).all()  # survives a grey print
+    assert (np.diff(brightness) > 0).all()  # distinguishable in a greyscale print
     y, x = np.indices((36, 36))
     observed = {compute_hatching(code, x, y).tobytes() for code in (1, 2, 3, 4, 5, 6, 7)}
     assert len(observed) == 7
@@ -394,14 +395,14 @@ def test_isolines_of_a_plane_are_exact_and_stop_at_gaps() -> None:
     i, j = np.meshgrid(np.arange(8.0), np.arange(6.0), indexing="ij")
     (line,) = compute_isolines(2 * i + j, 7.3)
     np.testing.assert_allclose(2 * line[:, 0] + line[:, 1], 7.3, rtol=1e-12)
-    assert len(line) == 8  # it crosses i = 2, 3 and j = 1 … 4 on its way: seven squares, eight sides
-    assert ((line % 1 == 0).sum(axis=1) == 1).all()  # on the squares' sides
+    assert len(line) == 8  # it crosses i = 2, 3 and j = 1 … 4: seven squares, eight sides
+    assert ((line % 1 == 0).sum(axis=1) == 1).all()  # points are on the sides of the squares
     holed = 2 * i + j
     holed[2, 3] = np.nan
     away = compute_isolines(holed, 7.3)
     middles = np.concatenate([(p[1:] + p[:-1]) / 2 for p in away])
     assert 0 < len(middles) < len(line) - 1
-    assert (np.abs(middles - [2, 3]).max(axis=-1) > 1).all()  # none inside the squares at the hole
+    assert (np.abs(middles - [2, 3]).max(axis=-1) > 1).all()  # none inside the squares around the hole
     saddle = compute_isolines(np.array([[1.0, -1.0], [-1.0, 1.0]]), 0.1)
     assert len(saddle) == 2
     assert compute_isolines(np.zeros((3, 3)), 1.0) == []

@@ -1,4 +1,4 @@
-"""Distances of triangle surfaces against fcl, and the nearest pair for any number of cores."""
+"""Distances of triangle surfaces compared with fcl, and the nearest pair for any number of cores."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from machopt.kinematics.urdf_loading import load_chain
 from machopt.numerics import parallel_map
 from machopt.numerics.rigid_transforms import build_transform, invert_transform
 
-EXACT = 1e-11  # m, beside the rounding of fcl's own; TIE of the module is a tenth of that
+EXACT = 1e-11  # m, in addition to the rounding of fcl; TIE of the module is a tenth of that
 
 
 def soup(rng: np.random.Generator, count: int, size: float) -> Any:
-    """Triangles anywhere in a box; some are slivers, some lie in planes along the axes, one is a line."""
+    """Return random triangles in a box; some are slivers, some are in planes along the axes, one is a line."""
     corners = rng.uniform(-size, size, (count, 3, 3))
     corners[::3, :, 2] = corners[::3, :1, 2]
     corners[1::5] = corners[1::5, :1] + 0.02 * (corners[1::5] - corners[1::5, :1]) * [1, 1, 40]
@@ -38,7 +38,7 @@ def test_distances_equal_fcl_and_crossing_surfaces_have_none() -> None:
     a, b = soup(rng, 40, 0.2), soup(rng, 23, 0.1)
     turn = Rotation.random(300, random_state=1).as_matrix()
     T = build_transform(turn, rng.uniform(-0.3, 0.3, (300, 3)))
-    T[::7, :3, :3] = np.eye(3)  # planes of both lie parallel
+    T[::7, :3, :3] = np.eye(3)  # planes of both are parallel
     x, y = build_box_tree(a), build_box_tree(b)
     far, none = np.full(300, np.inf), np.full(300, -np.inf)
     d, _ = compute_distances_along_rows(
@@ -69,7 +69,7 @@ def test_distances_equal_fcl_and_crossing_surfaces_have_none() -> None:
     for still, moving, motion in (
         (x, y, T),
         (y, x, invert_transform(T)),
-    ):  # one by one, from wherever the last one left off
+    ):  # one by one, starting from the previous result
         guess, single = (0, 0), []
         for M in motion:
             apart, guess = compute_distance(still, moving, M, guess)
@@ -112,6 +112,6 @@ def test_dividing_long_triangles_preserves_the_surface() -> None:
     assert area[0] == pytest.approx(area[1], rel=1e-12)
     assert (
         len(_subdivide_long_triangles(slender, 1e-3)) <= len(slender) + MAX_TRIANGLES
-    )  # a bound on what many long triangles cost
+    )  # a bound on the cost of many long triangles
     flat = np.zeros((3, 3, 3))
     np.testing.assert_array_equal(_subdivide_long_triangles(flat, 0.0), flat)

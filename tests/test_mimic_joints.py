@@ -1,4 +1,4 @@
-"""Mimic joints against pinocchio with all joints of the URDF set explicitly."""
+"""Mimic joints compared with pinocchio with all joints of the URDF set explicitly."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ MASS = (
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
-    """Hung from the ceiling and turned, with a mass in each link, so that nothing is zero by chance."""
+    """The arm is on the ceiling and rotated, with a mass in each link, so no quantity is zero by chance."""
     cell = small_cell(tmp_path_factory.mktemp("linked"))
     text = linked_urdf()
     for n in range(1, 7):
@@ -69,7 +69,8 @@ def q(cell: Cell) -> np.ndarray:
 
 
 def by_hand(cell: Cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """TCP in base_link, Jacobian by the chain rule through the follower, and gravity torque from the potential."""
+    """Compute TCP in base_link, Jacobian by the chain rule through the mimic joint,
+    and gravity torque from the potential."""
     model = pin.buildModelFromUrdf(str(cell.urdf))
     frame = model.frames[model.getFrameId(cell.flange_link)]
     model.inertias[frame.parentJoint] += frame.placement.act(
@@ -96,7 +97,8 @@ def by_hand(cell: Cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def test_planner_and_verification_agree_with_pinocchio(cell: Cell, q: np.ndarray) -> None:
     robot, _ = load_chain(cell)
-    np.testing.assert_array_equal(robot.coupling[2], [0, 1, 1, 0, 0, 0])  # m3's axis looks the other way: −(−1)
+    # the axis of m3 has the opposite direction: −(−1)
+    np.testing.assert_array_equal(robot.coupling[2], [0, 1, 1, 0, 0, 0])
     arm, masses = UrdfKinematics(cell), load_masses(cell)
     state = robot.compute_state(q, cell.tool.T_flange_tcp, bodies=True)
     torque, slope = compute_gravity_torque(robot, masses, state)
@@ -107,7 +109,7 @@ def test_planner_and_verification_agree_with_pinocchio(cell: Cell, q: np.ndarray
         for pose, jacobian in ((state.T_base_tool[n], state.J[n]), (stance.tcp[n], stance.J[n])):
             np.testing.assert_allclose(pose, T, atol=1e-9)
             np.testing.assert_allclose(jacobian, J, atol=1e-7)
-        np.testing.assert_allclose(torque[n], g, atol=1e-3)  # of some 1e4 N·m, by differences
+        np.testing.assert_allclose(torque[n], g, atol=1e-3)  # of about 1e4 N·m, by differences
     step = 1e-5
     for i in range(6):
         moved = [
@@ -173,7 +175,7 @@ def test_commands_without_linkage_support_refuse_them(cell: Cell) -> None:
 
 @pytest.mark.slow
 def test_linked_arm_mills_and_its_motion_agrees_with_the_urdf(tmp_path: Path) -> None:
-    """The whole command; the tip is then followed by pinocchio with the mimic joint set by hand."""
+    """The whole command is run; pinocchio with an explicitly set mimic joint then follows the tip."""
     cell = small_cell(tmp_path)
     write_linkage_cell(tmp_path, linked_urdf(offset=0.0))
     (tmp_path / "stiffness.yaml").write_text(
@@ -191,7 +193,7 @@ def test_linked_arm_mills_and_its_motion_agrees_with_the_urdf(tmp_path: Path) ->
     table = read_trajectory_csv(tmp_path / "out" / "trajectory.csv").trajectory
     model = pin.buildModelFromUrdf(str(cell.urdf))
     data, frame = model.createData(), model.getFrameId("flange")
-    cutting = np.flatnonzero((table.move == MoveKind.CUT) & (table.point >= 1.0))  # behind the plunge
+    cutting = np.flatnonzero((table.move == MoveKind.CUT) & (table.point >= 1.0))  # after the plunge
     for n in cutting[:: max(len(cutting) // 20, 1)]:
         pin.framesForwardKinematics(model, data, expand_mimic_joints(model, table.q[n], build_mimic_joints(offset=0.0)))
         tip = data.oMf[frame].homogeneous @ np.array([0.0, 0.0, 0.35, 1.0])

@@ -1,4 +1,4 @@
-"""Model discrepancy of a stiffness: found where concealed, absent where springs explain all, included in a plan."""
+"""Model discrepancy of a stiffness: found if hidden, absent if the springs explain all readings, used in a plan."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ BASE = StiffnessTerm("base_compliance", "base", {"compliance_diagonal": [1e-9, 1
 
 
 def readings(terms: tuple[StiffnessTerm, ...], seed: int = 1) -> tuple[LoadTestExperiment, np.ndarray]:
-    """Load tests of an arm with true springs and terms, and their poses."""
+    """Return load tests of an arm with true springs and terms, and their poses."""
     rng = np.random.default_rng(seed)
     tests = made.draw_load_tests(rng, poses=16, loads=3, repeats=2)
     _, robot, T = made.cell()
@@ -77,7 +77,10 @@ def test_springs_alone_have_no_discrepancy() -> None:
 
 
 def test_backlash_not_crossed_in_load_tests_may_occur_in_a_job() -> None:
-    """Weight holds gear 2 on one flank under half the loads, and none of the others is read; gear 1 bears no weight."""
+    """Only readings with the weight of gear 2 above twice the load are used: backlash of gear 2 is never crossed.
+
+    Gear 1 carries no weight, so its backlash is crossed.
+    """
     tests, _ = readings(())
     found, robot, T = made.cell()
     masses = load_masses(found)
@@ -91,7 +94,7 @@ def test_backlash_not_crossed_in_load_tests_may_occur_in_a_job() -> None:
     doubt = estimate_identification_discrepancy(fitted, some, robot, T, stiffness, masses)
     assert not doubt.misfit
     half = {j: float(np.linalg.norm(doubt.modes[:, doubt.parts.index(f"play {j}")])) for j in (1, 2)}
-    assert half[2] > 0.4 * TYPICAL_PLAY_RAD  # one gear in four
+    assert half[2] > 0.4 * TYPICAL_PLAY_RAD  # one gear in four has backlash
     assert half[1] < 0.1 * half[2]
 
 
@@ -114,7 +117,8 @@ def test_concealed_discrepancy_is_predicted_at_other_poses_with_coverage() -> No
     assert known is not None
     moves = known.moves(arm.evaluate(q), q, force)
     off = np.linalg.norm(true - deflection, axis=1)
-    assert np.median(np.linalg.norm(true - deflection - moves[:, :, 0], axis=1) / off) < 0.3  # most of it is foreseen
+    # most of the error is predicted
+    assert np.median(np.linalg.norm(true - deflection - moves[:, :, 0], axis=1) / off) < 0.3
     along = deflection / np.linalg.norm(deflection, axis=1, keepdims=True)
     ways = np.einsum("mc,mcr->mr", along, moves)
     own = known.local * np.linalg.norm(force, axis=1)
@@ -123,7 +127,7 @@ def test_concealed_discrepancy_is_predicted_at_other_poses_with_coverage() -> No
 
 
 def test_one_soft_place_does_not_soften_the_others() -> None:
-    """Beside a soft base each link and the tool are known to a tenth of what the readings show of the base."""
+    """With a soft base, the uncertainty of each link and of the tool is below a tenth of that of the base."""
     _, doubt = doubt_of(readings((BASE,))[0])
     size = np.sqrt(doubt.shift**2 + np.sum(doubt.modes**2, axis=0))
     by_body = {
@@ -136,14 +140,14 @@ def test_one_soft_place_does_not_soften_the_others() -> None:
 
 
 def test_weakly_observed_spread_is_kept_for_a_job_that_depends_on_it() -> None:
-    """Six tenths of a job's variance lie where readings see a ten-thousandth of theirs."""
+    """Six tenths of a job's variance are in a direction with 1/10,000 of the information of the others."""
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 3.0]])
     modes = select_significant_modes(covariance, np.diag([1.0, 1.0, 1e-4]))
     np.testing.assert_allclose(modes.T @ modes, covariance, rtol=1e-6, atol=1e-9)
 
 
 def test_pose_specific_discrepancy_accounts_for_few_regions() -> None:
-    """Over recordings drawn anew, the mean of what is said is not below the truth, be that next to nothing."""
+    """Over repeated simulated recordings, the mean estimate is not below the true value, even if that is near zero."""
     rng = np.random.default_rng(3)
     expected, force = np.array([1.0, 1.3, 0.8, 40.0, 1.0, 0.9, 1.1, 1.2]), np.full(8, 2.0)
     for true in (0.0, 0.1, 3.0):
@@ -153,12 +157,12 @@ def test_pose_specific_discrepancy_accounts_for_few_regions() -> None:
         assert true <= values.mean() < 1.3 * true + 0.25
     assert estimate_pose_variance(expected + 5.0 * force, expected, force) == pytest.approx(
         5.0
-    )  # all agree: no doubt of it
+    )  # all regions agree, so there is no uncertainty
 
 
 @pytest.mark.parametrize("at", [0.09, 0.2, 0.6])
 def test_gear_between_known_laws_is_near_their_sum(at: float) -> None:
-    """Soft starts (arc tangents) with knees anywhere: to 2 % of their whole over all torques that tests reach."""
+    """Soft starts (arc tangents) with knees anywhere: within 2 % of their total over all torques of the tests."""
     torque = np.linspace(-1.2, 1.2, 201)
     laws = np.stack([torque, *(np.tanh(torque / s) for s in CURVE_SMOOTHING.values())], axis=1)
     law = np.arctan(torque / at)
@@ -167,7 +171,8 @@ def test_gear_between_known_laws_is_near_their_sum(at: float) -> None:
 
 
 def test_candidate_columns_are_derivatives_of_the_model() -> None:
-    """A joint's column is how the displacement follows its compliance, a base's is that of a base spring."""
+    """The column of a joint is the derivative of the displacement by its compliance;
+    that of a base by a base spring."""
     _, robot, T = made.cell()
     rng = np.random.default_rng(2)
     q, force = made.CENTRE + rng.normal(0, 0.4, (5, 6)), rng.normal(0, 500.0, (5, 3))
@@ -263,7 +268,8 @@ def test_misfit_is_reported_and_widens_deflection_and_compensation(tmp_path: Pat
 
 
 def test_compensator_is_evaluated_only_within_the_joint_limits() -> None:
-    """It was looked at all round the circle: load tests of a strong one ended as bad input, a finding in hand."""
+    """It was evaluated over the full circle: load tests of a strong one ended
+    as invalid input although a finding existed."""
     tests, _ = readings(())
     _, robot, T = made.cell()
     found = fit_stiffness(tests)

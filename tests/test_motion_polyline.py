@@ -1,4 +1,4 @@
-"""Corners of the commanded path among the samples of the motion, for dense, sparse and reversing points."""
+"""Corners of the commanded path between the samples of the motion, for dense, sparse and reversing points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from machopt.verification.tables.exported_tables import ExportedMotion
 
 
 def build_line(points: Array, place: Array, index: Array) -> MotionPolyline:
-    """Return the polyline of a motion without a turn.
+    """Return the polyline of a motion without rotation.
 
     Args:
         points: (N, 3) m, of the toolpath.
@@ -54,15 +54,15 @@ def build_line(points: Array, place: Array, index: Array) -> MotionPolyline:
 @pytest.mark.parametrize("lag", [-14e-6, -7e-6, 0.0, 6e-6, 10e-6, 14e-6])
 @pytest.mark.parametrize("spacing", [8e-6, 11e-6, 30e-6])
 def test_dense_points_never_step_back_along_the_path(lag: float, spacing: float) -> None:
-    """The samples state an index ahead of or behind their place, as where the tool rounds points."""
+    """The samples state an index before or after their position, as where the motion rounds points."""
     rng = np.random.default_rng(4)
     way = spacing * np.arange(120)
     points = np.c_[way, 0.5 * way, rng.uniform(-4e-6, 4e-6, 120)]
     x = np.linspace(0.0, way[-1], 400)
-    ahead = lag * np.clip(np.minimum(x, way[-1] - x) / 1e-4, 0.0, 1.0)  # it begins and ends where the path does
+    ahead = lag * np.clip(np.minimum(x, way[-1] - x) / 1e-4, 0.0, 1.0)  # the lag is zero at both ends of the path
     place = np.c_[x, 0.5 * x, np.zeros(400)]
     line = build_line(points, place, np.interp(x + ahead, way, np.arange(120.0)))
-    assert (len(line.position) > 400) == (lag != 0.0)  # corners at which the noise is larger than that of a chord
+    assert (len(line.position) > 400) == (lag != 0.0)  # includes corners at which the noise exceeds that of a chord
     assert np.diff(line.position[:, 0]).min() > -CHORD_TOLERANCE_M
 
 
@@ -81,7 +81,8 @@ def test_corner_between_two_samples_is_a_vertex(degrees: float) -> None:
 
 def test_both_corners_of_a_short_reversal_between_samples_keep_their_order() -> None:
     points = 1e-3 * np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0], [4.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
-    way = np.array([0.0, 2.5, 4.9, 6.5, 7.5, 12.0])  # mm; the third and the fourth are at 4.9 and 4.5 mm
+    # mm along the path; the third and the fourth sample are at x = 4.9 and 4.5 mm
+    way = np.array([0.0, 2.5, 4.9, 6.5, 7.5, 12.0])
     place = np.c_[1e-3 * np.interp(way, [0.0, 5.0, 6.0, 12.0], [0.0, 5.0, 4.0, 10.0]), np.zeros((6, 2))]
     line = build_line(points, place, np.interp(way, [0.0, 5.0, 6.0, 12.0], [0.0, 1.0, 2.0, 3.0]))
     np.testing.assert_allclose(1e3 * line.position[:, 0], [0.0, 2.5, 4.9, 5.0, 4.0, 4.5, 5.5, 10.0], atol=1e-9)

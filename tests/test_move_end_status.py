@@ -57,7 +57,7 @@ def test_failed_move_is_assigned_to_the_row_of_its_end(
     assert explain_points(found) == {row: f"{stop.where}: why it stops"}
     assert describe_remedy(found, int(row)) == "what would help"
     assert np.isnan(found.chosen.cost[row])
-    assert list_breaks(found, (stop,)) == (stop,)  # the place itself is told as before
+    assert list_breaks(found, (stop,)) == (stop,)  # the break itself is reported as before
     assert not len(made.missing)
 
 
@@ -72,7 +72,7 @@ def test_place_between_two_points_gives_the_second_its_own_reason(made: Plan) ->
     assert text.startswith(f"from point {index[row] - 1:g} to point {index[row]:g}: at {index[inner]:.2f} between them")
     assert [(b.code, b.before, b.after) for b in list_breaks(found)] == [("no_pose", index[row] - 1, index[row])]
     both = lose_row(without, int(row), InfeasibilityReason.LIMIT)
-    assert mark_undriven_points(both) is both  # that point has its own
+    assert mark_undriven_points(both) is both  # the second point has its own reason
 
 
 def test_gouge_between_two_points_is_assigned_to_the_second(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_slow_move_is_reported_in_its_row(made: Plan) -> None:
     assert output[2] == (
         "feed not held: down to 50 % of the programmed one between points 1.50 and 2.00, by jerk of e1"
     )
-    assert "down to 25 %" in output[3]  # the deepest of two
+    assert "down to 25 %" in output[3]  # the lower value of the two
     given = replace(table, status=("ok", "ok", "gap", *table.status[3:]))
     assert add_slowdown_notes(given, dips).reason[2] == ""
 
@@ -114,7 +114,8 @@ def test_slow_move_is_reported_in_its_row(made: Plan) -> None:
 def test_obstacle_between_two_points_is_reported_in_the_second_row(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Both ends are free and the post is thin: every row was ok, and the table did not say why there is no motion."""
+    """Both end points are free and the post is thin: every row was ok,
+    and the table gave no reason for the missing motion."""
     post = "obstacles:\n  - {name: post, sphere_mm: 3, xyz_mm: [2140.7, -93.5, 795.3]}\n"
     cell, out = changed_cell(tmp_path, ("obstacles:\n", post)), tmp_path / "out"
     rows: list[Row] = [

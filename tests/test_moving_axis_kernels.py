@@ -1,4 +1,4 @@
-"""Compiled search over values, rotations and branches against a plain one, and cached distances."""
+"""Compiled search over values, rotations and branches compared with a plain one, and cached distances."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_cheapest_sequence_equals_that_of_a_plain_search(seed: int) -> None:
     joined, flown = np.array([False, True, True, seed < 3, True, True]), rng.uniform(0.0, 0.3, S)
 
     def price(s: int, u: int, v: int) -> float:
-        """Return the price of the step from vertex u to vertex v, by hand."""
+        """Return the cost of the step from vertex u to vertex v, by hand."""
         g, h, (r, b), (p, a) = v // size, u // size, divmod(v % size, B), divmod(u % size, B)
         way = flown[s] * np.abs(e[s, g] - e[s - 1, h]).sum()
         if not joined[s]:

@@ -1,4 +1,4 @@
-"""Optimality certificate against every sequence of small problems; more freedom never increases the cost."""
+"""Optimality certificate compared with every sequence of small problems; more freedom never increases the cost."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from machopt.planning.pipeline.plan_data_types import Plan
 from machopt.planning.sequence_search.dynamic_programming import choose_sequence
 from machopt.planning.sequence_search.worst_value_constraint import GAP
 
-EXACT = 1e-12  # of J: rounding
-CURVES = 2 * GAP  # of J: a choice may miss GAP, and a smooth curve is a local optimum; 30 jobs lay below 2e-4
+EXACT = 1e-12  # relative to J: rounding
+CURVES = 2 * GAP  # relative to J: a choice may miss GAP, and a smooth curve is a local optimum; 30 jobs were below 2e-4
 weights = st.builds(
     ObjectiveWeights,
     mean=st.floats(0.1, 2.0),
@@ -67,7 +67,7 @@ def test_bound_and_choice_against_every_sequence(seed: int, rapid: tuple[int, ..
 def test_more_freedom_never_increases_the_cost(
     seed: int, rapid: tuple[int, ...], priced: ObjectiveWeights, data: st.DataObject
 ) -> None:
-    """Rotations or branches struck out, as by a narrower range or a coarser grid: what is left is never better."""
+    """Removing rotations or branches, as with a narrower range or a coarser grid, never improves the result."""
     path, candidates, scores = random_problem(seed, rapid)
     options = PlanOptions(weights=priced)
     rotations = data.draw(st.sets(st.integers(0, 3), min_size=1))
@@ -131,7 +131,7 @@ def test_coarse_choices_are_repeated_after_a_vertex_is_removed(
 
 
 def one_scale(monkeypatch: pytest.MonkeyPatch, scale: float = 1e-6) -> None:
-    """c₀ is the median over the candidates, so that grids and ranges have each their own; here all have one."""
+    """Set one scale: c₀ is the median over the candidates and would differ between grids and ranges."""
     score_candidates = path_planner.score_candidates
     monkeypatch.setattr(path_planner, "score_candidates", lambda *a: replace(score_candidates(*a), scale=scale))
 
@@ -149,7 +149,7 @@ def plan_rows(folder: FilePath, rows: Rows, priced: ObjectiveWeights, step: floa
 
 @st.composite
 def jobs(draw: st.DrawFn) -> Rows:
-    """A rapid move and up to nine cuts over the block, the tool leaning this way and that."""
+    """Return a rapid move and up to nine cuts over the block, with changing tool inclinations."""
     rng = np.random.default_rng(draw(seeds))
     n = draw(st.integers(3, 10))
     along = np.cumsum(rng.uniform(0.005, 0.02, n))
@@ -181,7 +181,7 @@ def test_refinement_and_wider_range_never_worsen_the_plan(
     if not np.isfinite(coarse.chosen.objective.total):
         return
     J = fine.chosen.objective.total
-    exact = steps != (20.0, 5.0)  # beside a fine grid those coarser than 10° are not looked at
+    exact = steps != (20.0, 5.0)  # for a fine grid, grids coarser than 10° are not searched
     assert coarse.chosen.objective.total * (1 + (1e-6 if exact else CURVES)) >= J
     assert narrow.chosen.objective.total * (1 + CURVES) >= J
     found = compute_certificate(fine)
@@ -222,4 +222,4 @@ def test_parallel_computation_changes_no_plan_and_runs_once(
     np.testing.assert_array_equal(one.assignment.phi, two.assignment.phi)
     np.testing.assert_array_equal(one.assignment.q, two.assignment.q)
     assert one.objective == two.objective
-    assert [search() for search in searches] == [None, None]  # nothing keeps its prices once the plan is made
+    assert [search() for search in searches] == [None, None]  # costs are released after planning

@@ -28,7 +28,7 @@ from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.verification.folder.programs.post_lookup import build_tolerance
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
-# a pass over the head with everything a program must say in its place
+# a pass over the head with all events that a program must contain at the correct position
 APT = """UNITS/MM
 PPRINT/Fräsen; Ø10 "fein" 100% <A&B> {x} [y] !
 LOADTL/4
@@ -98,7 +98,7 @@ def result(folder: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One job with a program for every maker and a post of the user's own."""
+    """One job with a program for every maker and a user-defined post."""
     folder = tmp_path_factory.mktemp("posts")
     copy_cell(folder, CONTROLLER)
     mine = read_post_text("krl").replace("moves_per_part = 4000", "moves_per_part = 6").replace("C_DIS", "C_VEL")
@@ -117,9 +117,9 @@ def test_every_program_is_written_read_back_and_reported(job: Path) -> None:
         assert all(f.is_file() for f in files), p
         assert p["lines"] == sum(f.read_bytes().count(b"\n") for f in files)
         assert p["differences"] == []
-        assert checked["moves"] >= 12  # ten points, from home and back
-        # five printed decimals of a degree, three metres away; a Yaskawa has whole pulses of 1/1000 degree
-        most = {"jbi": 0.05, "ros_json": 0.07}  # samples lie beside a corner by half their way
+        assert checked["moves"] >= 12  # ten points, plus the moves from and to home
+        # five printed decimals of a degree at three metres; Yaskawa has whole pulses of 1/1000 degree
+        most = {"jbi": 0.05, "ros_json": 0.07}  # samples are away from a corner by up to half a step
         assert checked["positions_max_mm"] < most.get(p["post"], 5e-4), p
         assert p["post"] == "ros_json" or checked["path_max_mm"] < 0.05, p  # samples have no lines
         assert checked["events_equal"] is True
@@ -131,31 +131,31 @@ def test_every_program_is_written_read_back_and_reported(job: Path) -> None:
 
 def test_maker_specific_words_are_present(job: Path) -> None:
     out = job / "out"
-    assert "E6AXIS" not in (out / "krl" / "part_apt.src").read_text()  # axis PTP as aggregates
+    assert "E6AXIS" not in (out / "krl" / "part_apt.src").read_text()  # axis PTP targets are aggregates
     assert "MoveAbsJ" in (out / "rapid" / "part_apt.mod").read_text()
     assert "CONFIG" in (out / "fanuc" / "PART_APT.ls").read_text()
     assert "movel(" in (out / "urscript" / "part_apt.script").read_text()
     assert "MOVJ" in (out / "jbi" / "PART_APT.JBI").read_text()
     assert json.loads((out / "ros_json" / "part_apt.json").read_text())["joint_names"]
     own = (out / "mine" / "part_apt.src").read_text()
-    assert "part_apt_001( )" in own  # split, six moves a part
-    assert any(name.endswith("mine.toml") for name in result(job)["inputs"])  # hashed with the rest
+    assert "part_apt_001( )" in own  # split into parts of six moves
+    assert any(name.endswith("mine.toml") for name in result(job)["inputs"])  # included in the hash of the inputs
     assert own.count("DEF ") == 1 + -(-result(job)["programs"][-1]["checked"]["moves"] // 6)
 
 
 @pytest.mark.parametrize("file", ["krl/part_apt.src", "mine/part_apt.src", "rapid/part_apt.mod", "csv/part_apt.csv"])
 def test_spindle_coolant_and_feeds_are_at_the_places_of_the_cam_file(job: Path, file: str) -> None:
-    """Looked up by place, not by number: what happens between which two points of the toolpath."""
+    """Positions identify the moves, not numbers: each event is between the same two points as in the toolpath."""
     program = read_program(job / "out" / file)
     by = {e.text: e.index for e in program.events}
     place = program.T_base_tcp[:, :3, 3] * 1e3
 
     def towards(text: str) -> list[float]:
-        """End of the first Cartesian move at or behind an event."""
+        """Return the end of the first Cartesian move at or after an event."""
         rows = by[text] + np.flatnonzero(np.isfinite(place[by[text] :, 0]))
         return [round(float(v), 3) + 0.0 for v in place[rows[0]]]
 
-    assert by["SPINDL/1500,RPM,CLW"] <= 1  # before anything but home
+    assert by["SPINDL/1500,RPM,CLW"] <= 1  # before every move except home
     assert towards("COOLNT/ON") == [-100, 0, -0.5]
     assert towards("DELAY/1.5") == [-92, 0, -0.5]
     last = next(k for k, p in enumerate(place) if np.allclose(p, [-80, 4, 5], atol=1e-3))
@@ -168,13 +168,13 @@ def test_spindle_coolant_and_feeds_are_at_the_places_of_the_cam_file(job: Path, 
 
 def test_custom_lines_of_the_cell_are_used(job: Path) -> None:
     assert "SPINDLE(1500)" in (job / "out" / "krl" / "part_apt.src").read_text()
-    assert "SPINDLE" not in (job / "out" / "csv" / "part_apt.csv").read_text()  # a table has no such lines
+    assert "SPINDLE" not in (job / "out" / "csv" / "part_apt.csv").read_text()  # a table does not contain such lines
 
 
 def test_single_post_is_written_into_the_output_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     copy_cell(tmp_path, CONTROLLER.replace("post: krl", "post: rapid").replace("(@{value:.0f})", " @{value:.0f};"))
     assert optimize(tmp_path) == 0
-    assert (tmp_path / "out" / "part_apt.mod").is_file()  # the cell's own post
+    assert (tmp_path / "out" / "part_apt.mod").is_file()  # the post of the cell
     assert "program part_apt.mod: " in capsys.readouterr().out
     assert optimize(tmp_path, "--quiet", "--post", "krl") == 0
     assert {"part_apt.src", "part_apt.dat"} <= {f.name for f in (tmp_path / "out").iterdir()}
@@ -211,7 +211,7 @@ def test_unwritable_program_is_refused_before_planning(
     assert optimize(tmp_path, *words_given) == 2
     message = capsys.readouterr()
     assert words in message.err
-    assert "collisions" not in message.err  # no stage of the plan was begun
+    assert "collisions" not in message.err  # no stage of the plan has started
     assert not (tmp_path / "out").exists()
 
 
@@ -239,7 +239,7 @@ def test_language_without_a_reader_is_written_unchecked(tmp_path: Path, capsys: 
     assert (found["checked"], found["differences"]) == (None, [])
     lines = (tmp_path / "out" / "part_apt.own").read_text().splitlines()
     assert sum(line.startswith("CUT ") for line in lines) == 8
-    # in KRL's own clothes it is read, and what is missing is told
+    # in KRL syntax it is read, and missing parts are reported
     krl = OWN.replace("text = '''\n", "text = '''\nDEF @{name}( )\n").replace("@{body}\n", "@{body}\nEND\n")
     (tmp_path / "own.toml").write_text(krl, encoding="utf-8")
     assert optimize(tmp_path, "--quiet", "--post", str(tmp_path / "own.toml")) == 4
@@ -252,7 +252,7 @@ def test_arm_of_unknown_configuration_type_has_no_status(tmp_path: Path, capsys:
     assert main(job) == 2
     message = capsys.readouterr().err
     assert "so there is no S; the post krl works without" in message
-    assert "collisions" not in message  # before the plan
+    assert "collisions" not in message  # before planning
 
 
 @pytest.mark.parametrize(
@@ -288,7 +288,7 @@ def test_program_that_differs_from_the_plan_is_exit_4(
     assert "part_apt.src: " in message
     found = result(tmp_path)
     assert found["exit_code"] == 4
-    assert found["verification"]["passed"] is False  # the motion is right, its program is not
+    assert found["verification"]["passed"] is False  # the motion is correct, its program is not
     assert all(".src" in c["name"] for c in found["verification"]["checks"] if c["passed"] is False)
     assert any(words in d for d in found["programs"][0]["differences"])
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -300,7 +300,7 @@ def test_tolerance_includes_the_allowance_of_the_cell() -> None:
     plain, wide = PlanOptions(), PlanOptions(path_tolerance=1e-4, axis_tolerance=np.radians(1.0))
     assert build_tolerance(None, plain).position == pytest.approx(5e-5)
     assert build_tolerance(0.02, plain).position == pytest.approx(2e-5)
-    assert build_tolerance(None, wide).position == pytest.approx(2e-4)  # corners alone are off by 0.1 mm
+    assert build_tolerance(None, wide).position == pytest.approx(2e-4)  # corners alone deviate by 0.1 mm
     assert build_tolerance(None, wide).axis > wide.axis_tolerance
     assert build_tolerance(None, wide).turn > wide.axis_tolerance
     with pytest.raises(InputError, match=r"0\.05 mm; more than path_tolerance_mm = 0\.1"):
@@ -308,7 +308,8 @@ def test_tolerance_includes_the_allowance_of_the_cell() -> None:
 
 
 def test_points_are_added_where_the_controller_line_would_leave_the_motion(tmp_path: Path) -> None:
-    """The tool tilts by 50° and turns by 60° on one long stretch: an even turn about one axis is another motion."""
+    """The tool tilts by 50° and rotates by 60° on one long segment:
+    a uniform rotation about one axis differs from that."""
     table = tmp_path / "tilt.csv"
     s, c = np.sin(np.radians(25)), np.cos(np.radians(25))
     table.write_text(
@@ -336,11 +337,11 @@ def test_points_are_added_where_the_controller_line_would_leave_the_motion(tmp_p
     cut = close.program.cutting
     assert close.program.feed[cut] == pytest.approx(0.01)
     x = close.program.T_workpiece_tcp[cut, 0, 3]
-    assert (np.diff(x) >= -1e-6).all()  # in the order of the path
+    assert (np.diff(x) >= -1e-6).all()  # in path order
 
 
 def test_point_at_the_current_tool_position_needs_no_feed(tmp_path: Path) -> None:
-    """An approach ends where the first cut begins, each with its own feed: nothing moves between the two."""
+    """An approach ends where the first cut begins, each with its own feed: there is no motion between them."""
     cell = copy_cell(tmp_path, "controller: {post: krl}\n")
     rows = [(60, "rapid", ""), (20, "rapid", ""), (-0.5, "approach", 600), (-0.5, "cut", 1500)]
     lines = [f"-100,0,{z},0,0,1,{move},{feed}" for z, move, feed in rows]

@@ -1,4 +1,4 @@
-"""Planning needs no extra; a missing package is named with its extra, and nothing is left behind."""
+"""Planning needs no optional dependency; a missing package is named with its extra, and no output remains."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["p
 
 @pytest.fixture
 def without(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if no extra were installed."""
+    """Simulate an installation without extras."""
     for name in [m for m in sys.modules if m.partition(".")[0] in HEAVY] + list(HEAVY):
         monkeypatch.setitem(sys.modules, name, None)
 
@@ -44,7 +44,7 @@ def test_parquet_copy_equals_the_csv(tmp_path: Path) -> None:
     copy = tmp_path / "points.parquet"
     assert parquet.read_table(copy).to_pydict() == {
         "point": [0.0, 1.0],
-        "operation": ["1", "2"],  # labels, whatever they look like
+        "operation": ["1", "2"],  # labels, even if they look like numbers
         "x_mm": [0.1, None],
         "reason": ["", "a, b"],
     }

@@ -53,7 +53,7 @@ def start(folder: Path, cell: str, rows: str, process: str, *overrides: str) -> 
 
 
 def ignore_progress(_: str) -> None:
-    """No progress."""
+    """Ignore the progress."""
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,9 @@ def test_chosen_rotation_has_the_outcome_of_the_tables(drilling: ViewSession) ->
         assert found is not None
         assert found.point == point
         assert found.outcome == columns.outcome[point]
-        assert found.error_mm == pytest.approx(1e3 * columns.errors["across"][point], rel=2e-3)  # driven rotation
-        assert found.p_in == pytest.approx(columns.p_in[point], abs=0.02)  # 1,024 draws against 8,192
+        # at the executed rotation
+        assert found.error_mm == pytest.approx(1e3 * columns.errors["across"][point], rel=2e-3)
+        assert found.p_in == pytest.approx(columns.p_in[point], abs=0.02)  # 1,024 draws compared with 8,192
         assert found.tolerance_mm == pytest.approx(0.3)
 
 
@@ -118,7 +119,7 @@ def test_unchanged_state_with_compensation_equals_the_plan(compensated: ViewSess
 
 
 def test_retract_move_marked_as_cut_does_not_change_the_shift(tmp_path: Path) -> None:
-    """It has no force: the shift of the hole holds until the drill has left."""
+    """It has no force: the shift of the hole applies until the drill has left it."""
     rows = HOLES.replace("retract,", "cut,600")
     errors = {}
     for name, overrides in (("bare", ()), ("shifted", ("compensate=true",))):

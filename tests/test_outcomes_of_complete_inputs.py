@@ -26,7 +26,7 @@ operations:
 CYCLES = {
     "G81": "G98 G81 Z-8. R2. F240",
     "G82": "G99 G82 Z-8. R2. P200 F240",
-    "G83": "G98 G83 Z-8. R2. Q3. F240",  # the last peck begins below the material of the peck before
+    "G83": "G98 G83 Z-8. R2. Q3. F240",  # the last peck begins below the material that the previous peck left
     "G73": "G98 G73 Z-8. R2. Q2.9 F240",
 }
 
@@ -49,7 +49,7 @@ STIFFNESS: dict[str, dict[str, object]] = {
 
 
 def drill(folder: Path, cycle: str, stiffness: dict[str, object]) -> list[dict[str, str]]:
-    """Plan a new cell's first drilling job, and return its holes."""
+    """Plan the first drilling job of a new cell, and return its holes."""
     cell = folder / "cell"
     shutil.copytree(ROOT / "cells" / "kr240_drilling", cell)
     document = {"machopt_stiffness": 1, "joints_Nm_per_rad": SPRINGS, "source": "t", **stiffness}

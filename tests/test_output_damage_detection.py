@@ -1,4 +1,4 @@
-"""Damages of a finished plan fail the verification, with and without the hashes of the manifest."""
+"""Damages of a finished plan make the verification fail, with and without the hashes of the manifest."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ DAMAGES: list[Damage] = [d for part in PARTS for d in import_module(f"output_dam
 
 @pytest.fixture(autouse=True)
 def _remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cells and tables of the same bytes are read and checked once: most rows damage neither, and it takes a second."""
+    """Read and check cells and tables with the same bytes only once:
+    most damages change neither, and a check takes 1 s."""
     monkeypatch.setattr(service, "load_cell", _load_cell)
     monkeypatch.setattr(contents, "verify_tool_segments", _verify_segments)
 
@@ -90,7 +91,7 @@ def found_in(job: Job) -> Verification:
 
 @pytest.mark.parametrize("name", sorted(JOBS))
 def test_intact_plan_passes(name: str, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
-    """Also after the forger's hand, which must change nothing where there is nothing to hide."""
+    """The plan also passes after an update of the hashes in the manifest."""
     job = copy_job(damage_job(name), tmp_path)
     _INTACT[name] = found_in(job)
     assert _INTACT[name].failed == ()
@@ -100,13 +101,13 @@ def test_intact_plan_passes(name: str, damage_job: Callable[[str], Job], tmp_pat
 
 @pytest.fixture(scope="module")
 def stopping(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    """The pass with a stop at each rapid corner, as version 0.1.0 drove it."""
+    """The pass with a stop at each rapid corner, as version 0.1.0 executed it."""
     folder = tmp_path_factory.mktemp("stopping")
     return plan_table(folder, CELLS / "kr500_milling", PASS, overrides=("rapid_blend_mm=0",))
 
 
 def _write_as_first_version(job: Job) -> None:
-    """Give a folder the form of version 0.1.0, which stated fewer keys in result.json."""
+    """Convert a folder to the form of version 0.1.0, which wrote fewer keys into result.json."""
     with edit_json(job.out / "result.json") as result:
         for key in KEYS_ADDED_SINCE["0.1.0"]:
             del result[key]
@@ -121,7 +122,7 @@ def _write_as_first_version(job: Job) -> None:
 
 
 def test_folder_of_an_earlier_version_passes(stopping: Job, tmp_path: Path) -> None:
-    """Its tables and programs are recomputed; result.json states what it stated then."""
+    """Tables and programs are recomputed; result.json contains the keys of that version."""
     job = copy_job(stopping, tmp_path)
     _write_as_first_version(job)
     found = found_in(job)
@@ -136,7 +137,7 @@ def test_folder_of_an_earlier_version_passes(stopping: Job, tmp_path: Path) -> N
         (lambda r: r.update(exit_code=3), "result.json"),
         (lambda r: r["inputs"].update({"cell.yaml": "0" * 64}), "result.json"),
         (lambda r: r.update(inputs=None), "result.json"),
-        (lambda r: r.update(process=None), "result.json"),  # not of that version: all of it is compared
+        (lambda r: r.update(process=None), "result.json"),  # not written by that version, so the whole file is compared
         (lambda r: r.update(version="0.2.0"), "result.json"),
     ],
 )
@@ -160,16 +161,16 @@ def test_folder_with_newer_files_has_no_earlier_version(stopping: Job, tmp_path:
 
 
 def _says(damage: Damage) -> bool:
-    """Whether the content gives it away, too."""
+    """Return whether the content also reveals the damage."""
     return damage.reseal and not damage.by_hash_alone
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda d: d.name)
 def test_damage_is_detected(damage: Damage, damage_job: Callable[[str], Job], tmp_path: Path) -> None:
-    """By the hashes as it is, and by what the files say where they tell, once the hashes are made to fit.
+    """The hashes detect the damage; after an update of the hashes, the content detects it where it can.
 
-    The hashes are asked by the whole command where nothing else would tell; else by the checks of the manifest, which
-    it gives unchanged.
+    If only hashes can detect it, the whole command is run; otherwise only the checks of the manifest, which the command
+    reports unchanged.
     """
     failed = _FAILED[damage.name] = set[str]()
     job = copy_job(damage_job(damage.job), tmp_path)
@@ -207,7 +208,7 @@ def test_command_reports_the_checks_of_the_manifest(damage_job: Callable[[str], 
 def test_every_check_of_the_jobs_can_fail(
     damage_job: Callable[[str], Job], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """The tests above have verified all jobs and damages; whatever was left out by a selection is verified here."""
+    """The tests above verify all jobs and damages; if a selection of tests omitted some, they are verified here."""
     for name in JOBS.keys() - _INTACT.keys():
         test_intact_plan_passes(name, damage_job, tmp_path_factory.mktemp("intact"))
     names = {str(c.check_name) for found in _INTACT.values() for c in found.checks}

@@ -22,12 +22,12 @@ from machopt.output import MANIFEST, folder_swap, read_manifest, write_json, wri
 from machopt.output import output_folder as folders
 from machopt.output.manifest_file import find_differences
 
-FILES = 12  # of the writer that is killed
+FILES = 12  # written by the process that is killed
 KILLS = 100
 
 
 def write(out: Path, generation: int = 1, files: int = 2) -> None:
-    """A small output of ours: every file tells its generation."""
+    """Write a small output folder: every file contains its generation number."""
     with write_output_folder(out) as folder:
         fill(folder, generation, files)
 
@@ -44,13 +44,13 @@ def generation(out: Path) -> int:
 
 
 def list_neighbours(out: Path) -> list[str]:
-    """Names of everything beside the output folder."""
+    """Return the names of all other entries in the parent folder."""
     return sorted(p.name for p in out.parent.iterdir() if p != out)
 
 
 @pytest.fixture(params=[True, False], ids=["exchanged", "renamed twice"])
 def _either_way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """File systems with and without a step that exchanges two folders."""
+    """File systems with and without an atomic exchange of two folders."""
     if not request.param:
         monkeypatch.setattr(folders, "exchange_folders", lambda a, b: False)
 
@@ -61,7 +61,7 @@ def test_output_folder_appears_as_a_whole(tmp_path: Path) -> None:
         write_json(folder / "result.json", {"machopt_result": 1, "a": np.float64(0.1), "b": np.array([1.0, np.nan])})
         assert not out.exists()
     assert json.loads((out / "result.json").read_text()) == {"machopt_result": 1, "a": 0.1, "b": [1.0, None]}
-    with write_output_folder(out) as folder:  # ours: replaced, not merged
+    with write_output_folder(out) as folder:  # our own output is replaced, not merged
         write_json(folder / "result.json", {"machopt_result": 2})
     assert [p.name for p in out.iterdir()] == ["result.json"]
     assert [p.name for p in out.parent.iterdir()] == ["out"]
@@ -93,11 +93,11 @@ def test_foreign_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Monk
 def test_killed_run_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
     script = (
         "import signal, sys, time\nfrom machopt.output import write_output_folder\n"
-        # a shell starts background jobs with SIGINT ignored, and children inherit that
+        # a shell starts background jobs with SIGINT ignored, and child processes inherit that
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "with write_output_folder(sys.argv[1]) as f:\n (f / 'half').write_text('1')\n"
         " print('in', flush=True)\n"
-        # in pieces: a signal between Python's last look and the system call waits until the sleep is over
+        # short sleeps: a signal between Python's check and the system call waits until the sleep ends
         " for _ in range(600):\n  time.sleep(0.1)\n"
     )
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
@@ -149,17 +149,17 @@ def test_second_run_is_refused_while_the_first_is_running(tmp_path: Path) -> Non
     with write_output_folder(tmp_path / "out") as folder:
         with pytest.raises(InputError, match="another run is writing this folder"):
             write(tmp_path / "out", 2)
-        with pytest.raises(InputError, match="another run"):  # under any name of the same place
+        with pytest.raises(InputError, match="another run"):  # with any name of the same folder
             write(tmp_path / "." / "x" / ".." / "out", 2)
         fill(folder, 1)
-        write(tmp_path / "other", 3)  # another folder is free
+        write(tmp_path / "other", 3)  # another folder is not locked
     assert generation(tmp_path / "out") == 1
     write(tmp_path / "out", 4)
     assert list_neighbours(tmp_path / "out") == ["other"]
 
 
 def run_killed_code(tmp_path: Path, code: str) -> None:
-    """Run code in a process of its own that is killed, with no chance to clear up, once it says so."""
+    """Run code in a separate process and kill it, without cleanup, when it prints that it is ready."""
     script = f"import sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\nfrom test_output_folder import *\n{code}"
     script += "\nprint('now', flush=True)\ntime.sleep(60)\n"
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
@@ -348,7 +348,7 @@ def test_missing_write_permission_is_one_message(tmp_path: Path, monkeypatch: py
     def refused(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
-    monkeypatch.setattr(os, "mkdir", refused)  # root may write everywhere, so a mode would not do
+    monkeypatch.setattr(os, "mkdir", refused)  # simulated, because root may write everywhere
     with pytest.raises(InputError, match="Permission denied; name a folder in a place you may write to"):
         write(tmp_path / "new" / "out")
 
@@ -362,7 +362,7 @@ def test_folders_of_a_failed_run_are_removed(tmp_path: Path) -> None:
 @pytest.mark.proof
 @pytest.mark.usefixtures("_either_way")
 def test_hundred_kills_leave_the_old_or_the_new_output(tmp_path: Path) -> None:
-    """A child of this process writes generation after generation as fast as it can and is killed at any moment."""
+    """A child process writes generation after generation as fast as possible and is killed at a random moment."""
     out, rng, last, missing = tmp_path / "out", random.Random(20), 2, 0
     write(out, 1, FILES)
     begun = time.monotonic()
@@ -370,7 +370,7 @@ def test_hundred_kills_leave_the_old_or_the_new_output(tmp_path: Path) -> None:
     once = time.monotonic() - begun
     for kill in range(4 * KILLS):
         if kill >= KILLS and last > KILLS // 4:
-            break  # a busy machine lets the child write less before it is killed
+            break  # on a loaded machine the child writes less before it is killed
         child = os.fork()
         if child == 0:
             for number in range(last + 1, last + 1_000_000):
@@ -378,7 +378,7 @@ def test_hundred_kills_leave_the_old_or_the_new_output(tmp_path: Path) -> None:
         time.sleep(rng.uniform(0.0, 3.0 * once))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        if not out.exists():  # only where two folders cannot be exchanged, until the next start
+        if not out.exists():  # only without an atomic exchange of folders, until the next start
             missing += 1
             with pytest.raises(InputError, match="look"), write_output_folder(out):
                 raise InputError("look")
@@ -389,7 +389,7 @@ def test_hundred_kills_leave_the_old_or_the_new_output(tmp_path: Path) -> None:
         assert find_differences(out, manifest) == ()
         assert {p.read_text().split()[0] for p in out.glob("part*.txt")} == {str(found)}
         last = found
-    assert last > KILLS // 4  # it did write
+    assert last > KILLS // 4  # many generations were written
     assert not missing or folders.exchange_folders is not folder_swap.exchange_folders
     write(out, last + 1)
     assert list_neighbours(out) == []

@@ -1,4 +1,4 @@
-"""Output options overwrite neither inputs nor foreign files; ``--force`` does."""
+"""Output options overwrite neither inputs nor foreign files; with ``--force`` they do."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def test_library_files_never_overwrite(tmp_path: Path) -> None:
         columns.write(tmp_path / "a.csv")
     assert [(tmp_path / name).read_text() for name in ("a.svg", "a.csv")] == ["mine", "mine"]
     columns.write(tmp_path / "b.csv")
-    columns.write(tmp_path / "b.csv")  # the same bytes: nothing is lost
+    columns.write(tmp_path / "b.csv")  # the same bytes: no data are lost
     with pytest.raises(InputError):
         Table({"x_mm": np.array([3.0])}).write(tmp_path / "b.csv")
     Table({"x_mm": np.array([3.0])}).write(tmp_path / "b.csv", force=True)

@@ -1,4 +1,4 @@
-"""Closed output streams, and terminals that know only ASCII."""
+"""Closed output streams, and terminals that support ASCII only."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ Q = np.random.default_rng(3).uniform(-2.5, 2.5, (20, 6))
 
 
 def ball(rings: int) -> tuple[np.ndarray, np.ndarray]:
-    """A unit sphere by longitude and latitude, its vertices not shared at the seam: a mesh as they come."""
+    """Return a unit sphere by longitude and latitude; as in many meshes, the vertices at the seam are not shared."""
     a, b = np.meshgrid(np.linspace(0, 2 * np.pi, 2 * rings), np.linspace(0, np.pi, rings), indexing="ij")
     vertices = np.stack([np.cos(a) * np.sin(b), np.sin(a) * np.sin(b), np.cos(b)], axis=-1).reshape(-1, 3)
     i, j = np.meshgrid(np.arange(2 * rings - 1), np.arange(rings - 1), indexing="ij")
@@ -55,7 +55,7 @@ def test_simplified_mesh_keeps_the_shape() -> None:
     assert radius.max() <= 1.0 + 1e-12
     corners = less[retained]
     volume = float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()) / 6
-    assert abs(volume) == pytest.approx(4 / 3 * np.pi, rel=0.05)  # no hole, no face turned over
+    assert abs(volume) == pytest.approx(4 / 3 * np.pi, rel=0.05)  # no hole and no inverted face
     same = decimate_mesh(vertices, faces, len(faces))
     assert same[0] is vertices
 
@@ -68,7 +68,7 @@ def test_bodies_share_one_triangle_budget() -> None:
     )
     shown = reduce_bodies(bodies, 3000)
     assert sum(len(b.faces) for b in shown) <= 3000
-    assert len(shown[1].faces) == len(small[1])  # the little one is left alone
+    assert len(shown[1].faces) == len(small[1])  # the small one is not simplified
 
 
 def test_joint_values_are_recovered_from_their_levels() -> None:
@@ -85,7 +85,7 @@ def test_page_with_the_scene_is_small_and_names_its_library(tmp_path: Path) -> N
     html = build_report_html(data)
     assert len(html.encode()) < 12_000_000
     places = set(re.findall(r"https?://[^\"'\s)]*", html))
-    assert places == {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml"}  # names of languages, not places
+    assert places == {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml"}  # namespace names, not addresses
     assert html.count("var THREE=") == 1
     assert "Copyright © 2010-2026 three.js authors" in html
     assert len((ASSETS / "three" / "three.min.js").read_bytes()) < 700_000
@@ -114,7 +114,7 @@ def test_page_places_the_arm_like_pinocchio(kind: str, tmp_path: Path) -> None:
     work = model.createData()
     flange = model.getFrameId("flange")
     for n, q in enumerate(x):
-        T = np.vstack([np.reshape(found["poses"][n], (3, 4)), [0, 0, 0, 1]])  # of the tool, seen from the part
+        T = np.vstack([np.reshape(found["poses"][n], (3, 4)), [0, 0, 0, 1]])  # of the tool relative to the part
         if kind == "rail and table":
             np.testing.assert_allclose(T, by_pinocchio(cell, q)[0], atol=1e-9)
             continue
@@ -123,7 +123,7 @@ def test_page_places_the_arm_like_pinocchio(kind: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(T, np.linalg.inv(cell.workpiece.T_link_workpiece) @ tool, atol=1e-9)
         J = robot.compute_fk_jacobian(q, cell.tool.T_flange_tcp)[1][
             :3
-        ]  # held against pinocchio in test_robot_kinematics.py
+        ]  # compared with pinocchio in test_robot_kinematics.py
         np.testing.assert_allclose(np.reshape(found["compliance"][n], (3, 3)), J @ J.T / 1e6, atol=1e-12)
         np.testing.assert_allclose(found["eigenvalues"][n], np.linalg.eigvalsh(J @ J.T / 1e6)[::-1], atol=1e-12)
 
@@ -133,21 +133,21 @@ def test_slider_map_curves_and_tables_move_one_robot(tmp_path: Path) -> None:
     data, _ = build_report_with_motion_scene(small_cell(tmp_path))
     found = in_browser(build_report_html(data), "view", tmp_path)
     assert found["failed"] == []
-    assert found["asked"] == 0  # of the network or of other files
+    assert found["asked"] == 0  # no request to the network or to other files
     assert found["colours"] > 200
-    assert found["moved"] > 500  # pixels that differ, each time the robot is sent elsewhere
+    assert found["moved"] > 500  # pixels that differ after each motion of the robot
     assert found["turned"] > 100
-    assert found["cell"] == pytest.approx(found["wanted"], abs=1e-4)  # the posture that was stored for that cell
+    assert found["cell"] == pytest.approx(found["wanted"], abs=1e-4)  # the stored configuration of that cell
     for words in ("not the chosen one", "State", "Clearance", "a6", "γ"):
         assert words in found["told"]
     assert "no posture of the arm reaches" in found["unreachable"]
     point, shown, marks = found["curve"]
     assert shown == pytest.approx(point, abs=0.1)
-    assert len(marks) > 10  # every picture over path or time, the map among them
+    assert len(marks) > 10  # every picture over path or time, including the map
     assert min(marks) >= 0
     assert found["slider"][0] != found["slider"][1]
     bend = data.path.deflection[round(found["linked"])] if data.path is not None else np.nan
-    assert f"Deflection{1e3 * bend:.3f} mm" in found["at"]  # as the tables and curves have it
+    assert f"Deflection{1e3 * bend:.3f} mm" in found["at"]  # as in the tables and curves
     assert f"Tolerance{OUTCOMES[round(found['linked']) % 4]}, probability 61 %" in found["at"]
     assert found["link"] == [pytest.approx(found["linked"], abs=0.1), "#scene"]
     assert "φ, γ" in found["tip"]
@@ -197,7 +197,7 @@ def test_page_without_webgl_reports_it_and_works(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_report_prints_on_three_pages(tmp_path: Path) -> None:
-    """With eighty checks, as plans have them: what failed is printed, of what passed the first."""
+    """A plan with eighty checks: all failed checks and the first passed ones are printed."""
     data, _ = build_report_with_motion_scene(small_cell(tmp_path))
     data = replace(data, checks=tuple(CheckRow(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
     dips = tuple(
@@ -255,4 +255,4 @@ def test_clicked_place_of_the_map_moves_the_arm(kind: str, tmp_path: Path) -> No
     assert found["names"][0] != found["names"][1]
     if kind != "line":
         assert "out of reach" in found["unreachable"]
-        assert found["shown"] == [False, True]  # the arm is not there where no posture reaches, and comes back
+        assert found["shown"] == [False, True]  # the arm is hidden where no configuration exists, and reappears

@@ -1,4 +1,4 @@
-"""Every kind of page against the WCAG rules of axe-core, narrow and wide, light and dark."""
+"""Every kind of page checked with the WCAG rules of axe-core: narrow and wide, light and dark."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ODD = r"(document.body.innerText.match(/\bNaN\b|Infinity|undefined|\[object|[-âˆ
 
 
 def test_accessibility_rules_are_the_published_ones() -> None:
-    """axe-core 4.14.1 from the npm registry: MPL-2.0, unchanged, its licences beside it, in no wheel."""
+    """axe-core 4.14.1 from the npm registry: MPL-2.0, unchanged, with its licences, not part of any wheel."""
     published = {
         "LICENSE": "af175b9d96ee93c21a036152e1b905b0b95304d4ae8c2c921c7609100ba8df7e",
         "LICENSE-3RD-PARTY.txt": "4f8563870d0fca38bbc3e00b6f670cb7fa9f380ba9f26a7f7d1184a6b18b1653",
@@ -43,7 +43,7 @@ def test_every_page_passes_accessibility_rules_and_loads_nothing(
             browser.open(file)
             browser.script(f"{rules};0")
             found: dict[str, object] = {}
-            for width in widths:  # the page is loaded once, and drawn again as wide as the next
+            for width in widths:  # the page is loaded once and redrawn for each width
                 browser.page.set_viewport_size({"width": width, "height": 900})
                 browser.page.wait_for_timeout(150)
                 found[f"rules at {width} px"] = browser.script(RULES)

@@ -1,4 +1,4 @@
-"""Labels of a page: complete marks, ticks at the sampled places, one word per quantity."""
+"""Labels of a page: complete marks, ticks at the sampled positions, one word per quantity."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_dips_are_marked_up_to_the_end_and_the_deepest_neighbour_remains() -> No
 
 
 def ticks(page: PlacementPageData) -> tuple[list[str], list[str]]:
-    """Words below and left of the map, as written."""
+    """Return the words below and left of the map, as written."""
     html = build_placement_html(page)
     below = re.findall(r'<text[^>]*text-anchor="middle"[^>]*>(−?\d+)<', html)
     return below, re.findall(r'<text[^>]*text-anchor="end"[^>]*>(−?\d+)<', html)
@@ -84,7 +84,7 @@ def test_rounding_is_named_only_where_a_check_passed() -> None:
     assert format_found_value(even) == "< 0.1 % of allowed"
     assert format_found_value(replace(even, value=2e-6)) == "0.000002 s"
     assert format_found_value(replace(even, value=0.0)) == "0 s"
-    assert format_found_value(replace(even, passed=False)).endswith("e−14 s")  # a least clearance that is missed
+    assert format_found_value(replace(even, passed=False)).endswith("e−14 s")  # a minimum clearance that is not reached
     beyond = VerificationCheck(
         name="joint positions", passed=True, value=-1e-9, limit=0.0, unit="deg beyond the limit", where="", beyond="deg"
     )

@@ -1,4 +1,4 @@
-"""All markup comes from the templates, escaped and complete."""
+"""All markup comes from templates, escaped and complete."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MARKUP = re.compile(
     rf"</?(?:{TAGS})(?:\s[^<>]*)?/?>|<(?:{TAGS})\s+[\w-]+=|</(?:{TAGS})\b|<!doctype html|&(?:amp|lt|gt);"
 )
 NO_MARKUP = {
-    ("toolpath/readers/gcode/syntax/blocks.py", "<text>"),  # stands for a file's name
+    ("toolpath/readers/gcode/syntax/blocks.py", "<text>"),  # placeholder for a file name
     ("cell/mesh/collada_counts.py", "<p>"),  # elements of the file that is read
     ("cell/mesh/collada_counts.py", "<input>"),
 }
@@ -48,7 +48,7 @@ EVIL = "<script>alert(1)</script><b>&\"'"
 
 
 def strings(file: Path) -> Iterator[tuple[int, str]]:
-    """Every string of a file that is no docstring, pieces of f-strings too."""
+    """Return every string of a file that is not a docstring, including parts of f-strings."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     values = {
         id(node.body[0].value)
@@ -66,7 +66,7 @@ def test_python_strings_contain_no_markup() -> None:
     found = []
     for file in sorted(PACKAGE.rglob("*.py")):
         if not MARKUP.search(file.read_text(encoding="utf-8")):
-            continue  # most files: they need not be parsed
+            continue  # most files need not be parsed
         name = str(file.relative_to(PACKAGE))
         for line, text in strings(file):
             found += [f"{name}:{line} {m[0]}" for m in MARKUP.finditer(text) if (name, m[0]) not in NO_MARKUP]
@@ -104,7 +104,7 @@ def test_every_macro_is_used() -> None:
 
 
 class Seen(HTMLParser):
-    """Elements that run, and the text a reader sees."""
+    """Collect elements that are executed, and the visible text."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -269,7 +269,7 @@ def evil_batch() -> str:
     ],
 )
 def test_hostile_names_are_escaped(page: Callable[[], str], scripts: int) -> None:
-    """In the toolpath, the cell, the recording and all they hold; no script runs but the page's own."""
+    """In the toolpath, the cell, the recording and their contents; only the page's own scripts run."""
     html = page()
     observed = Seen(html)
     assert observed.scripts == scripts

@@ -28,10 +28,10 @@ SCRIPTS = Path(__file__).with_name("page_scripts")
 
 
 def in_browser(page: str, script: str, folder: Path, given: dict[str, Any] | None = None) -> dict[str, Any]:
-    """What a script of ``live`` finds on a page once that is drawn; ``failed`` lists the complaints of the page.
+    """Return the result of a script of ``live`` on a rendered page; ``failed`` lists the errors of the page.
 
     Args:
-        given: what the script finds as ``GIVEN``.
+        given: value that the script receives as ``GIVEN``.
     """
     tools, own = ((SCRIPTS / f"{name}.js").read_text(encoding="utf-8") for name in ("pointer_tools", script))
     file = folder / "page.html"
@@ -54,7 +54,7 @@ def test_missing_browser_fails_in_ci_and_skips_elsewhere(monkeypatch: pytest.Mon
 
 
 def test_chart_library_is_the_published_one() -> None:
-    """uPlot 1.6.32 from the npm registry, its licence beside it and on every page that uses it."""
+    """uPlot 1.6.32 from the npm registry; its licence is included with it and on every page that uses it."""
     published = {
         "LICENSE": "8f989229699b4fe2f1a0432d0e9edc338a8a911e250e2d1b01ecd770a5f5b1bd",
         "uPlot.iife.min.js": "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f",
@@ -74,14 +74,14 @@ def test_report_is_drawn_and_answers_the_pointer(tmp_path: Path) -> None:
     assert found["failed"] == []
     drawn = dict(found["drawn"])
     assert {"map", "c-index", "c-feed", "c-q0", "c-v5"} <= set(drawn)
-    assert min(drawn.values()) > 5  # colours, smoothed ones too
+    assert min(drawn.values()) > 5  # colours, including interpolated ones
     assert drawn["map"] > 100
     low, high = found["full"]
     for words in ("path length (mm)", "point", "operation", "chosen", "mm"):
         assert words in found["tip"]
     for words in ("point", "φ", "state", "Jiao 2022"):
         assert words in found["map"]
-    for a, b in found["zoomed"]:  # together, to the half that was dragged over; a pixel is a thousandth
+    for a, b in found["zoomed"]:  # the pictures zoom together to the half that was dragged over; a pixel is 1/1000
         assert a == pytest.approx(low + 0.25 * (high - low), abs=0.01 * (high - low))
         assert b == pytest.approx(low + 0.75 * (high - low), abs=0.01 * (high - low))
     assert found["other"] != found["zoomed"][0]
@@ -118,7 +118,7 @@ def test_map_is_drawn_with_isolines_and_answers_the_pointer(kind: str, tmp_path:
 
 @pytest.mark.slow
 def test_view_form_sends_external_values_as_in_a_plan_file(tmp_path: Path) -> None:
-    """At a point, for an operation, a zone; a table's limits of ±3.2 rad are no round number of degrees."""
+    """At a point, for an operation, a zone; the table limits of ±3.2 rad are not a round number of degrees."""
     axes = (
         SteeringAxis("rail", "mm", -1000.0, 1000.0),
         SteeringAxis("table", "deg", -math.degrees(3.2), math.degrees(3.2)),
@@ -127,12 +127,12 @@ def test_view_form_sends_external_values_as_in_a_plan_file(tmp_path: Path) -> No
     spot, some = {"first": 5, "last": 5}, {"first": 9, "last": 7}
     wishes = [
         ("points", "rail stands at", {**spot, "at": 100}),
-        ("points", "rail stands at", {**spot, "at": 250.5}),  # instead of the first
+        ("points", "rail stands at", {**spot, "at": 250.5}),  # replaces the first one
         ("points", "table stands at", {**spot, "at": -30.25}),
         ("points", "rail keeps out of", {**some, "from": -100, "to": 40}),
         ("whole path", "table keeps out of", {"from": -183, "to": -90}),
         ("operation rim", "table stands at", {"at": 12}),
-        ("whole path", "rail keeps out of", {"from": 40, "to": 40}),  # no zone: said, and not added
+        ("whole path", "rail keeps out of", {"from": 40, "to": 40}),  # an empty zone is reported and not added
     ]
     found = in_browser(page, "steering_form", tmp_path, {"wishes": wishes})
     assert found["failed"] == []
@@ -151,4 +151,4 @@ def test_view_form_sends_external_values_as_in_a_plan_file(tmp_path: Path) -> No
     assert format_user_options(load_options(requested))["steer"][3]["forbid_mm"] == [
         -100.0,
         40.0,
-    ]  # understood as it is
+    ]  # accepted as it is

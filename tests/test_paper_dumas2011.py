@@ -1,7 +1,7 @@
-"""Dumas et al. (2011), KUKA KR240-2: printed values against their own equations.
+"""Dumas et al. (2011), KUKA KR240-2: printed values compared with the paper's own equations.
 
-Table 3 leaves d2, d3, d4, RL4 and RL6 as symbols. The maker's data sheet has 350, 1250, 55, 1100 and 230 mm;
-section "geometry" below settles the signs.
+Table 3 states d2, d3, d4, RL4 and RL6 as symbols only. The manufacturer's data sheet has 350, 1250, 55, 1100 and 230
+mm; section "geometry" below determines the signs.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ CELL = Path(__file__).resolve().parent.parent / "cells" / "kr240_drilling"
 D2, D3, D4, RL4, RL6 = 0.350, 1.250, 0.055, 1.100, 0.230  # m
 L = 0.682  # m, section 3.1
 WRENCH = np.array([0, 0, -2000.0, 200.0, 200.0, 0])  # N, N·m, section 3.2
-CITED = np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])  # N·m/rad, under this paper's name in gora-trela
+CITED = np.array([1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5])  # N·m/rad, cited from this paper in gora-trela
 TABLE_2 = np.array([3.8e6, 6.6e6, 3.9e6, 5.6e5, 6.6e5, 4.7e5])  # N·m/rad
 TABLE_2_ERROR = np.array([3e5, 5.2e5, 3.7e5, 1e4, 1.4e4, 2.2e4])  # N·m/rad
 TABLE_2_PERCENT = np.array([8, 8, 9, 2, 2, 5])
@@ -37,14 +37,15 @@ ZONES = ((0, 110, -245, -170), (0, 25, 0, 29), (100, 146, 0, 29))  # Table 1: θ
 
 
 def dhm(theta: float, d: float, alpha: float, r: float) -> np.ndarray:
-    """Table 3's row: α_j about and d_j along x_(j−1), then θ_j about and r_j along z_j."""
+    """Return a row of Table 3: α_j about and d_j along x_(j−1), then θ_j about and r_j along z_j."""
     c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
     return np.array([[c, -s, 0, d], [s * ca, c * ca, -sa, -r * sa], [s * sa, c * sa, ca, r * ca], [0, 0, 0, 1]])
 
 
 @cache
 def table_3(d4: float = D4) -> Robot:
-    """The paper's arm, joint ranges of Table 1 and the data sheet; its flange is O6, RL6 from the wrist."""
+    """Return the paper's arm with the joint ranges of Table 1 and the data sheet;
+    its flange is O6, RL6 from the wrist."""
     q = np.pi / 2
     rows = ((0, 0, 0), (D2, q, 0), (D3, 0, 0), (d4, -q, RL4), (0, q, 0), (0, -q, RL6))
     T, axes, points = np.eye(4), [], []
@@ -64,7 +65,7 @@ def table_3(d4: float = D4) -> Robot:
 
 
 def printed_jacobian(t: np.ndarray, d2: float, d3: float, d4: float, R4: float, R6: float) -> np.ndarray:
-    """Eq. 31 as it stands, term by term, misprints and all."""
+    """Return Eq. 31 as printed, term by term, including misprints."""
     (c1, c2, _, c4, c5, _), (s1, s2, _, s4, s5, _) = np.cos(t), np.sin(t)
     c23, s23 = np.cos(t[1] + t[2]), np.sin(t[1] + t[2])
     return np.array(
@@ -120,7 +121,8 @@ def printed_jacobian(t: np.ndarray, d2: float, d3: float, d4: float, R4: float, 
 
 
 def plane(step: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(θ2, θ3) in degrees over the joint ranges of Table 1, and q with θ1 = 0, θ4 = θ5 = θ6 = 45° (section 3.1)."""
+    """Return (θ2, θ3) in degrees over the joint ranges of Table 1, and q with θ1 = 0,
+    θ4 = θ5 = θ6 = 45° (section 3.1)."""
     two, three = np.meshgrid(np.arange(0, 146.5, step), np.arange(-245, 29.5, step), indexing="ij")
     q = np.full((*two.shape, 6), np.pi / 4)
     q[..., 0], q[..., 1], q[..., 2] = 0.0, np.radians(two), np.radians(three)
@@ -135,7 +137,7 @@ def in_zone(two: np.ndarray, three: np.ndarray, zone: tuple[int, int, int, int])
 
 
 def test_equation_31_is_correct_except_its_third_row() -> None:
-    """J_32 swallowed J_33 (a product where the line should end), and the labels after it slid by one."""
+    """J_32 contains J_33 (a product where the line should end), and the following labels are shifted by one."""
     robot, wrong = table_3(), np.zeros((6, 6))
     for t in np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 6)):
         ours, theirs = robot.compute_fk_jacobian(t)[1], printed_jacobian(t, D2, D3, D4, RL4, RL6)
@@ -147,7 +149,8 @@ def test_equation_31_is_correct_except_its_third_row() -> None:
         assert ours[2, 1] == pytest.approx(D3 * c2 + j33, abs=1e-12)
         assert ours[2, 3] == pytest.approx(theirs[2, 2], abs=1e-12)  # "J_33" is J_34
         assert theirs[2, 2] == pytest.approx(RL6 * s23 * s4 * s5, abs=1e-15)
-        assert ours[2, 4] == pytest.approx(theirs[2, 3] + theirs[2, 4], abs=1e-12)  # J_35 is cut in "J_34" and "J_35"
+        # J_35 is divided into "J_34" and "J_35"
+        assert ours[2, 4] == pytest.approx(theirs[2, 3] + theirs[2, 4], abs=1e-12)
     slips = np.zeros((6, 6), bool)
     slips[2, 1:5] = True
     assert wrong[~slips].max() < 1e-12
@@ -167,7 +170,7 @@ def test_shipped_cell_equals_table_3_in_kuka_angles() -> None:
         shipped.compute_fk(A)[:, :3, 3], paper.compute_fk(theta)[:, :3, 3] + [0, 0, 0.750], atol=1e-12
     )
     mirrored = table_3(-D4).compute_fk_jacobian(theta)[1]
-    assert np.abs(ours - mirrored * sign).max() > 0.1  # with RL4 > 0 the data sheet's 55 mm are d4 = +55
+    assert np.abs(ours - mirrored * sign).max() > 0.1  # with RL4 > 0 the 55 mm of the data sheet are d4 = +55
 
 
 # --- geometry: L, reach, zones -----------------------------------------------------------------------------
@@ -180,7 +183,7 @@ def length_of(robot: Robot, tool: np.ndarray, bounded: bool = False) -> Characte
 
 
 def test_characteristic_length_agrees_at_the_bare_flange_within_the_joint_ranges() -> None:
-    """Section 3.1: 0.682 m. Only d4 = +55 mm, the data sheet's ranges and the flange give its three digits."""
+    """Section 3.1: 0.682 m. Only d4 = +55 mm, the ranges of the data sheet and the flange give its three digits."""
     robot = table_3()
     bounded = length_of(robot, np.eye(4), bounded=True)
     assert bounded.length == pytest.approx(0.68215, abs=2e-5)
@@ -190,11 +193,11 @@ def test_characteristic_length_agrees_at_the_bare_flange_within_the_joint_ranges
     assert free.condition < bounded.condition
     mirror = table_3(-D4)
     other = length_of(mirror, np.eye(4), bounded=True)
-    assert other.length == pytest.approx(free.length, abs=2e-5)  # d4 = −55: the free minimum lies within the ranges
+    assert other.length == pytest.approx(free.length, abs=2e-5)  # d4 = −55: the free minimum is within the ranges
     shipped = load_robot(load_cell(CELL))
     same = length_of(shipped, np.eye(4), bounded=True)
     assert same.length == pytest.approx(bounded.length, abs=2e-5)
-    # it depends on the end point: at the wrist centre and with the shipped spindle it is another
+    # the length depends on the end point: it differs at the wrist centre and with the shipped spindle
     wrist, tool = np.eye(4), load_cell(CELL).tool.T_flange_tcp
     wrist[2, 3] = -RL6
     assert length_of(robot, wrist).length == pytest.approx(0.773, abs=1e-3)
@@ -223,9 +226,10 @@ def test_zones_of_table_1_are_the_dexterous_ones() -> None:
         assert index[zone].min() == pytest.approx(low, abs=2e-3)
         assert np.median(index[zone]) == pytest.approx(middle, abs=2e-3)
         assert index[zone].min() > outside
-    # zhang2025 cites this paper for "K_C is negligible above 0.45": not all of the zones is (nor does the paper say it)
+    # zhang2025 cites this paper for "K_C is negligible above 0.45": not all of the zones are above it (nor does the
+    # paper state that)
     assert [np.mean(index[z] > 0.45) for z in zones] == pytest.approx([0.48, 1.0, 0.98], abs=0.01)
-    # as many of the best postures as the zones have: 73 % of them lie in the zones, 26 % would by chance
+    # of as many best configurations as the zones contain, 73 % are in the zones; 26 % would be by chance
     area = np.mean(zones[0] | zones[1] | zones[2])
     best = index >= np.quantile(index, 1 - area)
     assert area == pytest.approx(0.263, abs=1e-3)
@@ -233,10 +237,10 @@ def test_zones_of_table_1_are_the_dexterous_ones() -> None:
 
 
 def test_singular_lines_of_figure_3() -> None:
-    """det J = d3 √(d4² + RL4²) r sin(θ3 − θ3s) sin θ5, r the wrist centre's distance from axis 1.
+    """det J = d3 √(d4² + RL4²) r sin(θ3 − θ3s) sin θ5, where r is the distance of the wrist centre from axis 1.
 
-    The oblique line r = 0 is as the paper says. The horizontal one inside the joint range is the arm outstretched
-    (θ3s = −87°), not "folded": folded, 93°, is out of range.
+    The oblique line r = 0 is as in the paper. The horizontal line inside the joint range is the stretched arm (θ3s =
+    −87°), not "folded": the folded arm, 93°, is out of range.
     """
     q = plane()[2]
     stretched = float(np.arctan2(D4, RL4)) - np.pi / 2
@@ -252,7 +256,7 @@ def test_singular_lines_of_figure_3() -> None:
     on_line[:, 2] = stretched
     assert (
         compute_conditioning_index(table_3().compute_fk_jacobian(on_line)[1], L).max() < 1e-12
-    )  # the angle itself is rounded at 1e-16
+    )  # the angle itself is rounded to 1e-16
     # the oblique line passes between Z2c (θ2 ≤ 25°) and Z3c (θ2 ≥ 100°), at the height of both
     t3 = np.radians(14.5)
     near, far = (D2 + D3 * np.cos(t) + D4 * np.cos(t + t3) - RL4 * np.sin(t + t3) for t in np.radians([25.0, 100.0]))
@@ -260,19 +264,19 @@ def test_singular_lines_of_figure_3() -> None:
 
 
 def test_location_of_the_zones_depends_on_the_length() -> None:
-    """Section 3.1 says it does not. True of the singular lines; the best quarter of the plane moves."""
+    """Section 3.1 states that it does not. This is true for the singular lines; the best quarter of the plane moves."""
     q = plane()[2]
     robot = table_3()
     J = robot.compute_fk_jacobian(q)[1]
     base = compute_conditioning_index(J, L)
-    best = base >= np.quantile(base, 0.737)  # as large a share as Table 1's zones
+    best = base >= np.quantile(base, 0.737)  # the same share as the zones of Table 1
     retained = []
     for length in (L / 2, 2 * L):
         other = compute_conditioning_index(J, length)
         retained.append(float(np.mean((other >= np.quantile(other, 0.737))[best])))
     assert retained == pytest.approx([0.80, 0.67], abs=0.01)
     turned = q[::10, ::10].copy()
-    turned[..., 0] = 1.1  # "the first revolute joint does not affect the robot dexterity": that holds
+    turned[..., 0] = 1.1  # "the first revolute joint does not affect the robot dexterity": this is correct
     np.testing.assert_allclose(
         compute_conditioning_index(robot.compute_fk_jacobian(turned)[1], L), base[::10, ::10], rtol=1e-10
     )
@@ -289,7 +293,7 @@ def influence(k: np.ndarray, tool: float = 0.0, wrench: np.ndarray = WRENCH) -> 
 
 
 def test_complementary_stiffness_is_small_with_the_cited_joint_stiffness() -> None:
-    """ν_p ≤ 0.016 and ν_r ≤ 0.025°: near the bound with the cited values, ten times below it with Table 2."""
+    """ν_p ≤ 0.016 and ν_r ≤ 0.025°: near the bound with the cited values, ten times smaller with Table 2."""
     cited, table = influence(CITED), influence(TABLE_2)
     assert cited.nu_p.max() == pytest.approx(0.0141, abs=2e-4)
     assert np.degrees(cited.nu_r.max()) == pytest.approx(0.0071, abs=2e-4)
@@ -298,20 +302,21 @@ def test_complementary_stiffness_is_small_with_the_cited_joint_stiffness() -> No
     for found in (cited, table):
         assert found.nu_p.max() <= 0.016
         assert np.degrees(found.nu_r.max()) <= 0.025
-    # an end point 0.4 m before the flange makes 0.016 of it: the paper does not say where its load attaches
+    # an end point 0.4 m in front of the flange gives 0.016; the paper does not state the point of application of the
+    # load
     ahead = influence(CITED, 0.4)
     assert ahead.nu_p.max() == pytest.approx(0.0160, abs=2e-4)
     assert np.degrees(ahead.nu_r.max()) == pytest.approx(0.0103, abs=2e-4)  # two fifths of the printed bound
-    # the bound is of this wrench, not of the arm: with one moment reversed it does not hold
+    # the bound is valid for this wrench, not for the arm: with one moment reversed it is exceeded
     reversed_moment = influence(CITED, wrench=WRENCH * np.array([1, 1, 1, -1, 1, 1]))
     assert reversed_moment.nu_p.max() == pytest.approx(0.0164, abs=2e-4)
 
 
 def test_measured_displacements_support_table_2() -> None:
-    """Section 5.3: an average gap of 0.1 mm is the unexplained 20 % of the displacement, which makes it 0.5 mm.
+    """Section 5.3: an average gap of 0.1 mm is the unexplained 20 % of the displacement, which is therefore 0.5 mm.
 
-    Under 2000 N of hanging weight the zones' median is 0.9 mm with Table 2 and 9 mm with the cited values, whose
-    20 % would be 1.8 mm: the influence of K_C (above) and the displacements are not of one set of values.
+    Under 2000 N of hanging weight the median in the zones is 0.9 mm with Table 2 and 9 mm with the cited values, for
+    which 20 % would be 1.8 mm. The influence of K_C (above) and the displacements belong to different sets of values.
     """
     two, three, q = plane(5.0)
     J = table_3().compute_fk_jacobian(q)[1]
@@ -330,14 +335,14 @@ def test_measured_displacements_support_table_2() -> None:
 def test_table_2_percentages_follow_from_its_errors_but_the_text_does_not() -> None:
     share = 100 * TABLE_2_ERROR / TABLE_2
     np.testing.assert_allclose(share, TABLE_2_PERCENT, atol=0.5)  # rounded to whole percent
-    # the text gives joint 2 as "±1e5 N·m/rad, i.e. 8 %"; 8 % of 6.6e6 is 5.3e5, as Table 2 has it
+    # the text gives joint 2 as "±1e5 N·m/rad, i.e. 8 %"; 8 % of 6.6e6 is 5.3e5, as in Table 2
     assert 100 * 1e5 / TABLE_2[1] == pytest.approx(1.5, abs=0.05)
 
 
 def scatter(k: np.ndarray, in_mm: bool, seed: int, draws: int = 100) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviation and bias of k in percent, by eq. 26 from ten simulated tests with the stated errors.
+    """Return standard deviation and bias of k in percent, by eq. 26 from ten simulated tests with the stated errors.
 
-    A hanging force of 1000 to 2500 N on a 0.5 m lever (at most 1250 N·m); three targets 0.3 m about the flange,
+    A hanging force of 1000 to 2500 N on a lever of 0.5 m (at most 1250 N·m); three targets 0.3 m around the flange,
     each measured to 0.03 mm before and after; balance 0.1 kg; encoders 0.01°.
     """
     rng, robot, n = np.random.default_rng(seed), table_3(), 10
@@ -373,24 +378,26 @@ def scatter(k: np.ndarray, in_mm: bool, seed: int, draws: int = 100) -> tuple[np
 
 
 def test_plain_least_squares_scatters_as_in_table_2() -> None:
-    """Table 2 prints 2 to 9 %; ten tests drawn at random in the zones give 2.3 to 9.0 %, median 3 to 5 % a joint.
+    """Table 2 prints 2 to 9 %; ten random tests in the zones give 2.3 to 9.0 %, median 3 to 5 % per joint.
 
-    The split over the joints is not the paper's (8, 8, 9, 2, 2, 5): it turns on the ten tests, which are not given.
+    The distribution over the joints is not that of the paper (8, 8, 9, 2, 2, 5): it depends on the ten tests, which are
+    not given.
     """
     runs = np.array([scatter(TABLE_2, in_mm=False, seed=s) for s in range(16)])
     np.testing.assert_allclose(np.median(runs[:, 0], axis=0), [3.6, 4.2, 4.5, 4.3, 5.1, 3.1], atol=0.3)
-    assert runs[:, 0].min() > 1.5  # printed 2 and 9 are whole percent
+    assert runs[:, 0].min() > 1.5  # the printed 2 and 9 are whole percent
     assert runs[:, 0].max() < 9.5
     assert (
         np.abs(runs[:, 1]).max() < 2.0
-    )  # percent of bias: 1/x of a scattered x, the square of 9 % and its own scatter
-    # the softer cited values would move more under the same loads and scatter far less than the printed 8 to 9 %
+    )  # percent of bias: 1/x of a scattered x, the square of 9 %, and its own scatter
+    # the softer cited values would give larger displacements under the same loads and far less scatter than the printed
+    # 8 to 9 %
     soft = np.array([scatter(CITED, in_mm=False, seed=s)[0] for s in range(16)])
     np.testing.assert_allclose(np.median(soft, axis=0)[:3], [1.3, 0.25, 1.1], atol=0.1)
 
 
 def test_equation_26_depends_on_the_unit_of_length() -> None:
-    """Eq. 26 adds squares of metres and of radians; in millimetres it is another estimator."""
+    """Eq. 26 adds squares of metres and of radians; in millimetres it is a different estimator."""
     metres, mm = (np.median([scatter(TABLE_2, u, s)[0] for s in range(8)], axis=0) for u in (False, True))
-    assert (mm[:3] < 0.7 * metres[:3]).all()  # the noisy rotations no longer count beside the translations
-    assert mm[3] > 1.2 * metres[3]  # but the wrist is known from its rotations
+    assert (mm[:3] < 0.7 * metres[:3]).all()  # the noisy rotations no longer have influence next to the translations
+    assert mm[3] > 1.2 * metres[3]  # but the rotations determine the wrist stiffness

@@ -24,7 +24,7 @@ K33_PUMA, K33_MEASURED = 546.6, 169.5  # printed in mm/N; N/mm is meant
 
 
 def chain(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the flange and its Jacobian from Table 1 by standard Denavit-Hartenberg, written out here."""
+    """Return the pose of the flange and its Jacobian from Table 1 by standard Denavit-Hartenberg."""
     T, axes, points = np.eye(4), [], []
     for t, d, a, alpha in zip(theta, (0, 0, 0, LAMBDA4, 0, LAMBDA6), (L1, L2, L3, 0, 0, 0), ALPHA, strict=True):
         axes.append(T[:3, 2])
@@ -36,10 +36,11 @@ def chain(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def levers_a3(theta: np.ndarray, mended: bool) -> np.ndarray:
-    """What (A.3) squares and divides by κ_2 … κ_5, m; as printed but for a stray line, or with its slips mended.
+    """Return the terms that (A.3) squares and divides by κ_2 … κ_5, in m: as printed except for a stray line, or
+    corrected.
 
-    The stray line, "++(s23 c4 s5 − c23 c5) λ6)", belongs to no bracket. Slips: κ_2 has l1, which joint 2 does not
-    turn, and l2 s2 for l2 c2; κ_3 has −c1 s4 for s1 s4; κ_4 has s1 s23 c5 for c1 s23 c5.
+    The stray line, "++(s23 c4 s5 − c23 c5) λ6)", belongs to no bracket. Errors: κ_2 has l1, which joint 2 does not
+    rotate, and l2 s2 for l2 c2; κ_3 has −c1 s4 for s1 s4; κ_4 has s1 s23 c5 for c1 s23 c5.
     """
     c1, c2, _, c4, c5, _ = np.cos(theta)
     s1, s2, _, s4, s5, _ = np.sin(theta)
@@ -62,7 +63,7 @@ def levers_a3(theta: np.ndarray, mended: bool) -> np.ndarray:
 
 
 def c33(levers: np.ndarray, k: np.ndarray) -> float:
-    """Vertical compliance in mm/N from levers (m) of joints 2 and 3; joint 1 has none."""
+    """Return the vertical compliance in mm/N from lever arms (m) of joints 2 and 3; joint 1 has none."""
     return float(1e3 * np.sum(levers[:2] ** 2 / k[1:3]))
 
 
@@ -70,15 +71,15 @@ def c33(levers: np.ndarray, k: np.ndarray) -> float:
 
 
 def test_a3_has_four_errors_and_is_the_third_jacobian_row_without_them() -> None:
-    """κ stands for stiffness here; eq. 8 made it the compliance."""
+    """κ is the stiffness here; eq. 8 defines it as the compliance."""
     wrong = np.zeros(4)
     for theta in np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 6)):
         ours = chain(theta)[1][2, 1:5]
-        # signs are lost in the squares
+        # the squares remove the signs
         np.testing.assert_allclose(np.abs(levers_a3(theta, mended=True)), np.abs(ours), atol=1e-12)
         wrong = np.maximum(wrong, np.abs(np.abs(levers_a3(theta, mended=False)) - np.abs(ours)))
     assert (wrong[:3] > 0.1).all()  # m
-    assert wrong[3] < 1e-12  # κ_5 is printed right
+    assert wrong[3] < 1e-12  # κ_5 is printed correctly
 
 
 def test_shipped_cell_has_the_same_levers() -> None:
@@ -91,7 +92,7 @@ def test_shipped_cell_has_the_same_levers() -> None:
 
 
 def test_stated_position_is_out_of_reach() -> None:
-    """2766 mm from axis 1 where Table 1 reaches 2758 at most, and where its own angles give 2078 on the other side."""
+    """2766 mm from axis 1; Table 1 reaches at most 2758, and its angles give 2078 on the opposite side."""
     stated = float(np.hypot(POSITION[0], POSITION[1]))
     reach = 1e3 * (L1 + L2 + np.hypot(L3, LAMBDA4) + LAMBDA6)
     assert stated == pytest.approx(2766.1, abs=0.1)
@@ -100,7 +101,7 @@ def test_stated_position_is_out_of_reach() -> None:
     T, _ = chain(THETA)
     np.testing.assert_allclose(1e3 * T[:3, 3], [184.38, -2070.06, 121.72], atol=0.01)
     assert np.hypot(T[0, 3], T[1, 3]) == pytest.approx(2.0783, abs=1e-4)
-    # θ1 is the azimuth of the position with the other sign, and off by the 0.73° it prints as φ_z
+    # θ1 is the azimuth of the position with the opposite sign, with an error of the 0.73° that it prints as φ_z
     azimuth = np.degrees(np.arctan2(POSITION[1], POSITION[0]))
     assert azimuth == pytest.approx(84.19, abs=0.01)
     assert abs(-84.91) - azimuth == pytest.approx(0.72, abs=0.01)
@@ -110,25 +111,27 @@ def test_stated_position_is_out_of_reach() -> None:
 
 
 def test_computed_compliance_does_not_follow_from_the_stated_inputs() -> None:
-    """0.00183 mm/N printed; the PUMA 560 values give 0.225 mm/N from Table 1 and 0.241 mm/N from (A.3) as it stands."""
+    """Printed: 0.00183 mm/N; the PUMA 560 values give 0.225 mm/N from Table 1 and 0.241 mm/N from (A.3) as printed."""
     levers = chain(THETA)[1][2, 1:3]
     np.testing.assert_allclose(levers, [1.8083, 1.4279], atol=1e-4)
     ours = c33(levers, PUMA)
     assert ours == pytest.approx(0.2248, abs=1e-4)
     np.testing.assert_allclose(levers_a3(THETA, mended=False)[:2], [2.0796, 1.4279], atol=1e-4)
     assert c33(levers_a3(THETA, mended=False), PUMA) == pytest.approx(0.2406, abs=1e-4)
-    assert ours / C33_PUMA == pytest.approx(122.8, abs=0.1)  # no unit slip: not a power of ten, nor 180/π or its square
-    # the wrist, left out, only adds: 0.1 to 0.2 kN·m/rad with levers of a hand's breadth
+    # not a unit error: neither a power of ten, nor 180/π or its square
+    assert ours / C33_PUMA == pytest.approx(122.8, abs=0.1)
+    # the omitted wrist increases the compliance: 0.1 to 0.2 kN·m/rad with lever arms of about 0.1 m
     full = 1e3 * np.sum(chain(THETA)[1][2] ** 2 / PUMA)
     assert full > ours
     assert full == pytest.approx(0.750, abs=1e-3)
-    # the stated position is no way out: 2.50 m from axis 2, joint 2 alone gives 51 times the printed value
+    # the stated position does not explain it: 2.50 m from axis 2, joint 2 alone gives 51 times the printed value
     lever = np.hypot(POSITION[0], POSITION[1]) / 1e3 - L1
     assert 1e3 * lever**2 / PUMA[1] / C33_PUMA == pytest.approx(51.2, abs=0.1)
 
 
 def test_measured_compliance_is_38_times_stiffer_than_puma_values() -> None:
-    """Measured 0.0059 mm/N is 38 times less than the PUMA values give, and 3 times *more* than the paper computes."""
+    """The measured 0.0059 mm/N is 38 times less than with the PUMA values,
+    and 3 times *more* than the paper computes."""
     ours = c33(chain(THETA)[1][2, 1:3], PUMA)
     assert ours / C33_MEASURED == pytest.approx(38.1, abs=0.1)
     times = C33_MEASURED / C33_PUMA
@@ -136,13 +139,13 @@ def test_measured_compliance_is_38_times_stiffer_than_puma_values() -> None:
         3.22, abs=0.01
     )  # more compliance; the paper concludes "three times greater" stiffness
     cell = load_cell(CELL)
-    assert cell.stiffness is not None  # the shipped values are PUMA's times that
+    assert cell.stiffness is not None  # the shipped values are those of the PUMA times this ratio
     np.testing.assert_allclose(cell.stiffness.joints[:3], PUMA[:3] * ours / C33_MEASURED, rtol=2e-3)  # three digits
     assert c33(chain(THETA)[1][2, 1:3], cell.stiffness.joints) == pytest.approx(C33_MEASURED, rel=2e-3)
 
 
 def test_printed_stiffness_is_the_reciprocal_not_the_matrix_element() -> None:
-    """k33 = 1/c33 to the digits printed; the (3, 3) element of C_tt⁻¹, which its text names, is 3.5 times that."""
+    """k33 = 1/c33 to the printed digits; the (3, 3) element of C_tt⁻¹, which the text names, is 3.5 times that."""
     assert pytest.approx(K33_PUMA, rel=3e-3) == 1 / C33_PUMA  # 0.00183 has three digits
     assert pytest.approx(K33_MEASURED, rel=1e-2) == 1 / C33_MEASURED  # two digits
     J = chain(THETA)[1][:3, :3]
@@ -151,7 +154,7 @@ def test_printed_stiffness_is_the_reciprocal_not_the_matrix_element() -> None:
 
 
 def test_kr240_values_are_cited_a_thousand_times_too_soft() -> None:
-    """In kN·m/rad, 1.41, the arm of dumas2011 would sag 10 mm/N here, 46 times a PUMA; in MN·m/rad 0.010 mm/N."""
+    """In kN·m/rad (1.41) the arm of dumas2011 would deflect by 10 mm/N, 46 times a PUMA; in MN·m/rad by 0.010 mm/N."""
     levers = chain(THETA)[1][2, 1:3]
     assert c33(levers, KR240 * 1e3) == pytest.approx(10.33, abs=0.01)
     assert c33(levers, KR240 * 1e3) / c33(levers, PUMA) == pytest.approx(46.0, abs=0.1)

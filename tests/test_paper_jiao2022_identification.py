@@ -1,9 +1,9 @@
 """jiao2022, sections 2 and 5.1: space gridding, its stiffness files, and compensation by finer grids.
 
-The paper gives a calibration space of 1200 × 600 × 600 mm without its place or posture, and no readings. Place and arm
-are those of the cell ``kr500_milling`` (its README says where they come from). Of all postures along the grid's edges,
-axis 6 pointing down with the 50 kg under the flange is the one at which eq. 38 predicts the paper's error before
-compensation, so that is taken here; what varies in the truth, and the noise, are ours.
+The paper gives a calibration space of 1200 × 600 × 600 mm without its position or configuration, and no readings.
+Position and arm are those of the cell ``kr500_milling`` (sources in its README). Of all orientations along the edges of
+the grid, eq. 38 predicts the paper's error before compensation only with axis 6 pointing down and the 50 kg below the
+flange, so this orientation is used. The variation of the true stiffness and the noise are our choice.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ FOLDER = Path(__file__).resolve().parents[1] / "cells" / "kr500_milling"
 EQ38 = [1.58e7, 6.12e6, 5.28e6, 4.66e5, 2.19e5, 3.49e5]  # N·m/rad; N·mm/rad in the paper
 EQ39 = [1.48e7, 5.57e6, 6.80e6, 3.38e5, 1.20e5, 2.17e5]
 EQ40 = [1.50e7, 6.29e6, 4.56e6, 2.79e5, 3.28e5, 1.61e5]
-ORIGIN = np.array([1.8407, -0.6, 0.1843])  # m in base_link, as stiffness_two_grid.yaml has it
+ORIGIN = np.array([1.8407, -0.6, 0.1843])  # m in base_link, as in stiffness_two_grid.yaml
 GRIDS = {2: 0.6, 16: 0.3, 128: 0.15}  # number of cells: edge in m, section 5.1
 SIZE = np.array([0.6, 1.2, 0.6])
-DOWN = np.diag([1.0, -1.0, -1.0])  # the flange's z axis down
+DOWN = np.diag([1.0, -1.0, -1.0])  # z axis of the flange points down
 WEIGHT = 50 * 9.80665  # N
 BRANCH = 5
 MARGINS = SingularityMargins(np.radians(5), np.radians(3), 0.05, np.radians(2))
-BEFORE, BEFORE_WORST = 0.2868e-3, 0.3587e-3  # m, mean and largest error without compensation, page with fig. 16
+BEFORE, BEFORE_WORST = 0.2868e-3, 0.3587e-3  # m, mean and largest error without compensation, page of fig. 16
 AFTER = {1: 0.1201e-3, 128: 0.0570e-3}  # m, mean after compensation
 
-FORCE, MOMENT, LOADS = 1000.0, 200.0, 3  # N, N·m at most, loads a configuration
+FORCE, MOMENT, LOADS = 1000.0, 200.0, 3  # N, N·m at most, loads per configuration
 
 
 def region(edge: float) -> GridRegion:
@@ -53,7 +53,7 @@ def region(edge: float) -> GridRegion:
 
 
 def verification(seed: int) -> np.ndarray:
-    """128 TCPs, one drawn in each cell of 150 mm."""
+    """Return 128 TCP positions, one random position in each cell of 150 mm."""
     cells = region(0.15)
     return cells.centres() + 0.15 * (np.random.default_rng(seed).random((128, 3)) - 0.5)
 
@@ -80,10 +80,10 @@ def test_equations_38_to_40_are_stiffness_files() -> None:
 
 
 def test_constant_values_lie_outside_both_halves() -> None:
-    """Joints 1, 4 and 6 of eq. 38 are stiffer than in either half that makes up the same space, by up to 85 %.
+    """Joints 1, 4 and 6 of eq. 38 are stiffer than in either half of the same space, by up to 85 %.
 
-    One set for all poses lies between the sets of two halves of them, were the model right and the fits comparable;
-    the paper does not comment on it.
+    With a correct model and comparable fits, one set for all poses would be between the sets of two halves of them; the
+    paper does not comment on it.
     """
     low, high = np.minimum(EQ39, EQ40), np.maximum(EQ39, EQ40)
     outside = (np.array(EQ38) < low) | (np.array(EQ38) > high)
@@ -97,21 +97,21 @@ def test_constant_values_lie_outside_both_halves() -> None:
 def test_twenty_seven_configurations_per_cell() -> None:
     cell = load_cell(FOLDER)
     robot = load_robot(cell)
-    expected = {2: 14, 16: 61, 128: 353}  # positions: corners are shared
+    expected = {2: 14, 16: 61, 128: 353}  # positions; corners are shared
     for number, edge in GRIDS.items():
         grid = region(edge)
         assert len(grid) == number
         plan = grid_plan(cell, robot, build_solver(robot), grid, MARGINS)
         assert len(plan.position) == expected[number]
         assert {len(plan.of_cell(n)) for n in range(number)} == {27}
-        assert plan.reached.mean() > 0.9  # the rest is near the wrist's singularity at our placement
+        assert plan.reached.mean() > 0.9  # at our position the rest is near the wrist singularity
 
 
 def test_equation_38_predicts_the_error_before_compensation() -> None:
-    """50 kg under a vertical axis 6: 0.288 mm by E (J K⁻¹ Jᵀ) f, measured 0.2868; the worst 0.412, measured 0.3587.
+    """50 kg below a vertical axis 6: 0.288 mm by E (J K⁻¹ Jᵀ) f, measured 0.2868; largest 0.412, measured 0.3587.
 
-    Eq. 41 also calls this K_fd⁻¹ f, which it is not: with the orientation held, the mean is 0.252, the worst 0.362.
-    The tool's tip of the milling cell, 0.57 m from the wrist centre, would move by 1.0 mm: the load hung elsewhere.
+    Eq. 41 also calls this K_fd⁻¹ f, which is incorrect: with fixed orientation the mean is 0.252, the largest 0.362.
+    The tool tip of the milling cell, 0.57 m from the wrist centre, would move by 1.0 mm: the load was at another point.
     """
     cell = load_cell(FOLDER)
     robot = load_robot(cell)
@@ -124,7 +124,7 @@ def test_equation_38_predicts_the_error_before_compensation() -> None:
         axis=1,
     )
     assert moved.mean() == pytest.approx(0.2875e-3, abs=1e-6)
-    assert moved.mean() == pytest.approx(BEFORE, rel=0.02)  # place and points are not the paper's
+    assert moved.mean() == pytest.approx(BEFORE, rel=0.02)  # position and points are not those of the paper
     assert moved.max() == pytest.approx(0.4116e-3, abs=1e-6)
     _, J = robot.compute_fk_jacobian(q)
     fixed = np.linalg.inv(compute_constrained_stiffness(J, np.broadcast_to(EQ38, (128, 6)))) @ force[0, :3]
@@ -140,15 +140,14 @@ def test_equation_38_predicts_the_error_before_compensation() -> None:
 
 
 def compute_compensated_errors(seed: int, grids: dict[int, float]) -> dict[int, tuple[float, float]]:
-    """Mean error of eq. 42 in m before (0 cells) and after compensation: as measured, and without the measurement's
-    own error.
+    """Return the mean error of eq. 42 in m before (0 cells) and after compensation, with and without measurement error.
 
-    Truth: eq. 38 varied smoothly by up to ± 50 % over 0.4 m (eqs. 38–40 differ by −54 … +50 %). Each grid is measured
-    at its own 27 configurations a cell under three loads of 0.3 to 1 kN with the noise of the trade; the one set for
-    the whole space at those of two cells.
+    True stiffness: eq. 38 with smooth variation of up to ± 50 % over 0.4 m (eqs. 38–40 differ by −54 … +50 %). Each
+    grid is measured at its own 27 configurations per cell under three loads of 0.3 to 1 kN with typical measurement
+    noise; the single set for the whole space at those of two cells.
     """
     cell, flange = load_cell(FOLDER), np.eye(4)
-    cell = replace(cell, tool=replace(cell.tool, T_flange_tcp=flange))  # the weight and the tracker's target there
+    cell = replace(cell, tool=replace(cell.tool, T_flange_tcp=flange))  # weight and tracker target are at the flange
     robot = load_robot(cell)
     solver = build_solver(robot)
     rng = np.random.default_rng(seed)
@@ -160,7 +159,7 @@ def compute_compensated_errors(seed: int, grids: dict[int, float]) -> dict[int, 
     assert measured is not None
     assert wrench is not None
     out = {0: (_mean(measured), _mean(true))}
-    hold = np.array([np.nan] * 5 + [EQ38[5]])  # does not move a point of its own axis
+    hold = np.array([np.nan] * 5 + [EQ38[5]])  # the joint does not move a point on its own axis
     for number, edge in ({1: GRIDS[2]} | grids).items():
         plan = grid_plan(cell, robot, solver, region(edge), MARGINS, posture=DOWN, branch=BRANCH)
         at = plan.q[plan.reached]
@@ -186,10 +185,11 @@ SEEDS = range(4)
 
 
 def test_finer_grids_compensate_better() -> None:
-    """Up to 16 cells, in a second; a single truth can favour one cell over two by a few micrometres."""
+    """Up to 16 cells, in one second; with a single truth, one cell may be better than two by a few micrometres."""
     errors = [compute_compensated_errors(seed, {n: e for n, e in GRIDS.items() if n <= 16}) for seed in SEEDS]
     for error in errors:
-        assert error[0][1] == pytest.approx(BEFORE, rel=0.45)  # the truth varies by half, the weight is the paper's
+        # the true stiffness varies by 50 %, the weight is that of the paper
+        assert error[0][1] == pytest.approx(BEFORE, rel=0.45)
         assert error[16][0] < error[1][0] < error[0][0]
         assert error[16][1] < 0.75 * error[1][1]
     mean = np.mean([[e[n] for n in (0, 1, 2, 16)] for e in errors], axis=0)
@@ -200,9 +200,9 @@ def test_finer_grids_compensate_better() -> None:
 def test_error_decreases_from_one_to_128_cells_as_in_the_paper() -> None:
     """Mean error after compensation, mm; the paper: 0.2868 before, 0.1201 with 1 cell, 0.0570 with 128, ratio 0.475.
 
-    Ours over four seeds: 0.339 before; 0.092, 0.087, 0.074, 0.066 with 1, 2, 16, 128 cells as measured, where the
-    measurement's error alone is 0.06, ratio 0.72; without it 0.066, 0.060, 0.033, 0.017, ratio 0.26. The paper's
-    0.0570 is about what a tracker and a robot's return to its pose leave, so its finest grid may be at that floor too.
+    Ours over four seeds: 0.339 before; 0.092, 0.087, 0.074, 0.066 with 1, 2, 16, 128 cells as measured, of which the
+    measurement error alone is 0.06, ratio 0.72; without it 0.066, 0.060, 0.033, 0.017, ratio 0.26. The paper's 0.0570
+    is about the error of a tracker and of the robot's repeatability, so its finest grid may also be limited by them.
     """
     cells = (1, *GRIDS)
     errors = [compute_compensated_errors(seed, GRIDS) for seed in SEEDS]
@@ -214,7 +214,8 @@ def test_error_decreases_from_one_to_128_cells_as_in_the_paper() -> None:
         assert e[128][0] < e[16][0] < e[1][0]
     paper = AFTER[128] / AFTER[1]
     ratio, floorless = measured[-1] / measured[0], exact[-1] / exact[0]
-    assert floorless < paper < ratio  # the paper's half lies between ours with and without the measurement's error
-    assert floorless == pytest.approx(0.26, abs=0.04)  # rounding aside these are fixed by the seeds
+    # the paper's ratio of about one half is between ours with and without measurement error
+    assert floorless < paper < ratio
+    assert floorless == pytest.approx(0.26, abs=0.04)  # except for rounding, the seeds determine these values
     assert ratio == pytest.approx(0.72, abs=0.04)
     assert measured[-1] == pytest.approx(AFTER[128], rel=0.2)

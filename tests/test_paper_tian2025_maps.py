@@ -1,7 +1,7 @@
-"""Tian et al. (2025), orthopaedic cobot: dexterity, stiffness maps and stiffness tables against Tables 3 and 5.
+"""Tian et al. (2025), orthopaedic cobot: dexterity, stiffness maps and stiffness tables compared with Tables 3 and 5.
 
-Table 5 lost the signs of its twists; every choice is tried (α1 = −90° is the mirror image of +90° and left out where
-only stiffness counts). Joint stiffness is Table 3.
+Table 5 lost the signs of its twists; every choice is tested (α1 = −90° is the mirror image of +90° and is omitted where
+only stiffness matters). Joint stiffness is Table 3.
 """
 
 from __future__ import annotations
@@ -101,7 +101,8 @@ TABLE_9 = np.array(
 
 
 def table_5(s1: int, s4: int, s5: int, modified: bool = False) -> Robot:
-    """Table 5 by standard Denavit-Hartenberg with signs of α1, α4, α5; or by its own heading, a_(i−1), α_(i−1)."""
+    """Return Table 5 by standard Denavit-Hartenberg with signs of α1, α4, α5;
+    or by its own heading, a_(i−1), α_(i−1)."""
     T, axes, points = np.eye(4), [], []
     for d, a, alpha in zip(D, A, (s1 * H, 0.0, 0.0, s4 * H, s5 * H, 0.0), strict=True):
         ca, sa = np.cos(alpha), np.sin(alpha)
@@ -128,7 +129,7 @@ SIGNS = list(product((1, -1), repeat=3))
 
 
 def stiffness(robot: Robot, q: np.ndarray, direction: np.ndarray, held: str, tool: float = 0.0) -> np.ndarray:
-    """N/mm along a base axis, at a point ``tool`` m before the flange."""
+    """Return N/mm along a base axis, at a point ``tool`` m in front of the flange."""
     T = np.eye(4)
     T[2, 3] = tool
     return compute_directional_stiffness(robot.compute_fk_jacobian(q, T)[1], K, direction, held) / 1e3  # type: ignore[arg-type]
@@ -138,7 +139,10 @@ def stiffness(robot: Robot, q: np.ndarray, direction: np.ndarray, held: str, too
 
 
 def test_table_5_by_its_own_heading_is_no_six_axis_arm() -> None:
-    """a_(i−1), α_(i−1) would put axis 6 on axis 5: singular everywhere. The rows are standard DH (a_i, α_i)."""
+    """With a_(i−1), α_(i−1), axis 6 would coincide with axis 5: singular everywhere.
+
+    The rows are standard DH (a_i, α_i).
+    """
     q = np.random.default_rng(0).uniform(-3, 3, (20, 6))
     for signs in SIGNS:
         literal = table_5(*signs, modified=True)
@@ -157,10 +161,11 @@ def test_shipped_cell_is_one_of_the_sign_choices() -> None:
 
 
 def test_dexterity_of_table_1_follows_from_no_interpretation() -> None:
-    """Eight sign choices, flange or a tool along axis 6 or beside it, every length: the nearest is 0.07 away.
+    """Eight sign choices, the flange or a tool along axis 6 or offset from it, every length: the nearest value is 0.07
+    off.
 
-    Postures 3 and 5 differ by at most 5° in the joints that count, so that their dexterities are 3 % apart at
-    most; printed are 0.378 and 0.521, 38 % apart.
+    Postures 3 and 5 differ by at most 5° in the relevant joints, so their dexterities differ by at most 3 %; printed
+    are 0.378 and 0.521, which differ by 38 %.
     """
     errors, ratios = {}, []
     for signs, along, additional in product(SIGNS, (0.0, 0.1, 0.2, 0.3), (0.0, 0.15)):
@@ -180,7 +185,7 @@ def test_dexterity_of_table_1_follows_from_no_interpretation() -> None:
     assert np.degrees(np.abs(TABLE_1[4, 1:5] - TABLE_1[2, 1:5]).max()) < 5.0
     assert max(ratios) < 1.04
     assert DEXTERITY[4] / DEXTERITY[2] == pytest.approx(1.378, abs=1e-3)
-    # all of them as shipped, at the flange, with the arm's own characteristic length of 0.205 m
+    # all of them as shipped, at the flange, with the arm's characteristic length of 0.205 m
     own = compute_conditioning_index(load_robot(load_cell(CELL)).compute_fk_jacobian(TABLE_1)[1], 0.205)
     np.testing.assert_allclose(own, [0.548, 0.529, 0.487, 0.474, 0.478], atol=1e-3)
 
@@ -189,17 +194,17 @@ def test_dexterity_of_table_1_follows_from_no_interpretation() -> None:
 
 
 def test_section_3_2_quotes_forces_as_displacements() -> None:
-    """ "4.12 to 8.56 mm under 1 kg, 30.12 to 33.78 mm under 3.5 kg" are Table 2's F_x in newtons."""
+    """ "4.12 to 8.56 mm under 1 kg, 30.12 to 33.78 mm under 3.5 kg" are F_x of Table 2 in newtons."""
     assert (TABLE_2_1KG[:, 0].min(), TABLE_2_1KG[:, 0].max()) == (4.12, 8.56)
     assert (TABLE_2_3_5KG[:, 0].min(), TABLE_2_3_5KG[:, 0].max()) == (30.12, 33.78)
-    # as forces they are the weights with 10 m/s² (two decimals each), but for the first, 10.15 N
+    # as forces they are the weights with 10 m/s² (two decimals each), except the first, 10.15 N
     np.testing.assert_allclose(np.linalg.norm(TABLE_2_1KG[1:], axis=1), 10.0, atol=0.01)
     np.testing.assert_allclose(np.linalg.norm(TABLE_2_3_5KG, axis=1), 35.0, atol=0.01)
     assert np.linalg.norm(TABLE_2_1KG[0]) == pytest.approx(10.15, abs=0.01)
 
 
 def test_calculated_displacements_of_table_4_contradict_table_3() -> None:
-    """Whatever the signs: 0.9 to 1.5 mm "calculated" is 34 to 200 times what Table 3 gives at the flange."""
+    """For any signs, the "calculated" 0.9 to 1.5 mm are 34 to 200 times the values of Table 3 at the flange."""
     printed = np.linalg.norm(TABLE_4_3_5KG, axis=1)
     ratios = []
     for signs, tool in product(SIGNS, (0.0, 0.2)):
@@ -213,7 +218,7 @@ def test_calculated_displacements_of_table_4_contradict_table_3() -> None:
         ratios.append((tool, (printed / moved).min(), (printed / moved).max()))
     assert min(r[1] for r in ratios if r[0] == 0) == pytest.approx(34, abs=1)
     assert max(r[2] for r in ratios if r[0] == 0) == pytest.approx(203, abs=2)
-    assert min(r[1] for r in ratios) == pytest.approx(17, abs=1)  # 0.2 m of tool do not mend it
+    assert min(r[1] for r in ratios) == pytest.approx(17, abs=1)  # a tool of 0.2 m does not explain the difference
 
 
 # --- sections 4.2 and 4.4: the maps ------------------------------------------------------------------------
@@ -221,11 +226,12 @@ def test_calculated_displacements_of_table_4_contradict_table_3() -> None:
 
 @pytest.mark.parametrize("held", HELD)
 def test_stiffness_over_joint_2_repeats_after_half_a_turn(held: str) -> None:
-    """Any arm whose axis 2 meets axis 1 at right angles: half a turn of joint 2 is a half turn of the whole arm about
-    axis 2, with axis 1 reversed. It keeps the stiffness along axis 2 (x at θ1 = π/2) and along axis 1 (z).
+    """For any arm whose axis 2 meets axis 1 at right angles, the stiffness repeats after 180° of joint 2.
 
-    Fig. 5a's two peaks, 1.36 and 4.25 rad, are 2.89 rad apart, with 1.15e4 and 1.89e4 N/mm: they are one peak, read
-    or sampled a tenth of a turn off. And so "near 2 rad" in z (Fig. 9) must have a second peak at 5.14 rad.
+    Such a rotation of joint 2 is a rotation of the whole arm by 180° about axis 2, with axis 1 reversed. It preserves
+    the stiffness along axis 2 (x at θ1 = π/2) and along axis 1 (z). The two peaks of fig. 5a, 1.36 and 4.25 rad, are
+    2.89 rad apart, with 1.15e4 and 1.89e4 N/mm: they are one peak, with an error of reading or sampling of a tenth of a
+    turn. Likewise "near 2 rad" in z (fig. 9) must have a second peak at 5.14 rad.
     """
     rng = np.random.default_rng(2)
     q = rng.uniform(-3, 3, (20, 6))
@@ -240,14 +246,14 @@ def test_stiffness_over_joint_2_repeats_after_half_a_turn(held: str) -> None:
 
 
 def peaks(value: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Angles of the local maxima of a periodic curve that stand out by 10 % over their lower side's minimum."""
+    """Return the angles of local maxima of a periodic curve that exceed the minimum of their lower side by 10 %."""
     y = np.log(value)
     top = np.flatnonzero((y > np.roll(y, 1)) & (y >= np.roll(y, -1)))
     return angle[[i for i in top if y[i] - y.min() > 0.1]]
 
 
 def misfit(found: np.ndarray, printed: tuple[float, ...]) -> float:
-    """Largest distance (rad, around the circle) from a printed peak to the nearest found."""
+    """Return the largest distance (rad, around the circle) from a printed peak to the nearest computed one."""
     if found.size == 0:
         return float(np.pi)
     gap = np.abs(np.remainder(found[:, None] - np.array(printed) + np.pi, 2 * np.pi) - np.pi)
@@ -258,7 +264,7 @@ ANGLE = np.linspace(0, 2 * np.pi, 180, endpoint=False)
 
 
 def sweep(wrist: tuple[float, float], joint: int, two: float = 0.0, three: float = 0.0) -> np.ndarray:
-    """A full turn of one joint at θ1 = π/2, a milliradian beside exact singularities (which are infinite)."""
+    """Return a full turn of one joint at θ1 = π/2, offset by 1 mrad from exact singularities (which are infinite)."""
     q = np.tile([H, two, three, *wrist, 0.0], (len(ANGLE), 1)) + 1e-3
     q[:, joint] += ANGLE
     return q
@@ -275,12 +281,13 @@ def sweep(wrist: tuple[float, float], joint: int, two: float = 0.0, three: float
 def test_printed_peaks_occur_at_no_wrist_configuration(
     held: str, x_off: float, z_off: float, turning: float, level: float
 ) -> None:
-    """θ4 … θ6 are not given. Over θ4 and θ5 in steps of 45° and all signs, by each definition of stiffness: never are
-    the three printed x peaks (1.36 and 4.25 rad of joint 2, 2.26 of joint 3) all within 0.55 rad of ours, nor the three
-    z peaks (0.87, 2.25, 3.54 of joint 3, at θ2 = 0 or π/2) within 0.7 rad; x never stays within 3 % over joint 1.
+    """θ4 … θ6 are not given: θ4 and θ5 are tested in steps of 45° with all signs and each definition of stiffness.
 
-    So the peaks do not tell which definition is meant. The level does not either: 1.15e4 N/mm (1.89e4 is "64.3 %
-    above") is twice ``pose`` (eq. 9), four times ``nothing`` (eq. 11), and ten times what Tables 7 to 9 measure.
+    The three printed x peaks (1.36 and 4.25 rad of joint 2, 2.26 of joint 3) are never all within 0.55 rad of ours, nor
+    the three z peaks (0.87, 2.25, 3.54 of joint 3, at θ2 = 0 or π/2) within 0.7 rad; x never varies by less than 3 %
+    over joint 1. The peaks therefore do not identify the definition. The magnitude does not either: 1.15e4 N/mm (1.89e4
+    is "64.3 % above") is twice ``pose`` (eq. 9), four times ``nothing`` (eq. 11), and ten times the measurements in
+    Tables 7 to 9.
     """
     x_best, z_best, flattest, levels = np.pi, np.pi, np.inf, []
     for signs in SIGNS[:4]:
@@ -295,7 +302,7 @@ def test_printed_peaks_occur_at_no_wrist_configuration(
             x1 = stiffness(robot, sweep(wrist, 0, three=H), X, held)
             flattest = min(flattest, float(x1.max() / x1.min() - 1))
             levels.append(float(np.median(x2)))
-    # values of ours, to the sweep's step of 0.035 rad
+    # our values, to the sweep's step of 0.035 rad
     assert x_best == pytest.approx(x_off, abs=0.04)
     assert z_best == pytest.approx(z_off, abs=0.04)
     assert flattest == pytest.approx(turning, abs=0.005)
@@ -306,17 +313,17 @@ def test_printed_peaks_occur_at_no_wrist_configuration(
 
 
 def test_peak_over_joint_3_is_where_eq_9_has_no_pole() -> None:
-    """x at θ1 = π/2, θ2 = 0, θ3 = 2.26 (Fig. 5b, "a kinematic singularity"): the wrist is 67 mm or more off axis 1.
+    """x at θ1 = π/2, θ2 = 0, θ3 = 2.26 (fig. 5b, "a kinematic singularity"): the wrist is at least 67 mm from axis 1.
 
-    418 + 398 cos 2.26 = 165 mm, and d5 = 98 mm brings it back by 98 at most. The pole, wherever θ4 points, is between
-    2.5 and 3.8 rad.
+    418 + 398 cos 2.26 = 165 mm, and d5 = 98 mm reduces it by at most 98. For any θ4 the pole is between 2.5 and 3.8
+    rad.
     """
     a2, a3, d5 = A[1], A[2], D[4]
     assert a2 + a3 * np.cos(2.26) - d5 == pytest.approx(0.067, abs=1e-3)
     nearest = np.arccos(-(a2 - d5) / a3)
     assert nearest == pytest.approx(2.50, abs=0.01)
     robot, T = table_5(1, 1, 1), np.eye(4)
-    T[2, 3] = -D[5]  # the wrist point: where axes 5 and 6 meet
+    T[2, 3] = -D[5]  # the wrist point: intersection of axes 5 and 6
     t4 = np.linspace(-np.pi, np.pi, 721)
     q = np.stack([np.full_like(t4, v) for v in (H, 0, 2.26, 0, 0.7, 0)], axis=1)
     q[:, 3] = t4
@@ -325,7 +332,8 @@ def test_peak_over_joint_3_is_where_eq_9_has_no_pole() -> None:
 
 
 def test_wrist_share_is_below_12_percent_for_equal_joints_but_not_for_table_3() -> None:
-    """Section 4.1: joints 4 to 6 give "below 12 %" of the end's compliance even if as stiff as the others."""
+    """Section 4.1: joints 4 to 6 contribute "below 12 %" of the compliance of the end,
+    even if as stiff as the others."""
     q = np.vstack([TABLE_1, TABLE_7[:, :6]])
     equal, table_3 = [], []
     for signs in SIGNS:
@@ -333,9 +341,10 @@ def test_wrist_share_is_below_12_percent_for_equal_joints_but_not_for_table_3() 
         for shares, k in ((equal, np.ones(6)), (table_3, K)):
             c = square / k
             shares.append(c[:, :, 3:].sum(axis=(1, 2)) / c.sum(axis=(1, 2)))
-    assert np.median(equal) == pytest.approx(0.038, abs=1e-3)  # the claim holds at nearly all of the paper's postures
+    # the claim is correct for nearly all of the paper's configurations
+    assert np.median(equal) == pytest.approx(0.038, abs=1e-3)
     assert np.max(equal) == pytest.approx(0.128, abs=1e-3)
-    assert np.median(table_3) == pytest.approx(0.10, abs=5e-3)  # with Table 3's own, five times softer wrist
+    assert np.median(table_3) == pytest.approx(0.10, abs=5e-3)  # with the wrist of Table 3, which is five times softer
     assert np.max(table_3) == pytest.approx(0.284, abs=2e-3)
 
 
@@ -343,9 +352,10 @@ def test_wrist_share_is_below_12_percent_for_equal_joints_but_not_for_table_3() 
 
 
 def test_table_7_does_not_follow_the_model() -> None:
-    """29 measured postures: no sign choice and no definition correlates with all three axes; level 0.8 to 4.8 times.
+    """29 measured postures: no sign choice and no definition correlates with all three axes; magnitude 0.8 to 4.8
+    times.
 
-    As shipped (all twists −90°), at the flange, ours are 2.1, 1.7 and 0.9 times kx, ky, kz in the median.
+    As shipped (all twists −90°), at the flange, our values are 2.1, 1.7 and 0.9 times kx, ky, kz in the median.
     """
     q, measured = TABLE_7[:, :6], TABLE_7[:, 6:]
     least: list[float] = []
@@ -353,18 +363,19 @@ def test_table_7_does_not_follow_the_model() -> None:
         ours = np.stack([stiffness(table_5(*signs), q, e, fixed) for e in np.eye(3)], axis=1)
         r = [float(np.corrcoef(np.log(ours[:, i]), np.log(measured[:, i]))[0, 1]) for i in range(3)]
         least.append(min(r))
-        assert r[2] < 0  # along z always the wrong way round
+        assert r[2] < 0  # along z the correlation is always negative
         if fixed == "nothing":
             middle = np.median(ours / measured, axis=0)
             assert 0.75 < middle.min() < middle.max() < 4.85
             if signs == (-1, -1, -1):
                 np.testing.assert_allclose(middle, [2.15, 1.69, 0.94], atol=0.01)
-                np.testing.assert_allclose(r, [0.28, 0.37, -0.13], atol=0.01)  # 0.37 is chance once in 20 at n = 29
+                # at n = 29, 0.37 occurs by chance once in 20
+                np.testing.assert_allclose(r, [0.28, 0.37, -0.13], atol=0.01)
     assert max(least) < 0
 
 
 def test_table_7_jump_at_point_4_is_not_in_the_model() -> None:
-    """kx 926, 1568, 980 at points 3, 4, 5, 0.18 rad of joint 2 apart: + 69 %; ours changes by 20 % at most."""
+    """kx is 926, 1568, 980 at points 3, 4, 5, 0.18 rad of joint 2 apart: + 69 %; ours changes by at most 20 %."""
     points = TABLE_7[2:5, :6]
     steps = []
     for signs in SIGNS:
@@ -373,7 +384,7 @@ def test_table_7_jump_at_point_4_is_not_in_the_model() -> None:
     jump = float(TABLE_7[3, 6] / TABLE_7[2, 6] - 1)
     assert jump == pytest.approx(0.693, abs=1e-3)
     assert max(steps) < 0.2
-    # "x and y differ by less than 5 %" (section 4.1): Table 7's do by 7.6 % in the median, 46 % at most
+    # "x and y differ by less than 5 %" (section 4.1): in Table 7 they differ by 7.6 % in the median, 46 % at most
     gap = np.abs(TABLE_7[:, 6] - TABLE_7[:, 7]) / TABLE_7[:, 6]
     assert np.median(gap) == pytest.approx(0.076, abs=1e-3)
     assert gap.max() == pytest.approx(0.460, abs=1e-3)
@@ -383,21 +394,23 @@ def test_table_8_is_force_over_displacement_below_tracker_accuracy() -> None:
     """K_exp = F/Δ to the whole N/mm in all 21 cells (eq. 29)."""
     force, moved = TABLE_8[:, 0:6:2], TABLE_8[:, 1:6:2]
     np.testing.assert_allclose(force / moved, TABLE_8[:, 6:], atol=0.5)
-    # every displacement is less than the ± 15 µm the tracker is stated to have (section 3.1)
+    # every displacement is smaller than the stated ± 15 µm of the tracker (section 3.1)
     assert 1e3 * moved.max() == pytest.approx(11.5)
-    # and its last digit, ± 0.05 µm of 2.2 to 11.5 µm, is ± 0.4 to 2.3 % of K: as much as Table 9's whole error in y
+    # and its last digit, ± 0.05 µm of 2.2 to 11.5 µm, is ± 0.4 to 2.3 % of K: as much as the whole error of Table 9 in
+    # y
     assert 100 * (0.00005 / moved).max() == pytest.approx(2.3, abs=0.05)
 
 
 def test_table_9_errors_follow_from_their_pairs() -> None:
-    """Eq. 30: right to 0.01 of a percent or its cutting instead of rounding, signs dropped; only 4 of 7 points."""
+    """Eq. 30 agrees to 0.01 percent, or to truncation instead of rounding, without signs;
+    only 4 of 7 points are printed."""
     model, measured, printed = np.moveaxis(TABLE_9, -1, 0)
     ours = 100 * np.abs(model - measured) / measured
     np.testing.assert_allclose(ours, printed, atol=0.013)
     slips = np.abs(np.round(ours, 2) - printed) > 0.005
     # x of P5 (0.86), y of P7 (0.85), z of P1 (0.89) and P3 (0.78): one unit of the last digit each
     np.testing.assert_array_equal(np.argwhere(slips), [[0, 2], [1, 2], [2, 0], [3, 1]])
-    np.testing.assert_allclose(printed.mean(axis=0), [2.52, 0.46, 0.77], atol=0.005)  # section 6.3's averages
+    np.testing.assert_allclose(printed.mean(axis=0), [2.52, 0.46, 0.77], atol=0.005)  # the averages of section 6.3
     np.testing.assert_array_equal(measured, TABLE_8[[0, 2, 4, 6], 6:])
     signed = (model - measured) / measured
     assert (signed[0, 0], signed[3, 0]) == (pytest.approx(-0.0774, abs=1e-4), pytest.approx(-0.0060, abs=1e-4))

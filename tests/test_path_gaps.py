@@ -1,4 +1,4 @@
-"""Driven runs around unreachable points, counted by hand on two short passes."""
+"""Executed runs around unreachable points, computed by hand on two short passes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from machopt.planning.stations.planning_path import PlanningPath
 
 @dataclass
 class Assignment:
-    """The part of the planner's that is read here."""
+    """The part of the planner's assignment that is read here."""
 
     reason: np.ndarray
     q: np.ndarray = field(default_factory=lambda: np.zeros((9, 6)))
@@ -39,7 +39,7 @@ class Planned:
 
 @pytest.fixture(scope="module")
 def path() -> PlanningPath:
-    """Points 0 … 3 and 4 … 8; a rapid move leads to 0 and to 4, cuts to the others."""
+    """Points 0 … 3 and 4 … 8; a rapid move leads to 0 and to 4, cuts lead to the others."""
     found = line(9, rapid=(0, 4))
     assert found.runs == ((0, 3), (4, 8))
     return found
@@ -61,10 +61,10 @@ def jump_between(before: float, after: float) -> SequenceBreak:
     ("unreachable", "breaks", "driven", "left"),
     [
         ((), (), [(0, 3), (4, 8)], []),
-        ((6,), (), [(0, 3), (4, 5), (7, 8)], [6, 7]),  # the cut to it and the cut from it
-        ((1, 3), (), [(4, 8)], [1, 2, 3]),  # 0 and 2 alone hold no whole cut
+        ((6,), (), [(0, 3), (4, 5), (7, 8)], [6, 7]),  # the cut to the point and the cut from it
+        ((1, 3), (), [(4, 8)], [1, 2, 3]),  # 0 and 2 alone contain no complete cut
         ((5, 7), (), [(0, 3)], [5, 6, 7, 8]),
-        ((4,), (), [(0, 3), (5, 8)], [5]),  # a rapid point: the cut from it is left out
+        ((4,), (), [(0, 3), (5, 8)], [5]),  # a rapid point: the cut from it is omitted
         ((), (jump_between(1, 2),), [(0, 1), (2, 3), (4, 8)], [2]),
     ],
 )
@@ -115,7 +115,7 @@ def test_complete_path_has_no_marks(path: PlanningPath) -> None:
 
 
 def test_unsearched_jump_of_a_sequence_is_a_break(path: PlanningPath) -> None:
-    """130° at joint 4 on the way to point 6; as much on the rapid way to 4 is none, nor 110° anywhere."""
+    """130° at joint 4 on the way to point 6 is a break; 130° on the rapid move to 4, or 110° anywhere, is not."""
     q = np.zeros((9, 6))
     q[4:, 1] += np.radians(130.0)
     q[6:, 3] -= np.radians(130.0)
@@ -125,6 +125,6 @@ def test_unsearched_jump_of_a_sequence_is_a_break(path: PlanningPath) -> None:
     assert (found.before, found.after, found.code, found.joint) == (5.0, 6.0, "joint_jump", 4)
     assert found.value == pytest.approx(130.0)
     assert "joint 4 would have to jump by 130.0°" in found.text
-    for unknown in (5, 6):  # what the arm does where it has no answer is no jump
+    for unknown in (5, 6):  # no configuration is known at this point, so there is no jump
         scored = Chosen(Assignment(reasons(unknown), q))
         assert find_configuration_jumps(path, scored) == ()

@@ -32,7 +32,7 @@ from machopt.verification.motion.collision.gouge_check import find_deepest_point
 Triple = tuple[float, float, float]
 UP = (0.0, 0.0, 1.0)
 LIMIT = 1e-4
-FEW = 1e-5  # m: what a cosine of the 24 to 96 points of a circle leaves out
+FEW = 1e-5  # m: cosine error of the 24 to 96 points of a circle
 
 
 def cell_of(folder: Path, part: tuple[CollisionShape, ...], corner: float = 0.0) -> Cell:
@@ -67,12 +67,13 @@ def test_flat_cutter_on_a_flat_face_does_not_gouge_and_a_tilted_one_does(tmp_pat
     np.testing.assert_allclose(found.place[at, 1:], [0.006 * np.cos(np.radians(3.0)), -found.depth[at]], atol=FEW)
     assert "gouges the finished part by 0.314 mm" in found.sentences()[int(at)]
     ball = cell_of(tmp_path, (plate(),), corner=0.006)
-    # a ball's centre lies 6 mm up the axis, so its lowest point is only 8 µm below the tip's plane
+    # the centre of a ball is 6 mm up the axis, so its lowest point is only 8 µm below the plane of the tip
     assert find_gouges(tilt, ball, 1e-6).depth.max() < 1e-5
 
 
 def test_depth_within_the_tolerance_is_no_gouge(tmp_path: Path) -> None:
-    """Half a micrometre is told as the same number, so it is no gouge; a whole one is, and is told as another."""
+    """An excess of 0.4 µm is printed as the same number, so it is no gouge;
+    1 µm is a gouge and is printed differently."""
     cell = cell_of(tmp_path, (plate(),))
     for beyond, deep in ((0.0, False), (4e-7, False), (1e-6, True)):
         z = -5e-4 - beyond
@@ -82,7 +83,7 @@ def test_depth_within_the_tolerance_is_no_gouge(tmp_path: Path) -> None:
 
 
 def test_gouge_between_two_points_is_located(tmp_path: Path) -> None:
-    """A rib between two points that lie clear of it, and a corner the tool leans into on the way."""
+    """A rib between two points that are clear of it, and a corner into which the tool tilts during the move."""
     rib = CollisionShape(
         name="rib", kind="box", size=(0.002, 0.1, 0.004), mesh=None, T_parent_shape=pose(0.0473, 0.0, 0.002)
     )
@@ -93,12 +94,12 @@ def test_gouge_between_two_points_is_located(tmp_path: Path) -> None:
     assert found.depth[ends[1]] == 0.0
     deep = np.flatnonzero(found.deep)
     assert len(deep)
-    assert (np.abs(found.tip[deep, 0] - 0.0473) <= 0.007 + 1e-3).all()  # radius and half the rib, a step
-    assert found.depth.max() == pytest.approx(0.001, abs=1e-4)  # half its thickness: no place of it is deeper
+    assert (np.abs(found.tip[deep, 0] - 0.0473) <= 0.007 + 1e-3).all()  # cutter radius and half of the rib, plus a step
+    assert found.depth.max() == pytest.approx(0.001, abs=1e-4)  # half its thickness: no point is deeper
 
 
 def test_wall_is_gouged_equally_from_every_side(tmp_path: Path) -> None:
-    """Also where it lies between two points of each ring, as walls along y did with 26 points: told 0.18 mm of 0.25."""
+    """Includes walls between two points of each ring; with 26 points, walls along y gave 0.18 mm instead of 0.25."""
     for radius in (0.004, 0.01, 0.025):
         cell = cell_of(tmp_path, ())
         cell = replace(cell, tool=replace(cell.tool, cutter=CutterGeometry(2.0 * radius, 0.05, 0.0)))
@@ -116,7 +117,7 @@ def test_wall_is_gouged_equally_from_every_side(tmp_path: Path) -> None:
 def test_whole_cutter_length_is_checked_and_rapid_moves_are_not(tmp_path: Path) -> None:
     wall = CollisionShape(
         name="wall", kind="box", size=(0.2, 0.02, 0.1), mesh=None, T_parent_shape=pose(0.05, 0.016 + 1e-6, 0.05)
-    )  # the side just touches
+    )  # the side just touches the cutter
     cell = cell_of(tmp_path, (plate(), wall))
     lean = build_tilted_axis(2.0)
 
@@ -125,7 +126,8 @@ def test_whole_cutter_length_is_checked_and_rapid_moves_are_not(tmp_path: Path) 
 
     assert not find_gouges(along(UP, "cut"), cell, LIMIT).deep.any()
     found = find_gouges(along(lean, "cut"), cell, LIMIT)
-    assert found.depth.max() == pytest.approx(0.05 * np.sin(np.radians(2.0)), abs=1e-4)  # its upper end, in the wall
+    # its upper end, inside the wall
+    assert found.depth.max() == pytest.approx(0.05 * np.sin(np.radians(2.0)), abs=1e-4)
     assert found.place[found.depth.argmax(), 2] > 0.04
     rapid = find_gouges(along(lean, "rapid"), cell, LIMIT)
     assert rapid.deep[1]
@@ -142,7 +144,8 @@ def test_unsuitable_part_is_refused(tmp_path: Path) -> None:
 
 
 def test_plan_omits_gouging_points_and_reports_them(tmp_path: Path) -> None:
-    """Of two cuts at one height the second leans over: its points are lost to every posture, the first's are not."""
+    """Of two cuts at one height the second is tilted:
+    its points are excluded for every configuration, the first's are not."""
     cell = replace(cell_of(tmp_path, (plate(),)), stiffness=ArmStiffness(joints=np.full(6, 1e6)))
     lean = build_tilted_axis(4.0)
     rows = []
@@ -160,7 +163,8 @@ def test_plan_omits_gouging_points_and_reports_them(tmp_path: Path) -> None:
 
 
 def test_planner_finds_the_thin_lips_that_the_verifier_finds(tmp_path: Path) -> None:
-    """Plates of 0.25 to 0.8 mm anywhere at the cutter: one in thirteen was missed, now one in some hundreds is."""
+    """Plates of 0.25 to 0.8 mm anywhere at the cutter: earlier one in thirteen was missed,
+    now one in several hundred."""
     rng = np.random.default_rng(0)
     x = np.arange(0.0, 0.02 + 1e-9, 5e-4)
     observed, missed = 0, 0

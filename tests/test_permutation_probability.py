@@ -1,4 +1,4 @@
-"""Permutation probability: equal sums count as equal whatever the order of their terms."""
+"""Permutation probability: equal sums count as equal for any order of their terms."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from machopt.measurement.diagnosis.statistics.permutation_probability import com
 
 
 def test_few_groups_have_no_smaller_probability_than_their_number_of_sign_patterns() -> None:
-    """Four groups have 16 patterns; one of them is the observed one, in every order of addition."""
+    """Four groups have 16 patterns; one of them is the observed one, for every order of addition."""
     rng = np.random.default_rng(1)
     for _ in range(200):
         terms = rng.uniform(0.1, 1.0, 4)

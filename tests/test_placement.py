@@ -1,4 +1,4 @@
-"""Placement: sampled places, moved bodies, supports, and the best place of all."""
+"""Placement: sampled positions, moved bodies, supports, and the best position of all."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_first_place_is_that_of_the_cell_and_the_others_an_even_grid() -> None:
     assert len({s.x for s in found}) == 5
     assert len({s.y for s in found}) == 3
     assert compute_grid_steps(search).x == pytest.approx(0.1)
-    assert len(set(found)) == len(found)  # the cell's own is not there twice
+    assert len(set(found)) == len(found)  # the original position is not included twice
 
 
 @given(
@@ -122,7 +122,7 @@ def test_rotation_preserves_the_centre_and_moves_the_fixture(tmp_path: Path) -> 
     np.testing.assert_allclose(at.workpiece.T_link_workpiece[:3, 0], [0, 1, 0], atol=1e-12)
     relative = [np.linalg.inv(c.workpiece.T_link_workpiece) @ c.obstacles[0].T_parent_shape for c in (cell, at)]
     np.testing.assert_allclose(*relative, atol=1e-12)
-    assert at.obstacles[1] is cell.obstacles[1]  # the post stays
+    assert at.obstacles[1] is cell.obstacles[1]  # the post does not move
 
 
 def test_moving_the_robot_equals_moving_everything_else_inversely(tmp_path: Path) -> None:
@@ -143,8 +143,8 @@ def test_fixture_moves_with_the_part_and_the_floor_does_not(tmp_path: Path) -> N
     leg = CollisionShape(name="leg", kind="box", size=(0.2, 0.2, 0.39), mesh=None, T_parent_shape=pose(1.5, 0, 0.195))
     cell = small_cell(tmp_path)
     standing = SupportModel.build(replace(cell, obstacles=(*cell.obstacles, leg, floor)))
-    assert standing.find_moved_obstacles(base=False) == {"table", "leg"}  # the post hangs in the air beside it
-    assert standing.find_moved_obstacles(base=True) == set()  # robot and leg stand on the floor
+    assert standing.find_moved_obstacles(base=False) == {"table", "leg"}  # the post next to it does not touch the table
+    assert standing.find_moved_obstacles(base=True) == set()  # robot and leg are on the floor
 
 
 def test_common_table_of_robot_and_part_is_fixed(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_no_body_is_moved_into_another(tmp_path: Path) -> None:
     cell = small_cell(tmp_path)
     standing = SupportModel.build(cell)
     centre = np.array([1.5, 0, 0.6])
-    refusal = standing.build_shift_check(frozenset(), base=False)  # the block alone, on a table that stays
+    refusal = standing.build_shift_check(frozenset(), base=False)  # the block alone; the table does not move
 
     def why(shift: PlacementShift) -> str:
         return refusal.find_refusal_reason(shift, shift.build_matrix(centre))
@@ -181,7 +181,7 @@ def test_no_body_is_moved_into_another(tmp_path: Path) -> None:
     assert why(NO_SHIFT) == ""
     assert why(PlacementShift(x=0.1)) == ""
     assert "table" in why(PlacementShift(z=-0.05))
-    assert why(PlacementShift(z=-0.005)) == ""  # there is a gap of 10 mm
+    assert why(PlacementShift(z=-0.005)) == ""  # the gap is 10 mm
     assert "post" in why(PlacementShift(x=-0.2, y=0.5))
     inside_it = SupportModel.build(
         replace(
@@ -244,7 +244,8 @@ def test_journal_matches_its_request_and_survives_truncation(tmp_path: Path) -> 
     assert found is not None
     assert found.worst == done.worst
     assert found.shares == done.shares
-    assert SearchJournal(file, "b").find_candidate(3, PlacementShift(0.1)) is None  # another question begins afresh
+    # another search starts from the beginning
+    assert SearchJournal(file, "b").find_candidate(3, PlacementShift(0.1)) is None
     assert SearchJournal(file, "a").find_candidate(3, PlacementShift(0.1)) is None
     SearchJournal(file, "a").remove()
     assert not file.exists()
@@ -277,7 +278,7 @@ def _site(folder: Path, search: PlacementOptions) -> PlacementSite:
 
 @dataclass(frozen=True, eq=False)
 class _Eager:
-    """Asks ahead, as several processes do, and answers from a copy of the site."""
+    """Requests results in advance, as several processes do, and computes them on a copy of the site."""
 
     site: PlacementSite
     worker_count: int = 3
@@ -289,7 +290,7 @@ class _Eager:
 
 @pytest.mark.slow
 def test_best_place_is_the_best_of_all_and_early_stopping_changes_nothing(tmp_path: Path) -> None:
-    """Against every place planned wholly, which is what the bound saves."""
+    """Compared with a complete plan of every position, which the bound avoids."""
     search = PlacementOptions(x=(-0.3, 0.5), y=(-0.2, 0.2), places=12, best=1)
     site = _site(tmp_path, search)
     file = tmp_path / "journal.jsonl"
@@ -298,7 +299,7 @@ def test_best_place_is_the_best_of_all_and_early_stopping_changes_nothing(tmp_pa
     assert len(every) > 6
     done = {p.place.number: p for p in every if not p.refused}
     for p in done.values():
-        assert p.worst >= p.place.bound * (1 - 2e-3)  # the bound holds, but for what lies between grid rotations
+        assert p.worst >= p.place.bound * (1 - 2e-3)  # the bound is valid except between grid rotations
     best = min(p.worst for p in done.values())
     assert found.is_optimal
     assert found.best[0].worst <= best * (1 + 2e-3)
@@ -322,7 +323,7 @@ WIDE_HOLES = HOLES.replace("20,0,0,1", "60,0,0,1")
 
 @dataclass(frozen=True)
 class PlacedJob:
-    """What ``machopt place --json`` wrote and printed for WIDE_HOLES at four places along x."""
+    """The files and output of ``machopt place --json`` for WIDE_HOLES at four positions along x."""
 
     holes: Path
     out: Path
@@ -331,7 +332,7 @@ class PlacedJob:
 
 @pytest.fixture(scope="module")
 def placed(tmp_path_factory: pytest.TempPathFactory) -> PlacedJob:
-    """Searched once for all that compare with it."""
+    """One search for all tests that compare with it."""
     folder, printed = tmp_path_factory.mktemp("placed"), io.StringIO()
     (folder / "holes.csv").write_text(WIDE_HOLES)
     arguments = ["place", str(CELLS / "kr240_drilling"), str(folder / "holes.csv"), "-o", str(folder / "out")]
@@ -412,7 +413,7 @@ def test_incomparable_request_is_refused(
 
 @pytest.mark.slow
 def test_unreachable_part_may_be_moved_into_reach(tmp_path: Path) -> None:
-    """By a shift; where none does, the unit is asked about, and nothing is written."""
+    """A shift brings the part into reach; if none does, the message asks about the unit, and nothing is written."""
     holes = HOLES.replace("\n-80,", "\n4920,").replace("\n80,", "\n5080,").replace(",20,0,0,1", ",60,0,0,1")
     (tmp_path / "holes.csv").write_text(holes)
     cell, requested = CELLS / "kr240_drilling", {"y_mm": (0, 0), "places": 2, "rotation_step_deg": 15.0}
@@ -428,7 +429,7 @@ def test_unreachable_part_may_be_moved_into_reach(tmp_path: Path) -> None:
 def test_cluster_workers_find_what_processes_find(
     tmp_path: Path, scheduler: str, placed: PlacedJob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Relative paths too: the workers stand elsewhere."""
+    """Includes relative paths: the working directory of the workers is another one."""
     (tmp_path / "holes.csv").write_text(WIDE_HOLES)
     monkeypatch.chdir(tmp_path)
     arguments = ["place", str(CELLS / "kr240_drilling"), "holes.csv", "-o", "out", "--places", "4", "--best", "1"]
@@ -470,7 +471,7 @@ def test_invalid_request_is_refused_and_leaves_nothing(
 
 @pytest.mark.slow
 def test_worker_processes_end_with_their_parent(tmp_path: Path) -> None:
-    """Killed, so that nothing can be tidied up: its output stays open as long as a process of it lives."""
+    """The parent is killed, so no cleanup is possible: its output stays open while one of its processes is alive."""
     script = tmp_path / "asks.py"
     script.write_text(
         "import os, time\nfrom machopt.batch.placement_workers import _open_process_pool\nif __name__ == '__main__':\n"
@@ -540,7 +541,7 @@ def test_stopped_search_names_no_uncompared_best(numbers: list[int], open_bound:
 @pytest.mark.parametrize("x", [-1.2, -0.8, -0.57, -0.4, -0.1, 0.0, 0.2, 0.5, 0.58, 0.7, 1.5])
 @pytest.mark.parametrize("z", [0.0, 0.005, 0.02])
 def test_part_that_leaves_its_table_is_named(tmp_path: Path, x: float, z: float) -> None:
-    """A plate of 100 mm on a table of 1 m: it leaves it where no part of it is within 10 mm of the table."""
+    """A plate of 100 mm on a table of 1 m: it leaves the table when no part of it is within 10 mm of the table."""
     table = CollisionShape(
         name="table", kind="box", size=(1.0, 1.0, 0.1), mesh=None, T_parent_shape=pose(1.5, 0.0, -0.05)
     )

@@ -110,10 +110,10 @@ def test_obstacle_of_another_link_is_not_moved(tmp_path: Path) -> None:
 
 
 def test_bound_equals_that_of_the_best_value_and_moving_has_the_minimum(tmp_path: Path) -> None:
-    """Against every value of the grid, each as if the rail were locked there."""
+    """Compared with every value of the grid, with the rail locked at that value."""
     cell = replace(external_cell(tmp_path, rail=True), stiffness=SPRINGS)
     path = read_toolpath(_holes(tmp_path, [(0.0, -800.0), (0.0, 300.0)]))
-    path = replace(path, operation=np.zeros_like(path.operation))  # one operation, one value
+    path = replace(path, operation=np.zeros_like(path.operation))  # a single operation, so one value
     options = PlanOptions(rotation_step=np.radians(30.0))
 
     def bound(**axis: object) -> float:
@@ -153,7 +153,7 @@ def test_place_of_a_job_with_tool_changes_is_planned_as_the_job(tmp_path: Path) 
     found = site.plan_candidate(PlacementCandidate(number=0, shift=NO_SHIFT))
     job = plan_job(segments, path, options, StageTimings())
     own = job.plan.chosen.objective.worst * job.plan.scores.scale
-    assert found.worst == pytest.approx(own, rel=2e-3)  # the job's is of the motion as driven
+    assert found.worst == pytest.approx(own, rel=2e-3)  # the value of the job is that of the executed motion
     assert place.bound <= found.worst * (1 + 2e-3)
     assert job.timeline is not None
     assert job.timeline.trajectory is not None

@@ -1,4 +1,4 @@
-"""``machopt place`` with a process: places are compared by holes and points in tolerance first."""
+"""``machopt place`` with a process: positions are compared first by the number of holes and points within tolerance."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ HOLES = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A cell without process, and a process.yaml outside it."""
+    """Return a cell without process, and a process.yaml outside it."""
     folder = tmp_path_factory.mktemp("job")
     shutil.copytree(CELL, folder / "cell")
     (folder / "other").mkdir()
@@ -76,7 +76,8 @@ def get_estimator(site: PlacementSite) -> ToleranceEstimator:
 
 @pytest.mark.slow
 def test_bound_counts_what_passes_in_no_configuration(job: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Against all configurations, one after the other; the grid's best sequence has no more in tolerance."""
+    """Compared with all configurations one by one;
+    the best sequence of the grid has no more points within tolerance."""
     grids = []
     enumerate_candidates = placement_estimate.enumerate_candidates
 
@@ -134,7 +135,7 @@ def test_unknown_never_counts_as_in_tolerance(job: Path) -> None:
 
 
 def test_hole_outside_the_stiffness_grid_is_unknown_as_in_the_plan(job: Path, tmp_path: Path) -> None:
-    """The grid covers the holes of one side; its springs have a stated spread, the constant ones have none."""
+    """The grid contains the holes of one side; its springs have a stated spread, the constant ones have none."""
     cell = tmp_path / "cell"
     shutil.copytree(CELL, cell)
     springs = "[1.41e6, 4.01e5, 9.35e5, 3.60e5, 3.70e5, 3.80e5]"
@@ -156,7 +157,7 @@ def test_hole_outside_the_stiffness_grid_is_unknown_as_in_the_plan(job: Path, tm
     assert outcomes.count("unknown") == 2
     assert found.outcomes[OUTCOMES.index("unknown")] == 2
     assert found.missed >= 2
-    (away,) = site.estimate_jobs(PlacementShift(y=1.0))  # all holes leave the grid
+    (away,) = site.estimate_jobs(PlacementShift(y=1.0))  # all holes are outside the grid
     assert away.outcomes[OUTCOMES.index("unknown")] == 4
     assert away.missed == 4
 
@@ -240,7 +241,8 @@ def test_journal_stores_outcomes(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_best_places_have_the_values_of_their_plans(job: Path) -> None:
-    """place.json and places.csv against result.json of the written plan, whose cell holds the process.yaml."""
+    """place.json and places.csv are compared with result.json of the written plan,
+    whose cell contains the process.yaml."""
     out = job / "out"
     arguments = ["place", str(job / "cell"), str(job / "holes.csv"), "-o", str(out), "--places", "4", "--best", "2"]
     options = ["--process", str(job / "other" / "mine.yaml"), "--x-mm", "-200", "0", "--y-mm", "0", "0"]

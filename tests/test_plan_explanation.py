@@ -1,4 +1,4 @@
-"""Explanations of a plan, text by text, on one small plan with changed results."""
+"""Explanations of a plan: each text is checked on one small plan with changed results."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ for y in (-0.1, 0.1):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
-    """Two passes over the block, a rapid move between them, in reach and free."""
+    """Two passes over the block with a rapid move between them; reachable and free of collisions."""
     p = small_job(tmp_path_factory.mktemp("explained"), ROWS, PlanOptions(rotation_step=np.radians(30.0)))
     assert len(p.missing) == 0
     return p
 
 
 def replace_answer(plan: Plan, **changes: np.ndarray) -> Plan:
-    """The plan with another answer."""
+    """Return the plan with another assignment."""
     assignment = replace(plan.chosen.assignment, **changes)
     return replace(plan, chosen=replace(plan.chosen, assignment=assignment))
 
@@ -83,7 +83,7 @@ def test_advice_follows_the_reason(made: Plan) -> None:
 
 
 def test_near_point_is_not_advised_to_move_by_zero(made: Plan) -> None:
-    """As an arm without a wrist centre has it: no posture, and no length that lacks."""
+    """An arm without a wrist centre has no nearest posture and no shortfall in length."""
     row = int(made.path.stations[0])
     c = made.candidates
     reason, shortfall = c.reason.copy(), c.shortfall.copy()
@@ -103,7 +103,7 @@ def test_near_point_is_not_advised_to_move_by_zero(made: Plan) -> None:
 
 
 def _set_shortfall(plan: Plan, shortfall: np.ndarray, by: float) -> Plan:
-    """The plan with its first station out of reach by so many m."""
+    """Return the plan with its first station out of reach by the given distance in m."""
     lacks = shortfall.copy()
     lacks[0] = by
     return replace(plan, candidates=replace(plan.candidates, shortfall=lacks))
@@ -128,7 +128,7 @@ def test_bodies_in_contact_at_a_point_are_named(made: Plan) -> None:
     assert own.kinds == ("link", "link")
     output = explain_points(touching)[row]
     assert output.startswith(f"{own.name} touch or come nearer than the clearance")
-    assert f"ignore_pairs: [[{own.a}, {own.b}]]" in output  # what the robot itself is built of may be so
+    assert f"ignore_pairs: [[{own.a}, {own.b}]]" in output  # bodies of the robot itself may be adjacent
 
 
 def test_place_between_two_points_is_a_separate_break(made: Plan) -> None:
@@ -141,7 +141,7 @@ def test_place_between_two_points_is_a_separate_break(made: Plan) -> None:
     assert one.text.startswith(f"at {made.path.index[row]:.2f} between them: ")
     point = int(np.searchsorted(made.path.index, one.after))
     both = lose_row(lose_row(made, row, InfeasibilityReason.LIMIT), point, InfeasibilityReason.LIMIT)
-    assert list_breaks(both) == ()  # the point itself tells
+    assert list_breaks(both) == ()  # the point itself has the explanation
 
 
 def test_stiffness_misfit_is_reported_with_its_use(made: Plan) -> None:
@@ -201,7 +201,8 @@ def test_single_rotation_method_reports_other_feasible_rotations(made: Plan) -> 
 
 
 def test_finer_step_is_advised_only_where_it_could_help(made: Plan) -> None:
-    """Not where the nearest configuration misses a joint's limit by more than rotations a step apart can differ."""
+    """The advice is not given if the nearest configuration exceeds a joint limit
+    by more than one rotation step can change."""
     row = made.path.runs[0][1]
     stopped = lose_row(made, row, InfeasibilityReason.LIMIT)
     s = int(np.searchsorted(made.path.stations, row))
@@ -235,7 +236,7 @@ def test_point_without_a_path_has_the_reason_of_the_furthest_attempt(made: Plan)
     row = made.path.runs[0][1]
     s = min(int(np.searchsorted(made.path.stations, row)), len(made.path.stations) - 1)
     no_path, reason = lose_row(made, row, InfeasibilityReason.NO_PATH), made.candidates.reason.copy()
-    assert find_reason(no_path, row) is InfeasibilityReason.NO_PATH  # some rotation works
+    assert find_reason(no_path, row) is InfeasibilityReason.NO_PATH  # some rotation is feasible
     assert find_reason(lose_row(made, row, InfeasibilityReason.LIMIT), row) is InfeasibilityReason.LIMIT
     feasible = made.candidates.feasible.copy()
     feasible[s] = False
@@ -250,7 +251,7 @@ def test_point_without_a_path_has_the_reason_of_the_furthest_attempt(made: Plan)
 
 
 def test_residual_pose_error_is_reported_and_moves_nothing(made: Plan) -> None:
-    """Where the plan's joints are covered, with and without the corrections, and where one is not."""
+    """The joint range of the plan is covered, with and without the corrections, or one joint is outside."""
     q = made.chosen.assignment.q[made.path.counted]
     whole = np.stack([q.min(axis=0), q.max(axis=0)], axis=1)
     elasticity = made.setup.elasticity
@@ -283,7 +284,8 @@ def test_residual_pose_error_is_reported_and_moves_nothing(made: Plan) -> None:
 
 
 def test_worst_point_is_a_driven_point(made: Plan) -> None:
-    """One that is ruled out by a contact has an index as well; it was told without a rotation: an internal error."""
+    """A point excluded by a contact also has an index;
+    it was reported as the worst point without rotation, an internal error."""
     path = toolpath(ROWS)
     worst = build_worst_point_entry(made, build_point_table(made, path))
     assert worst is not None
@@ -294,7 +296,7 @@ def test_worst_point_is_a_driven_point(made: Plan) -> None:
 
 
 def test_rotations_unchecked_for_contacts_are_not_promised(made: Plan) -> None:
-    """jiao2022 said that 72 of 72 rotations work at a point where global found that all of them collide."""
+    """jiao2022 reported that 72 of 72 rotations work at a point where ``global`` found that all of them collide."""
     assert made.setup.collision is not None
     row = made.path.runs[0][1]
     one = replace(lose_row(made, row, InfeasibilityReason.COLLIDING), options=replace(made.options, method="jiao2022"))

@@ -38,13 +38,13 @@ OPTIONS = PlanOptions(
     preferred_rotation=0.5,
     preferred_weight=0.3,
 )
-SAME = 1e-12  # of J: rounding of a few hundred sums
+SAME = 1e-12  # relative to J: rounding of some hundred sums
 
 
 def build_finished_objective(
     path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice
 ) -> PlanObjective:
-    """J of the grid's sequence as a finished plan, every planning point a station."""
+    """Return J of the grid's sequence as a finished plan; every planning point is a station."""
     assert len(path.stations) == len(path.index)
     plain = follow_grid_rotation(path, candidates, choice)
     cost = scores.cost[np.arange(len(path.index)), choice.rotation, choice.branch]
@@ -56,7 +56,7 @@ def build_finished_objective(
 def by_stretches(
     path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, choice: SequenceChoice
 ) -> float:
-    """J of the grid's sequence as the smoother counts it, run by run."""
+    """Return J of the grid's sequence as the smoothing computes it, run by run."""
     terms = ObjectiveTerms.at_stations(path, VELOCITY, OPTIONS)
     total, worst, before = 0.0, 0.0, None
     for first, last in path.runs:
@@ -70,7 +70,7 @@ def by_stretches(
 
 @pytest.mark.parametrize("rapid", [(0, 3), (0,), (0, 2, 4)])
 def test_search_smoothing_and_finished_plan_agree_on_random_sequences(rapid: tuple[int, ...]) -> None:
-    """Each with other costs, so that another sequence is the best."""
+    """Each example has other costs and therefore another best sequence."""
     found = 0
     for seed in range(40):
         path, candidates, scores = random_problem(seed, rapid)
@@ -98,11 +98,11 @@ def test_fixed_rotations_off_the_grid_rotate_exactly() -> None:
 
 
 def stretch(crowds: bool) -> tuple[PlanningPath, SmoothingStretch, StretchEnds]:
-    """A straight cut through a valley that turns to and fro, with rapid moves before and after."""
+    """Return a straight cut whose best rotation oscillates along the path, with rapid moves before and after."""
     rows: Rows = [((0, 0, 0), UP, MoveKind.RAPID)] + [
         ((x, 0, 0), UP, MoveKind.CUT) for x in np.linspace(0, 0.3, 61)[1:]
     ]
-    path = build_planning_path(toolpath(rows, feed=0.2))  # fast enough that turning costs time
+    path = build_planning_path(toolpath(rows, feed=0.2))  # fast enough for rotation to cost time
     target = 0.3 + 0.4 * np.sin(4 * path.s / path.s[-1])
     candidates, scores = valley(path, target)
     away = np.abs(np.asarray(wrap_angle(candidates.phi_at() - target[path.stations][:, None]))) / np.pi
@@ -122,7 +122,10 @@ def programme_of(part: SmoothingStretch, knots: np.ndarray, ends: StretchEnds, b
 
 @pytest.mark.parametrize("crowds", [False, True])
 def test_smoothing_cost_equals_the_objective_along_a_curve(crowds: bool) -> None:
-    """Where joints are linear in phi, merit and J are one number, and the rounded J is as wide as it is rounded."""
+    """Where joints are linear in phi, merit and J are equal.
+
+    The rounded J differs from J by less than a multiple of the rounding width.
+    """
     path, part, ends = stretch(crowds)
     answers, merit = build_spline_solutions(path, part, 0.0, ends)
     table, basis = CostInterpolation(part.band.cost, part.band.step), SplineBasis(answers[0].knots, part.x)
@@ -143,7 +146,7 @@ def test_smoothing_cost_equals_the_objective_along_a_curve(crowds: bool) -> None
         flown = part.price_of_flights(q[0], q[-1], ends)
         assert merit(answer, ends, 0.0) == pytest.approx(whole.total + flown, rel=SAME)
         exact = whole.total + flown
-        if crowds and nlp.crowded is not None:  # the programme has a cubic where J has a line
+        if crowds and nlp.crowded is not None:  # the nonlinear programme has a cubic where J is piecewise linear
             near = nlp.crowded.at(phi - part.band.phi)[0]
             exact += OPTIONS.weights.clearance * float(part.terms.share @ (near - crowded))
         for width in (1e-9, 1e-6, 1e-3):
@@ -174,7 +177,7 @@ def test_gradient_and_hessian_agree_with_finite_differences(width: float) -> Non
 
 
 def test_no_perturbation_of_the_smoothed_curve_is_better() -> None:
-    """In the exact J with the price of bending, for random changes of one coefficient, of neighbours and of all."""
+    """In the exact J plus the bending cost, for random changes of one coefficient, of adjacent ones and of all."""
     path, part, ends = stretch(crowds=False)
     answers, merit = build_spline_solutions(path, part, 0.0, ends)
     knots, rng = answers[0].knots, np.random.default_rng(3)
@@ -195,7 +198,7 @@ def test_no_perturbation_of_the_smoothed_curve_is_better() -> None:
 
 
 def test_short_rapid_moves_cost_more_travel() -> None:
-    """a·b/π per rad, b = 1 + NEAR/(d + NEAR/10): by hand for one short and one long move."""
+    """The cost per rad is a·b/π with b = 1 + NEAR/(d + NEAR/10): by hand for one short and one long move."""
     rows: Rows = [
         ((0, 0, 0), UP, MoveKind.RAPID),
         ((0.01, 0, 0), UP, MoveKind.CUT),

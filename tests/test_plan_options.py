@@ -32,7 +32,7 @@ def test_no_layer_gives_the_default_options() -> None:
 
 
 def flatten_options(options: PlanOptions) -> dict[str, object]:
-    """``force.travel: 10`` for every number and word, nested ones included."""
+    """Return every number and word by its dotted key (``force.travel: 10``), including nested ones."""
     out: dict[str, object] = {}
 
     def walk(name: str, value: object) -> None:
@@ -49,7 +49,7 @@ def flatten_options(options: PlanOptions) -> dict[str, object]:
 
 
 def test_every_option_converts_to_user_form_and_back() -> None:
-    """Each field, moved off its default, survives PlanOptions → user → PlanOptions."""
+    """Each field with a non-default value survives PlanOptions → user → PlanOptions."""
     other = PlanOptions(
         objective="tolerance",
         method="jiao2022",
@@ -117,7 +117,7 @@ def test_every_option_converts_to_user_form_and_back() -> None:
         ),
     )
     same = [f.name for f in fields(other) if getattr(other, f.name) == getattr(PlanOptions(), f.name)]
-    assert same == []  # an option added later must be added above, too
+    assert same == []  # a new option must also be added above
     user = format_user_options(other)
     assert set(user) == set(OptionKeys.model_fields) - {"machopt_plan"}
     back = load_options(user)

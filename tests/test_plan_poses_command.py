@@ -54,12 +54,13 @@ def test_folder_agrees_with_the_contract(done: PlanPosesResult) -> None:
     ]
     result = json.loads((folder / "plan.json").read_text())
     assert result["machopt_poses"] == 1
-    json.dumps(done.result.to_json_types())  # plain numbers, for --json
+    json.dumps(done.result.to_json_types())  # plain numbers, as --json requires
     assert result["poses"] == 6
     assert result["readings"] == 6 * 2 * 2
     names = [u["name"] for u in result["unknowns"]]
     assert names[:6] == [f"joint {j}" for j in range(1, 7)]
-    assert result["not_told_apart"] == [["joint 4", "link_compliance link:4 1/GJ"]]  # the forearm's torsion is joint 4
+    # the torsion of the forearm acts like joint 4
+    assert result["not_told_apart"] == [["joint 4", "link_compliance link:4 1/GJ"]]
     assert {h["name"] for h in result["heuristics"]} == {"random", "zhang2025", "dumas2011", "jiao2022"}
     assert all(h["readings_for_the_same"] > 2 for h in result["heuristics"])
     assert any("be separated" in w for w in result["warnings"])
@@ -74,17 +75,17 @@ def test_table_is_a_drivable_and_measurable_plan(done: PlanPosesResult) -> None:
     assert not collision.check_configurations(table.q, cut).any
     np.testing.assert_allclose(
         table.clearance, collision.find_nearest_pair(table.q, cut).distance, atol=1e-6
-    )  # µm printed
+    )  # tolerance: µm printed
     assert (table.clearance >= 0.02).all()
     T = robot.compute_fk(table.q, cell.tool.T_flange_tcp)
-    np.testing.assert_allclose(table.position, T[:, :3, 3], atol=1e-7)  # 0.1 µm printed
+    np.testing.assert_allclose(table.position, T[:, :3, 3], atol=1e-7)  # tolerance: 0.1 µm printed
     lever = table.load_point - table.position
     np.testing.assert_allclose(table.wrench[:, 3:], np.cross(lever, table.wrench[:, :3]), atol=2e-3)  # N·m, as printed
     assert cell.stiffness is not None
     J = robot.compute_fk_jacobian(table.q, cell.tool.T_flange_tcp)[1]
     twist = np.einsum("nci,ni->nc", J, np.einsum("nci,nc->ni", J, table.wrench) / cell.stiffness.joints)
     np.testing.assert_allclose(table.displacement, twist, atol=2e-8)
-    assert table.pose[0] == 1  # numbered in the order of the first round
+    assert table.pose[0] == 1  # numbered in the order of the first cycle
     assert sorted(set(table.pose.tolist())) == list(range(1, 7))
     first = table.session == 1
     assert table.pose[first].tolist() == table.pose[~first].tolist()[::-1]
@@ -133,7 +134,7 @@ def test_page_states_the_main_results(done: PlanPosesResult) -> None:
         "poses.csv",
     ):
         assert words in page
-    languages = ("http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml")  # names, nothing is fetched
+    languages = ("http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml")  # namespace names; nothing is loaded
     assert "http" not in page.replace(languages[0], "").replace(languages[1], "")  # opens offline
     data = json.loads(page.split('type="application/json">')[1].split("</script>")[0])
     bars = next(c for c in data["xy"] if c["id"] == "p-bars")
@@ -177,7 +178,7 @@ def test_target_gives_the_smallest_number_of_poses(aimed: PlanPosesResult, tmp_p
         n: plan(tmp_path / str(n), poses=n, candidates=60).result.to_json_types()["design"]["worst"]
         for n in (needed - 1, needed)
     }
-    # the number is sought with quick designs, so the full search may do 5 % better
+    # the search for the number uses quick designs; the full search may be 5 % better
     assert at[needed] <= 0.15 < 1.05 * at[needed - 1]
 
 

@@ -1,4 +1,4 @@
-"""Candidate poses and loads on a shipped cell, and D-optimal readings against the published ways."""
+"""Candidate poses and loads on a shipped cell, and D-optimal readings compared with published methods."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from machopt.stiffness.terms import build_fitted_term
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 NOISE = ReadingNoise(
     displacement=12e-6, cycle=15e-6, pose=0.0, force=0.0075
-)  # no shared pose error: nothing for paired loads to cancel
+)  # no shared pose error, so paired loads have nothing to cancel
 
 
 class Bench:
-    """One arm with its candidates and loads."""
+    """One arm with its candidate poses and loads."""
 
     def __init__(self, name: str, candidates: int = 600, noise: ReadingNoise = NOISE) -> None:
         self.cell: Cell = load_cell(CELLS / name)
@@ -87,7 +87,7 @@ def test_every_pose_satisfies_every_criterion(bench: Bench) -> None:
     assert (compute_conditioning_index(J, bench.screen.length) >= c.kci).all()
     np.testing.assert_allclose(compute_conditioning_index(J, bench.screen.length), pool.kci)
     assert ((pool.q >= bench.limits[0] + c.limit_margin) & (pool.q <= bench.limits[1] - c.limit_margin)).all()
-    assert np.ptp(pool.q, axis=0).max() <= 2 * np.pi  # no needless turns of joints 4 and 6
+    assert np.ptp(pool.q, axis=0).max() <= 2 * np.pi  # no unnecessary whole turns of joints 4 and 6
     assert set(pool.rejected) == {"TCP too low", "TCP too high", "KCI too low"}
     assert sum(pool.rejected.values()) + len(pool) <= pool.drawn_count
 
@@ -122,7 +122,7 @@ def test_loads_pull_in_their_stated_direction() -> None:
     assert len(ways) == 5 * (1 + 4)
     for way in ways:
         w, point = compute_unit_wrench(way, T)
-        f = R.T @ w[:3]  # in world
+        f = R.T @ w[:3]  # in world axes
         assert np.linalg.norm(f) == pytest.approx(1.0)
         np.testing.assert_allclose(w[3:], np.cross(point - T[:3, 3], w[:3]), atol=1e-15)
         np.testing.assert_allclose(T[:3, :3].T @ (point - T[:3, 3]), way.arm, atol=1e-12)
@@ -156,7 +156,7 @@ def test_cases_respect_their_limits_and_predict_the_deflection(bench: Bench) -> 
     assert (cases.nu_p <= 0.05).all()
     weights = np.array([w.kind == "weight" for w in bench.ways])[cases.way]
     low = weights & (cases.magnitude < 99 * GRAVITY)
-    assert low.any()  # 100 kg bends some poses too far; there 50 kg hang
+    assert low.any()  # 100 kg deflects the arm too far in some poses; 50 kg are used there
     assert (2 * size[low] > 5e-3).all()
 
 
@@ -212,7 +212,7 @@ def test_published_designs_are_reproduced(bench: Bench) -> None:
     ],
 )
 def test_half_the_readings_reach_the_published_accuracy(name: str, loads: int, noise: ReadingNoise) -> None:
-    """Expected rms relative error of the stiffness over 40 draws of each way of choosing, same loads to choose from."""
+    """Expected rms relative error of the stiffness over 40 draws of each method; all choose from the same loads."""
     bench = Bench(name, noise=noise)
     rng = np.random.default_rng(0)
     n = 12
@@ -243,16 +243,16 @@ def test_half_the_readings_reach_the_published_accuracy(name: str, loads: int, n
 def compute_identification_errors(
     bench: Bench, arm: TrueArm, rows: np.ndarray, rng: np.random.Generator, repeats: int
 ) -> np.ndarray:
-    """Relative errors (repeats, 6) of the stiffness fitted to simulated readings, weighted least squares."""
+    """Return relative errors (repeats, 6) of the stiffness fitted to simulated readings by weighted least squares."""
     q, w = bench.pool.q[bench.cases.pose[rows]], bench.cases.wrench[rows]
-    true = arm.displacement(q, w)[:, :3]  # chain at rest under the load: nothing linear in it
+    true = arm.displacement(q, w)[:, :3]  # equilibrium of the chain under the load, without linearisation
     A = bench.cases.response[rows]
     V = bench.noise.covariance(true)
     white = np.linalg.inv(np.linalg.cholesky(V))
     X = (white @ A).reshape(-1, 6)
     errors = []
     for _ in range(repeats):
-        own = np.sqrt(V[:, 0, 0] - bench.noise.force**2 * true[:, 0] ** 2)  # the same for all three coordinates
+        own = np.sqrt(V[:, 0, 0] - bench.noise.force**2 * true[:, 0] ** 2)  # equal for all three coordinates
         share = 1.0 + bench.noise.force * rng.normal(size=(len(rows), 1))
         read = true * share + own[:, None] * rng.normal(size=true.shape)
         c = np.linalg.lstsq(X, (white @ read[..., None]).reshape(-1), rcond=None)[0]
@@ -261,7 +261,10 @@ def compute_identification_errors(
 
 
 def test_half_the_readings_identify_a_simulated_arm_equally_well(bench: Bench) -> None:
-    """The prior is wrong by up to 40 %; the arm is solved at rest under load, which the fit's equations are not."""
+    """The prior has errors of up to 40 %.
+
+    The arm is simulated at equilibrium under load, which the equations of the fit do not use.
+    """
     rng = np.random.default_rng(1)
     k = bench.prior.stiffness.joints * np.array([1.3, 0.8, 1.4, 0.7, 1.2, 0.9])
     arm = TrueArm(bench.robot, bench.T, 1.0 / k)
@@ -276,10 +279,11 @@ def test_half_the_readings_identify_a_simulated_arm_equally_well(bench: Bench) -
     rms_ours = np.sqrt(np.mean(found**2))
     rms_papers = np.median([np.sqrt(np.mean(e**2)) for e in papers])
     assert rms_ours < rms_papers
-    # what was promised comes out: 200 repeats give a sigma to 5 %; the deflections, and with them the share of the load
-    # in the noise, differ from the prior's by up to 40 %
+    # the errors agree with the predicted accuracy: standard error of a sigma from 200 repeats 5 %; the deflections, and
+    # with them the load-proportional part of the noise, differ from those of the prior by up to 40 %
     sigma = compute_expected_accuracy(compute_information_matrix(bench.problem, [(int(r),) for r in ours])).sigma
     promised = sigma * k / bench.prior.stiffness.joints
     np.testing.assert_allclose(np.std(found, axis=0), promised, rtol=0.3)
-    scatter = promised / np.sqrt(repeats)  # of the draws' mean
-    assert (np.abs(found.mean(axis=0)) < 0.008 + 4 * scatter).all()  # no bias beyond K_C's share of the deflection
+    scatter = promised / np.sqrt(repeats)  # of the mean of the draws
+    # no bias beyond the effect of K_C on the deflection
+    assert (np.abs(found.mean(axis=0)) < 0.008 + 4 * scatter).all()

@@ -1,4 +1,4 @@
-"""Load tests of arms on rails and beside positioners that are fixed meanwhile."""
+"""Load tests of arms on rails and next to positioners, whose axes are fixed during the test."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_plan_reports_the_rail_as_rigid(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_arm_on_a_rail_is_measured_like_a_fixed_one(tmp_path: Path) -> None:
-    """Places in world, weight and contacts are those of an arm that was built where the rail stands."""
+    """Positions in world, weight and contacts equal those of an arm mounted at the position of the rail."""
     railed = replace(set_external_axis_positions(external_cell(tmp_path, rail=True), ("rail=400",)), stiffness=K)
     machine = load_machine(railed, load_robot(railed))
     T = machine.compute_T_world_base(railed.external_home[None])[0]
@@ -87,6 +87,7 @@ def test_arm_on_a_rail_is_measured_like_a_fixed_one(tmp_path: Path) -> None:
     assert ours.plan is not None
     assert theirs.plan is not None
     np.testing.assert_array_equal(ours.plan.cases.pose, theirs.plan.cases.pose)
-    near = plan_next_measurement(FEW, railed, None, lambda _: None)  # bodies of rail, arm and part at that place
+    # bodies of rail, arm and part at that rail position
+    near = plan_next_measurement(FEW, railed, None, lambda _: None)
     assert near.collision is not None
     assert len(near.pool) > 0

@@ -41,7 +41,7 @@ NOISE = ReadingNoise(displacement=12e-6, cycle=15e-6, pose=30e-6, force=0.0075)
 
 
 class Bench:
-    """The shipped arm, pulled two ways."""
+    """The shipped arm, loaded in two directions."""
 
     def __init__(self) -> None:
         cell = load_cell(CELL)
@@ -84,7 +84,7 @@ def test_noncentrality_of_backlash_equals_its_refit_residual(bench: Bench) -> No
         play.append(J[:, :, j] * (TYPICAL_PLAY_RAD * step)[:, None])
     A, y = np.concatenate(springs).reshape(-1, 6), np.concatenate(play).reshape(-1)
     rest = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
-    # a torque near zero may count as on no side
+    # a torque near zero may count for neither side
     assert t.compute_backlash_noncentrality(rows.tolist())[j] == pytest.approx(
         float(rest @ rest) / NOISE.reading**2, rel=0.1
     )
@@ -96,8 +96,8 @@ def test_one_load_size_hides_backlash_that_two_show(bench: Bench) -> None:
         bench.turning((1.0, 1.0)).compute_backlash_noncentrality(rows),
         bench.turning((0.25, 1.0)).compute_backlash_noncentrality(rows),
     )
-    assert both[0] > 3.0 * twice[0]  # no weight rests on joint 1's play: every load goes through it alike
-    assert both[1] == pytest.approx(0.0, abs=1e-6)  # and joint 2's weight is turned round by none of these
+    assert both[0] > 3.0 * twice[0]  # joint 1 carries no weight: every load crosses its backlash in the same way
+    assert both[1] == pytest.approx(0.0, abs=1e-6)  # none of these loads reverses the torque of the weight at joint 2
 
 
 def test_loads_are_exchanged_until_backlash_is_observable(bench: Bench) -> None:
@@ -113,7 +113,7 @@ def test_loads_are_exchanged_until_backlash_is_observable(bench: Bench) -> None:
     assert [[int(bench.cases.pose[n]) for n in b] for b in found.blocks] == poses  # at the same poses
     assert all(len(set(b)) == len(b) for b in found.blocks)
     load = t.load[found.readings]
-    assert (load.min(axis=0) < 0.0).all()  # both ways round
+    assert (load.min(axis=0) < 0.0).all()  # both signs
     assert (load.max(axis=0) > 0.0).all()
 
 
@@ -131,7 +131,7 @@ def test_unobservable_effects_of_job_joints_are_reported(bench: Bench) -> None:
     job = ProcessLoads(force=(200.0, 1500.0), torque=torque)
     output = describe_joint_loads(job, compare_joint_loads(job, bench.design, hidden, (0.25, 1.0)), 1000.0)
     assert "1500 N is more than any load planned (1000 N)" in output[0]
-    assert "at joint 1, 3, 4 would not show" in output[1]  # the others keep one side in the job
+    assert "at joint 1, 3, 4 would not show" in output[1]  # the torques of the other joints keep their sign in the job
     assert "The job turns them round" in output[1]
     unknown = ProcessLoads(force=(200.0, 800.0))
     (one,) = describe_joint_loads(unknown, compare_joint_loads(unknown, bench.design, hidden, (0.25, 1.0)), 1000.0)
@@ -166,7 +166,7 @@ def test_both_sizes_count_as_readings_and_only_full_loads_are_compared(
     page = done.report.read_text()
     rows = list(csv.DictReader((tmp_path / "out" / "poses.csv").read_text().splitlines()))
     at_each = {sum(r["pose"] == str(pose) for r in rows) for pose in range(1, 7)}
-    assert at_each == {4 * sizes}  # two loads, twice
+    assert at_each == {4 * sizes}  # two loads, each repeated
     assert f"{4 * sizes} at each pose" in page
     needed = message["target"]["poses"]
     assert message["target"]["readings"] == needed * 4 * sizes
@@ -187,7 +187,7 @@ def test_toolpath_gives_the_torque_reversals_of_the_job(tmp_path: Path) -> None:
     quick = ("collision=false", "rotation_step_deg=30")
     plan_poses(tmp_path / "out", toolpath=ROOT / "toolpaths" / "panel_holes.csv", overrides=quick)
     message = json.loads((tmp_path / "out" / "plan.json").read_text())
-    assert message["job"]["force_N"] == pytest.approx([250.0, 250.0])  # of the cell's plan
+    assert message["job"]["force_N"] == pytest.approx([250.0, 250.0])  # from the plan of the cell
     joints = message["job"]["joints"]
     assert all(j["job_Nm"][0] < j["job_Nm"][1] for j in joints)
     assert all(j["turns_round"] is (j["job_Nm"][0] < 0.0 < j["job_Nm"][1]) for j in joints)

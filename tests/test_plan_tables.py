@@ -1,4 +1,4 @@
-"""Tables and output folders: round trip, no partial and no foreign files."""
+"""Tables and output folders: round trip; no partial output; foreign files are not overwritten."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_additional_columns_are_last_and_only_where_needed(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("prismatic", [(), (True, False, True)])
 def test_tables_agree_with_their_published_schema(tmp_path: Path, prismatic: tuple[bool, ...]) -> None:
-    """Every column that is written has its description, in that order, and every row fits the schema."""
+    """Every written column is described, in the same order, and every row matches the schema."""
     n, E = 4, len(prismatic)
     table = replace(
         points_table(n),
@@ -179,7 +179,8 @@ def test_tables_agree_with_their_published_schema(tmp_path: Path, prismatic: tup
 
 
 def test_third_differences_survive_the_rounding(tmp_path: Path) -> None:
-    """Jerk by third differences of the file agrees with the exact motion to far less than any jerk limit."""
+    """The jerk from third differences of the file agrees
+    with the exact motion far better than any jerk limit requires."""
     t = smooth_motion(500)
     write_trajectory_csv(tmp_path / "t.csv", t, ("a", "b"))
     back = read_trajectory_csv(tmp_path / "t.csv").trajectory

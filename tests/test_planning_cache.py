@@ -1,4 +1,4 @@
-"""Planning cache: results equal those of a new computation, and only valid ones are used."""
+"""Planning cache: results equal those of a new computation, and only valid entries are used."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_step_is_repeated_only_where_an_input_differs() -> None:
     x, model = np.arange(4.0), object()
     of(x, PlanOptions(), model)
     of(x, PlanOptions(), model)
-    assert len(made) == 2  # nobody keeps anything
+    assert len(made) == 2  # no cache is active
     store = StepCache()
     with use_step_cache(store):
         first = of(x, PlanOptions(), model)
@@ -43,12 +43,12 @@ def test_step_is_repeated_only_where_an_input_differs() -> None:
             first[0] = 1.0
         of(x, PlanOptions(seed=1), model)
         of(x.reshape(2, 2), PlanOptions(), model)
-        of(x, PlanOptions(), object())  # another: nothing says that it is like the first
+        of(x, PlanOptions(), object())  # another object: its equality is unknown
         assert (store.found, store.made) == ({"double": 1}, {"double": 4})
     for _ in range(3):
         with use_step_cache(store):
             of(x, PlanOptions(), model)
-    assert len(store.results) == 1  # what nobody asked for again is forgotten
+    assert len(store.results) == 1  # results that are not requested again are removed
     assert len(made) == 6
 
 
@@ -59,7 +59,10 @@ def build_drilled_path(path: Toolpath) -> Toolpath:
 @pytest.mark.slow
 @pytest.mark.parametrize("rail", [False, True])
 def test_plan_from_cached_results_equals_a_new_one(tmp_path: Path, *, rail: bool) -> None:
-    """A pin in one of six holes, or of four slots: with a rail, places of the other slots are not judged again."""
+    """Fix the rotation in one of six holes or one of four slots.
+
+    With a rail, the rail positions of the other slots are not evaluated again.
+    """
     path = (
         separate_operations(toolpath(slots(-0.3, -0.1, 0.1, 0.3), feed=0.05))
         if rail
@@ -72,7 +75,7 @@ def test_plan_from_cached_results_equals_a_new_one(tmp_path: Path, *, rail: bool
     with use_step_cache(store):
         free = find_best_plan(cell, path, options)
         build_timeline(free, path)
-    for again in (False, True):  # the second time everything is there: arrays that are read-only do as well
+    for again in (False, True):  # the second time, all results come from the cache as read-only arrays
         with use_step_cache(store):
             retained = find_best_plan(cell, path, pinned, before=free)
             driven = build_timeline(retained, path)

@@ -1,4 +1,4 @@
-"""Planning path: complete points, directions as in the contract, plunges."""
+"""Planning path: complete points, directions according to the contract, plunges."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def toolpath(rows: Rows, kind: str = "trajectory", reference: np.ndarray | None 
 
 
 def square(side: float = 0.1) -> Rows:
-    """A closed contour, entered by a plunge and left by a retract along the tool."""
+    """A closed contour, entered by a plunge and left by a retract along the tool axis."""
     corners = [(0, 0), (side, 0), (side, side), (0, side), (0, 0)]
     rows: Rows = [((0, 0, 0.05), UP, R), ((0, 0, 0.0), UP, C)]
     rows += [((x, y, 0.0), UP, C) for x, y in corners[1:]]
@@ -62,7 +62,7 @@ def swaying(n: int, seed: int) -> Toolpath:
 
 
 def length_weight(path: PlanningPath) -> np.ndarray:
-    """Cut segment by cut segment: half its length to either end, the whole to its end where the start is not cut to."""
+    """For each cut segment, add half its length to either end; the whole to its end if its start is not a cut point."""
     out = np.zeros(len(path.index))
     for i in range(1, len(out)):
         if path.move[i] == MoveKind.CUT:
@@ -90,7 +90,7 @@ def test_every_toolpath_point_is_present_once_in_order(n: int, seed: int) -> Non
     np.testing.assert_array_equal(path.move[path.is_point], tp.move)
     assert (np.diff(path.index) > 0).all()
     np.testing.assert_allclose(np.linalg.norm(path.axis, axis=1), 1, atol=1e-12)
-    # between points: on the straight line, in the plane of the two axes, no more than a planning step apart
+    # between points: on the straight line, in the plane of the two axes, at most one planning step apart
     for p in np.flatnonzero(~path.is_point):
         k, f = int(path.index[p]), path.index[p] % 1
         np.testing.assert_allclose(path.position[p], (1 - f) * tp.position[k] + f * tp.position[k + 1], atol=1e-12)
@@ -100,8 +100,8 @@ def test_every_toolpath_point_is_present_once_in_order(n: int, seed: int) -> Non
     gap = np.linalg.norm(np.diff(path.position, axis=0), axis=1)[same]
     turn = np.linalg.norm(np.diff(path.axis, axis=0), axis=1)[same]
     assert gap.max(initial=0) <= SEGMENT * (1 + 1e-9)
-    assert turn.max(initial=0) <= SEGMENT_AXIS * 1.01  # equal shares of the chord are not quite equal angles
-    # a run starts at the end of each rapid move and holds no other
+    assert turn.max(initial=0) <= SEGMENT_AXIS * 1.01  # equal parts of the chord are not exactly equal angles
+    # a run starts at the end of each rapid move and contains no further rapid move
     first = [a for a, _ in path.runs]
     rapid = np.flatnonzero(path.move == MoveKind.RAPID)
     assert set(rapid) | {0} == set(first)
@@ -132,15 +132,15 @@ def test_weights_equal_the_cut_length(stations: int, monkeypatch: pytest.MonkeyP
         assert path.weight.sum() == pytest.approx(1.0)
         assert (path.weight[~path.counted] == 0).all()
         assert path.station_weight.sum() == pytest.approx(1.0)
-        # a mean over the stations is the mean over all points of what lies on the line between the stations
+        # for values interpolated between stations, the mean over the stations equals the mean over all points
         values = np.random.default_rng(1).normal(size=len(path.stations))
         every = np.interp(np.arange(len(path.index)), path.stations, values)
         assert path.station_weight @ values == pytest.approx(path.weight @ every, abs=1e-12)
     path = build_planning_path(toolpath(rows))
     hole = path.run == path.run[at_point(path, 9)]
-    assert path.weight[hole].sum() == pytest.approx(0.03 / 0.53)  # a hole weighs as deep as it is cut
+    assert path.weight[hole].sum() == pytest.approx(0.03 / 0.53)  # a hole is weighted by its depth
     assert path.motion_share[hole] == pytest.approx(0.03 / 0.53)
-    # the same contour told by three points more has the same mean of anything linear along it
+    # the same contour with more points has the same mean of any quantity that is linear along it
     dense = build_planning_path(toolpath([r for r in rows if r[0][0] not in (0.001, 0.002)]))
     assert path.weight @ path.position[:, 0] == pytest.approx(dense.weight @ dense.position[:, 0], abs=1e-5)
     touches = build_planning_path(toolpath([((0, 0, 0), UP, C), ((1, 0, 0), UP, R), ((1, 0, 0), UP, C)]))
@@ -152,16 +152,17 @@ def test_corners_and_cut_ends_get_additional_points_on_request() -> None:
     plain, dense = build_planning_path(tp), build_planning_path(tp, corners=0.002)
     added = np.setdiff1d(dense.index, plain.index)
     around = np.array([-0.002, -0.001, 0.001, 0.002])
-    # of the closed square's cut: in from the plunge (a plunge is a cut here), three corners, and where the cut ends
+    # closed square: segment lengths before and after the plunge (a cut here), three corners and the end of the cut
     lengths = {1: (0.05, 0.1), 2: (0.1, 0.1), 3: (0.1, 0.1), 4: (0.1, 0.1), 5: (0.1, 0.05)}
     wanted = [k + d / (before if d < 0 else after) for k, (before, after) in lengths.items() for d in around]
     np.testing.assert_allclose(added, wanted, atol=1e-12)
-    gentle = [((0.02 * k, 0.0002 * k * k, 0), UP, C) for k in range(10)]  # 1.1° from piece to piece
+    gentle = [((0.02 * k, 0.0002 * k * k, 0), UP, C) for k in range(10)]  # 1.1° between segments
     assert len(build_planning_path(toolpath(gentle), corners=0.002).index) == len(
         build_planning_path(toolpath(gentle)).index
     )
     short = toolpath([((0, 0, 0), UP, R), ((0.001, 0, 0), UP, C), ((0.001, 0.001, 0), UP, C)])
-    assert len(build_planning_path(short, corners=0.001).index) == 5  # half-way; what would lie on a point is not added
+    # half-way points; an added point that coincides with a toolpath point is omitted
+    assert len(build_planning_path(short, corners=0.001).index) == 5
 
 
 def test_single_and_repeated_points_are_valid_paths() -> None:
@@ -185,10 +186,10 @@ def test_travel_is_outgoing_and_a_plunge_uses_that_of_its_cut() -> None:
         np.testing.assert_allclose(path.travel[at_point(path, k)], direction, atol=1e-12)
     assert path.plunge[at_point(path, 1)]
     assert path.plunge[at_point(path, 6)]
-    assert not path.plunge[at_point(path, 0)]  # a rapid move is no plunge
+    assert not path.plunge[at_point(path, 0)]  # a rapid move is not a plunge
     between = (path.index > 1) & (path.index <= 5)
     assert not path.plunge[between].any()
-    assert path.plunge[(path.index > 0) & (path.index <= 1)].all()  # all pieces of it
+    assert path.plunge[(path.index > 0) & (path.index <= 1)].all()  # all of its planning points
 
 
 def test_travel_is_normal_to_an_inclined_tool() -> None:
@@ -238,7 +239,7 @@ def test_phi_about_the_transported_reference_equals_gamma_about_the_natural_one(
 
 
 def test_constant_phi_does_not_rotate_the_tool_about_itself() -> None:
-    """Carried by minimal rotation: from one planning point to the next there is no rotation about the tool axis."""
+    """The reference is carried by minimal rotations: no rotation about the tool axis between planning points."""
     path = build_planning_path(swaying(30, 3))
     every = np.arange(len(path.index), dtype=np.int32)
     turned = compute_tcp_poses(path, every, np.zeros(len(every)))[:, :3, :3]
@@ -246,7 +247,7 @@ def test_constant_phi_does_not_rotate_the_tool_about_itself() -> None:
         for p in range(a, b):
             step = turned[p + 1] @ turned[p].T
             twist = np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]])
-            # a minimal rotation is about an axis normal to both tool axes
+            # the axis of a minimal rotation is normal to both tool axes
             assert abs(twist @ path.axis[p]) < 1e-9
             assert abs(twist @ path.axis[p + 1]) < 1e-9
 
@@ -254,7 +255,7 @@ def test_constant_phi_does_not_rotate_the_tool_about_itself() -> None:
 def test_closed_contour_turns_gamma_once_and_phi_not_at_all() -> None:
     path = build_planning_path(toolpath(square()))
     corner = [path.offset[at_point(path, k)] for k in (1, 2, 3, 4)]
-    # TCP z points down: a left turn of the path is a negative turn about it, so gamma grows against the fixed tool
+    # TCP z points down: a left turn of the path is a negative rotation about it, so gamma increases for a fixed tool
     np.testing.assert_allclose(np.abs(wrap_angle(np.diff(corner))), np.pi / 2, atol=1e-9)
     assert abs(np.sum(wrap_angle(np.diff(corner)))) == pytest.approx(1.5 * np.pi)
     np.testing.assert_allclose(path.reference, np.broadcast_to([1.0, 0, 0], path.reference.shape), atol=1e-12)
@@ -269,7 +270,7 @@ def test_reference_of_the_file_takes_precedence() -> None:
 
 
 def test_reference_along_the_tool_axis_falls_back_to_the_natural_one() -> None:
-    """It names no direction; the natural one holds there (a NaN would make every rotation unreachable)."""
+    """Such a reference has no direction; the natural one is used (a NaN would make every rotation unreachable)."""
     rows = square()
     own = np.tile([0.0, 1.0, 0.0], (len(rows), 1))
     own[2] = UP
@@ -296,7 +297,7 @@ def test_dense_paths_are_thinned_evenly_with_the_ends_of_every_run(monkeypatch: 
         assert b in stations
         inside = stations[(stations >= a) & (stations <= b)]
         assert np.diff(path.s[inside])[1:-1].max() < 2.5 * path.s[-1] / 60
-    fixed = build_planning_path(toolpath(rows), keep=(77, 333))  # where the user fixed the rotation
+    fixed = build_planning_path(toolpath(rows), keep=(77, 333))  # with rotations fixed by the user
     assert {77.0, 333.0} <= set(fixed.index[fixed.stations])
     assert len(fixed.stations) <= len(stations) + 2
     short = build_planning_path(toolpath(rows[:50]))
@@ -311,10 +312,10 @@ def test_stations_follow_detail_not_a_count() -> None:
         return len(build_planning_path(toolpath(rows)).stations)
 
     once = stations(straight(1.0, 3000))
-    assert once == pytest.approx(1.0 / path_station_selection.SPACING, abs=10)  # and the bend where the tool comes
-    assert stations(straight(1.0, 30_000)) == pytest.approx(once, abs=10)  # denser points are no detail
+    assert once == pytest.approx(1.0 / path_station_selection.SPACING, abs=10)  # including the bend at the approach
+    assert stations(straight(1.0, 30_000)) == pytest.approx(once, abs=10)  # denser points are not more detail
     assert stations(straight(2.0, 3000)) == pytest.approx(2 * once, abs=10)
-    circle = [((0, 0, 0.02), UP, R)]  # a millimetre of radius: less than SPACING around
+    circle = [((0, 0, 0.02), UP, R)]  # radius 1 mm: the circumference is below SPACING
     circle += [((0.002 * np.cos(a), 0.002 * np.sin(a), 0.0), UP, C) for a in np.linspace(0, 2 * np.pi, 3000)]
     assert stations(circle) > 50
     tilting = [((0, 0, 0.02), UP, R)]
@@ -342,7 +343,8 @@ def test_path_with_too_much_detail_keeps_its_proportions(monkeypatch: pytest.Mon
 
 
 def test_points_inserted_late_in_a_path_are_no_toolpath_points() -> None:
-    """An index of 30,000 has fractions of its own: whether a point is the toolpath's is not a relative question."""
+    """Near the index 30,000 fractions are small relative to the index:
+    a point of the toolpath is recognised by an absolute tolerance."""
     near = [((1e-5 * k, 0.0, 0.0), UP, C) for k in range(30_000)]
     path = build_planning_path(toolpath([((0.0, 0.0, 0.05), UP, R), *near, ((0.4, 0.0, 0.0), UP, C)]))
     assert path.is_point.sum() == 30_002
@@ -354,7 +356,7 @@ def test_points_inserted_late_in_a_path_are_no_toolpath_points() -> None:
 def test_point_without_direction_uses_the_next_or_previous_of_its_run(
     points: list[tuple[bool, int]],
 ) -> None:
-    """Against the definition, point by point; a zero in six begins a run."""
+    """Compared with the definition, point by point; one in six values begins a run."""
     good = np.array([g for g, _ in points])
     joined = np.array([k > 0 for _, k in points])
     joined[0] = False

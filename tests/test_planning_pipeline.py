@@ -77,15 +77,15 @@ def test_chosen_plan_is_never_worse_than_jiao2022_or_the_cam_default(case: str) 
     assert np.isfinite(total)
     assert len(p.missing) == 0
     for other in (p.jiao2022, p.cam_default):
-        # a yardstick that collides or breaks off is no way to do the job; its objective is then infinite or unfair
+        # a baseline that collides or is incomplete cannot do the job; its objective is infinite or not comparable
         if (other.assignment.reason == InfeasibilityReason.OK).all() and not p.options.collision:
             assert total <= other.objective.total
-    assert total <= p.grid.total * (1 + 1e-9)  # smoothing does not cost
+    assert total <= p.grid.total * (1 + 1e-9)  # smoothing does not increase J
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_objective_equals_its_definition(case: str) -> None:
-    """Recomputed from the joints alone: mean and worst index, travel and rotation by run, time lost to slow axes."""
+    """Recompute J from the joints alone: mean and worst index, travel and rotation by run, time lost to slow axes."""
     p = plan_case(case)
     a, w, path, d = p.chosen.assignment, p.options.weights, p.path, p.directions
     counted = path.counted
@@ -112,7 +112,7 @@ def test_objective_equals_its_definition(case: str) -> None:
 
     def swing(i: int) -> float:
         d = np.linalg.norm(path.position[i] - path.position[i - 1])
-        return 1.0 if path.run[i] == path.run[i - 1] else float(1 + 0.5 / (d + 0.05))  # half a metre is a short move
+        return 1.0 if path.run[i] == path.run[i - 1] else float(1 + 0.5 / (d + 0.05))  # a move of 0.5 m is short
 
     assert o.travel == pytest.approx(
         sum(share[i] * swing(i) * np.abs(a.q[i] - a.q[i - 1]).sum() for i in range(1, len(a.q))) / np.pi, rel=1e-9
@@ -169,7 +169,7 @@ def test_index_follows_the_force_and_the_option() -> None:
     assert plan_case("kr500 force").scores.index == "deflection"
 
 
-# --- the same again ----------------------------------------------------------------------------------------
+# --- determinism --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("case", ["kr500 plain", "irb6700 checked", "cobot"])
@@ -187,7 +187,7 @@ def test_two_runs_give_the_same_numbers(case: str) -> None:
     assert first.chosen_from == second.chosen_from
 
 
-# --- the user's wishes -------------------------------------------------------------------------------------
+# --- requirements of the user -------------------------------------------------------------------------------
 
 
 def test_fixed_rotation_holds_at_its_point_and_bounds_everywhere(tmp_path: FilePath) -> None:
@@ -198,7 +198,7 @@ def test_fixed_rotation_holds_at_its_point_and_bounds_everywhere(tmp_path: FileP
     g = compute_gamma(p)
     at = int(np.flatnonzero(p.path.index == 5)[0])
     assert len(p.missing) == 0
-    assert g[at] == pytest.approx(want, abs=1e-5)  # rad; the solver's tolerance
+    assert g[at] == pytest.approx(want, abs=1e-5)  # rad; tolerance of the solver
     assert (g >= low - np.radians(0.3)).all()
     assert (g <= high + np.radians(0.3)).all()
 
@@ -213,7 +213,7 @@ def test_methods_plan_as_named() -> None:
     np.testing.assert_allclose(compute_gamma(p)[p.path.counted], 0.0, atol=1e-9)
 
 
-# --- what cannot be done, and says so ----------------------------------------------------------------------
+# --- infeasible jobs and their messages ---------------------------------------------------------------------
 
 
 def test_unreachable_points_are_named_with_the_missing_length(tmp_path: FilePath) -> None:
@@ -227,7 +227,7 @@ def test_unreachable_points_are_named_with_the_missing_length(tmp_path: FilePath
     for i in p.missing:
         assert p.chosen.assignment.reason[i] == InfeasibilityReason.UNREACHABLE
         short = compute_reach_shortfall(p, int(i))
-        assert 1.0 < short < 3.5  # the wrist must come to about 4.6 m from axis 2, and reaches 2.15 m
+        assert 1.0 < short < 3.5  # the wrist must reach about 4.6 m from axis 2; its reach is 2.15 m
         assert "out of reach at every rotation" in sentences[int(i)]
         assert f"{1e3 * short:.0f} mm" in sentences[int(i)]
     assert not np.isfinite(p.chosen.objective.total)
@@ -236,7 +236,7 @@ def test_unreachable_points_are_named_with_the_missing_length(tmp_path: FilePath
 
 def test_points_outside_user_range_or_margins_are_reported(tmp_path: FilePath) -> None:
     p = small_job(tmp_path, pass_over_block(), replace(FREE, singularity_wrist=np.radians(89.0)))
-    assert len(p.missing) == len(p.path.index)  # and a plan without a single answer is still a plan
+    assert len(p.missing) == len(p.path.index)  # a plan without any configuration is still a valid plan
     assert (p.chosen.assignment.reason == InfeasibilityReason.SINGULAR_WRIST).all()
     assert all("wrist singularity" in s for s in explain_points(p).values())
     narrow = small_job(tmp_path, pass_over_block(), replace(FREE, rotation_range=tuple(np.radians([1.0, 3.0]))))
@@ -256,9 +256,9 @@ def test_tool_parallel_to_axis_6_is_reported(tmp_path: FilePath) -> None:
     p = small_job(tmp_path, pass_over_block())
     assert any(
         "from axis 6" in h and "joint 6" in h for h in list_hints(p)
-    )  # the small cell's tool is in line with axis 6
+    )  # the tool of the small cell is in line with axis 6
     turned = np.ptp(p.candidates.q[3, :, 0, :5], axis=0)
-    assert turned.max() < 1e-9  # and indeed the other joints do not move
+    assert turned.max() < 1e-9  # the other joints do not move
     for case in ("kr500 plain", "irb6700 holes"):
         assert not any("from axis 6" in h for h in list_hints(plan_case(case)))
 

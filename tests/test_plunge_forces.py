@@ -54,7 +54,7 @@ def attach(cell_folder: Path, file: Path) -> tuple[ToolSegment, ...]:
 
 
 def find_unknown(segments: tuple[ToolSegment, ...]) -> list[int]:
-    """Return the cuts without a force, counted from the first cut."""
+    """Return the cuts without a force, numbered from the first cut."""
     segment = segments[0]
     loads = compute_loads(segment.cell, segment.toolpath, segment.toolpath.feed)
     assert loads is not None
@@ -62,7 +62,7 @@ def find_unknown(segments: tuple[ToolSegment, ...]) -> list[int]:
 
 
 def lower(points: np.ndarray) -> np.ndarray:
-    """Return points and the same 4 mm lower, in reverse."""
+    """Return the points, then the same points 4 mm lower in reverse order."""
     return np.concatenate([points, points[::-1] - [0.0, 0.0, 4.0]])
 
 
@@ -95,7 +95,7 @@ JOBS = {
 def test_moves_that_remove_material_with_their_end_have_no_force(tmp_path: Path, name: str, turns: bool) -> None:
     points, wanted = JOBS[name]
     axes = None
-    if turns:  # the last move ends in the air, and turns the axis there
+    if turns:  # the last move ends outside the material and rotates the axis there
         points = np.vstack([points, points[-1] + [0, 0, 40.0], points[-1] + [0, 0, 41.0]])
         axes = np.tile([0.0, 0.0, 1.0], (len(points), 1))
         axes[-1] = TILT
@@ -136,7 +136,7 @@ def test_wrong_plunge_forces_fail_against_exact_shapes(tmp_path: Path, name: str
 
     assert is_passed(found) == [True, True]
     assert is_passed(replace(found, is_end_cut=np.zeros_like(found.is_end_cut))) == [True, False]
-    for row in (wanted[-1] + 2 + 1, 2):  # the level move after it, and the approach in the air
+    for row in (wanted[-1] + 2 + 1, 2):  # the level move after it, and the approach outside the material
         more = found.is_end_cut.copy()
         more[row] = True
         assert is_passed(replace(found, is_end_cut=more)) == [True, False]
@@ -144,7 +144,7 @@ def test_wrong_plunge_forces_fail_against_exact_shapes(tmp_path: Path, name: str
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
-    """A slot behind a plunge, and a ramp at its end, planned: cell, toolpath and output."""
+    """Plan a slot after a plunge, with a ramp at its end; return cell, toolpath and output."""
     folder = tmp_path_factory.mktemp("plunge")
     cell, file = write_job(folder, np.concatenate([PLUNGE, LEVEL[1:], [[25.0, 0.0, -6.0]]]))
     assert main(["optimize", str(cell), str(file), "-o", str(folder / "out"), "--set", "rotation_step_deg=20"]) == 0
@@ -169,7 +169,7 @@ def test_plunge_is_planned_with_an_unknown_outcome_and_verified(planned: tuple[P
     for row in rows[5:10]:
         assert row["outcome"] in ("pass", "marginal", "fail")
         assert all(row[name] for name in NUMBERS)
-    assert [rows[k]["outcome"] for k in (2, 3)] == ["pass", "pass"]  # no contact, no force
+    assert [rows[k]["outcome"] for k in (2, 3)] == ["pass", "pass"]  # no contact and no force
     assert [float(rows[k]["f_travel_N"]) for k in (2, 3)] == [0.0, 0.0]
     process = json.loads((out / "result.json").read_text())["process"]
     assert process["in_tolerance"]["after"]["unknown"] == 2
@@ -211,7 +211,7 @@ def read_cuts(folder: Path, count: int) -> Toolpath:
 @pytest.mark.parametrize("axis", [[0.0, 0.0, 1.0], [0.3, -0.2, 0.9]])
 @pytest.mark.parametrize("down", [0.005, 2.0])
 def test_descents_at_a_threshold_agree_in_plan_and_verification(tmp_path: Path, axis: list[float], down: float) -> None:
-    """Steps of 5 µm, or as far down as across, whatever the rounding of their coordinates."""
+    """Steps of 5 µm, or as far down as sideways, for any rounding of their coordinates."""
     a = np.array(axis) / np.linalg.norm(axis)
     u = np.cross(a, [0.6, 0.8, 0.0])
     u /= np.linalg.norm(u)
@@ -248,7 +248,7 @@ def test_shallow_ball_passes_agree_with_exact_shapes(tmp_path: Path, depth: floa
 
 
 def test_tilted_ball_cutter_agrees_with_exact_shapes(tmp_path: Path) -> None:
-    """Leaning forwards, its lower end leaves the material: it cuts nothing behind it."""
+    """The cutter is tilted forwards and its lower end leaves the material: it does not cut behind the tip."""
     n = 10
     points = np.column_stack([np.linspace(-75.0, 15.0, n), np.zeros(n), np.full(n, -3.0)])
     axes = np.column_stack([np.linspace(-0.3, 0.3, n), np.linspace(0.0, 0.2, n), np.ones(n)])

@@ -1,4 +1,4 @@
-"""Loads at toolpath points from process.yaml: holes, passes, directions; against the formulas of the verifier."""
+"""Loads at toolpath points from process.yaml: holes, passes, directions; compared with the verifier's formulas."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ PECKED = HEADER + "\n".join(
         (0, 0, 20, "rapid", ""),
         (0, 0, 5, "rapid", ""),
         (0, 0, -4, "cut", 300),
-        (0, 0, 5, "cut", 3000),  # the way out, whatever the row is called
-        (0, 0, -3, "cut", 900),  # down to a depth already drilled
+        (0, 0, 5, "cut", 3000),  # the retract, whatever kind the row states
+        (0, 0, -3, "cut", 900),  # down to a depth that is already drilled
         (0, 0, -9, "cut", 300),
         (0, 0, 5, "retract", ""),
         (30, 0, 5, "rapid", ""),
@@ -68,7 +68,7 @@ def test_only_moves_that_remove_material_have_a_thrust(tmp_path: Path) -> None:
     assert np.flatnonzero(loads.force[:, 2]).tolist() == [2, 5, 8]
     assert np.isfinite(loads.force).all()
     assert not loads.force[:, :2].any()
-    assert loads.force[2, 2] == pytest.approx(loads.force[8, 2], rel=1e-3)  # full diameter in both
+    assert loads.force[2, 2] == pytest.approx(loads.force[8, 2], rel=1e-3)  # full diameter in both holes
     assert loads.moment[8] > 0
     assert loads.bite[[2, 5, 8]] == pytest.approx(0.1e-3)
 
@@ -194,7 +194,7 @@ def test_loads_agree_with_the_integration_of_the_verifier(tmp_path: Path, case: 
 
 
 class _CellWith:
-    """The parts of a cell that loads follow from."""
+    """The parts of a cell from which loads are computed."""
 
     def __init__(self, process: CuttingProcess, cutter: CutterGeometry) -> None:
         self.process = process

@@ -1,4 +1,4 @@
-"""Rows of a point table are holes or path points: stated by the table or the option, or asked for."""
+"""Rows of a point table are holes or path points: stated by the table or the option, or requested."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from machopt.errors import InputError
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unknown_words import refuse_unknown_words
 
-Rows = list[tuple[float, ...]]  # x y z i j k, and perhaps a feed
+Rows = list[tuple[float, ...]]  # x y z i j k, and optionally a feed
 RNG = np.random.default_rng(7)
 
 

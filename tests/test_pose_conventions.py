@@ -1,4 +1,4 @@
-"""Measured poses in other conventions: quaternions, tracker axes, the measured point, places of reflectors."""
+"""Measured poses in other conventions: quaternions, tracker axes, measured point, positions of reflectors."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def load_arm() -> tuple[Cell, Robot, np.ndarray]:
 
 @cache
 def poses(registration: str = "fixed", reflectors: bool = False) -> Recording:
-    """36 poses of an arm with joint zeros of some hundredths of a degree, with 20 µm of noise."""
+    """Return 36 poses of an arm with joint zero errors of some hundredths of a degree, with noise of 20 µm."""
     rng = np.random.default_rng(29)
     a = arm(CELL)
     plan = plan_load_tests(a, rng, poses=36, sessions=1, loads=1, directions=1, force=1e-6)
@@ -109,7 +109,7 @@ def test_tracker_frame_differs_from_base_link() -> None:
     assert (finding.effect, read.registration) == ("displacement_frame", "fit")
     assert finding.parameters["angle"].value == pytest.approx(
         np.degrees(TURN.magnitude()), abs=0.2
-    )  # joint zeros turn it
+    )  # the joint zero errors change the angle
     assert correct_stated_frame(right, robot, T) == (right, [])
     assert correct_stated_frame(wrong, robot, T, ("displacement_frame", "geometry"))[0].registration == "fixed"
 
@@ -171,7 +171,7 @@ def test_session_without_common_poses_is_aligned_to_the_others(cause: str) -> No
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_unknown_places_of_reflectors_are_estimated(count: int) -> None:
-    """Places of 0, 0, 0 in the flange, one reflector or several."""
+    """The stated reflector positions are 0, 0, 0 in the flange (unknown); one reflector or three."""
     cell, robot, T = load_arm()
     right = poses("fit", reflectors=True)
     assert right.target is not None

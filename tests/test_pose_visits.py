@@ -20,7 +20,7 @@ SOFT_BASE = np.diag([3e-8, 3e-8, 0.0])  # rad/(N·m)
 
 
 def two_laps(soft: bool) -> Recording:
-    """Fifteen poses under three rising loads, twice over; the second lap is another session."""
+    """Fifteen poses under three increasing loads, in two laps; the second lap is another session."""
     rng = np.random.default_rng(3)
     a = arm(CELL.name)
     plan = plan_load_tests(a, rng, poses=15, sessions=2, loads=3, directions=1, force=1500.0)
@@ -36,7 +36,7 @@ def take(recording: Recording, rows: Ints) -> Recording:
 
 
 def relabel(recording: Recording, name: str) -> Recording:
-    """The same readings with other labels, and once in another order."""
+    """Return the same readings with other labels, and once in another order."""
     lap, none = recording.session, np.zeros(len(recording), np.int64)
     if name == "session":
         return replace(recording, cycle=lap)
@@ -65,7 +65,7 @@ def test_result_does_not_depend_on_the_label_of_replicates(name: str, tmp_path: 
 
 
 def poses_read_three_times(return_mm: float) -> Recording:
-    """Measured poses: each stay has an error of its own, which its three readings share; two laps, no cycle column."""
+    """Measured poses: each visit has an error that its three readings share; two laps, no cycle column."""
     rng = np.random.default_rng(7)
     a = arm(CELL.name)
     plan = plan_load_tests(a, rng, poses=40, sessions=2, loads=1, directions=1, force=1e-6)
@@ -90,7 +90,7 @@ def poses_read_three_times(return_mm: float) -> Recording:
 
 
 def test_readings_of_one_visit_are_no_replicates(tmp_path: Path) -> None:
-    """Their shared error is no mismatch that comes back."""
+    """The shared error of a visit is not reported as a repeatable mismatch."""
     document = diagnose(tmp_path, poses_read_three_times(0.05))
     assert (document["verdict"], document["findings"]) == ("consistent", [])
     assert document["baseline"]["measured_noise"] == pytest.approx(0.05, rel=0.2)
@@ -98,7 +98,8 @@ def test_readings_of_one_visit_are_no_replicates(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("laps", [1, 2])
 def test_ordered_error_is_a_mismatch_without_stated_time(laps: int, tmp_path: Path) -> None:
-    """A drift of four times the stated uncertainty over one session, and the same errors in random order."""
+    """A drift of four times the stated uncertainty over one session;
+    the same errors in random order are no mismatch."""
     rng = np.random.default_rng(7)
     recording = poses_read_three_times(0.02)
     rows = np.arange(0, len(recording) * laps // 2, 3)

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def drum() -> tuple[PlanningSetup, PlanningPath, list[OperationGroup]]:
-    """Radial holes round a drum on a turntable that tilts."""
+    """Return radial holes around a drum on a tilting turntable."""
     cell = load_cell(ROOT / "cells" / "kr240_turntable")
     toolpath = read_toolpath(ROOT / "toolpaths" / "drum_holes.csv")
     options = PlanOptions(collision=False)
@@ -36,7 +36,8 @@ def test_tool_keeps_its_azimuth(drum: tuple[PlanningSetup, PlanningPath, list[Op
     home = [setup.cell.external_home for _ in groups]
     found = list_following_paths(setup, path, groups, home)
     assert AZIMUTHS <= len(found) <= 2 * AZIMUTHS
-    turning = [e for e in found if np.ptp(e[:, 1]) > 3.0]  # those of the table; the tilt follows nothing here
+    # those of the rotating axis; the tilt axis does not follow here
+    turning = [e for e in found if np.ptp(e[:, 1]) > 3.0]
     assert len(turning) == AZIMUTHS
     for e in turning:
         axis = setup.arm.directions(e, path.axis)

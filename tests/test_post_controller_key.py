@@ -46,7 +46,7 @@ def add(folder: Path, text: str) -> Path:
 
 def test_cell_without_controller_has_defaults(folder: Path) -> None:
     c = load_cell(folder).controller
-    assert c.post is None  # and no maker is assumed
+    assert c.post is None  # no maker is assumed
     assert (c.joint_map, c.T_base_root, c.T_flange_mount, c.tool_number, c.base_number, c.nonflip_j5) == (None,) * 6
     assert c.lines == {}
 
@@ -70,7 +70,7 @@ def test_custom_post_is_read_from_the_cell_folder(folder: Path) -> None:
     (folder / "mine.toml").write_text(read_post_text("rapid"), encoding="utf-8")
     cell = load_cell(add(folder, "controller: {post: mine.toml}\n"))
     assert cell.controller.post == str(folder / "mine.toml")
-    assert folder / "mine.toml" in cell.files  # hashed with the inputs
+    assert folder / "mine.toml" in cell.files  # included in the hash of the inputs
 
 
 @pytest.mark.parametrize(

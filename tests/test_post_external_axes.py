@@ -51,7 +51,7 @@ POSTS = {
 
 
 def drives(cell: Cell, **more: object) -> dict[str, ExternalAxisMap]:
-    """Numbers in the other order, one of them backwards and with an offset."""
+    """Return external axes with numbers in another order; one has the opposite sign and an offset."""
     own = {
         "rail": ExternalAxisMap(number=4, sign=-1.0, offset=250.0, unit=None, machine=None),
         "tilt": ExternalAxisMap(number=3, sign=1.0, offset=-30.0, unit="STN2", machine=3),
@@ -114,7 +114,7 @@ def test_values_and_frames_are_read_back(tmp_path: Path, post: str, kind: str) -
 
 
 def test_programs_have_the_words_of_each_maker(tmp_path: Path) -> None:
-    """What couples the axes, as public programs of each maker have it."""
+    """The statements that couple the axes are those in public programs of each maker."""
     both = external_cell(tmp_path, rail=True, table=True)
     c = controller(both)
     texts = {}
@@ -124,7 +124,7 @@ def test_programs_have_the_words_of_each_maker(tmp_path: Path) -> None:
     krl = texts["krl"]
     assert "$BASE=EK(MACHINE_DEF[3].ROOT,MACHINE_DEF[3].MECH_TYPE,MO_BASE)\n$ACT_EX_AX=3\n" in krl
     assert "$ROBROOT rides on E4: its $ERSYSROOT" in krl
-    assert ",E2 90.0000,E4 250.0000}" in krl  # home: nothing moved, offsets only
+    assert ",E2 90.0000,E4 250.0000}" in krl  # home: all joints at zero, offsets only
     assert 'PERS wobjdata w_part:=[FALSE,FALSE,"STN2",[[0,0,0],[1,0,0,0]],[[' in texts["rapid"]
     assert "    ActUnit STN2;\n" in texts["rapid"]
     assert "[9E9,90.0000,9E9,250.0000,9E9,9E9]" in texts["rapid"]

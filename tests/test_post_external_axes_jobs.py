@@ -44,7 +44,7 @@ class Job:
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    """Two slots, each with a place of the rail and a turn of the table of its own."""
+    """Two slots, each with its own rail position and table rotation."""
     cell = external_cell(tmp_path_factory.mktemp("cell"), rail=True, table=True)
     drives = {
         "rail": ExternalAxisMap(number=2, sign=-1.0, offset=500.0),
@@ -67,7 +67,7 @@ def test_every_maker_writes_external_axes(tmp_path: Path, job: Job, post: str) -
 
 
 def grown(text: str, before: str, by: float) -> str:
-    """The number behind the last ``before`` in the second line that has one, grown."""
+    """Increase the number after the last ``before`` in the second line that contains it."""
     line = [line for line in text.split("\n") if before in line][1]
     head, _, tail = line.rpartition(before)
     number = tail[: len(tail) - len(tail.lstrip("-.0123456789"))]
@@ -81,7 +81,7 @@ def cut(text: str, before: str) -> str:
 
 
 def negate_numbers(text: str, before: str) -> str:
-    """Every number behind a word with the other sign, whichever it has."""
+    """Change the sign of every number after a word."""
     return text.replace(before, before + "-").replace(before + "--", before)
 
 

@@ -17,7 +17,7 @@ from machopt.programs.program_reader import read_program
 @pytest.mark.parametrize("form", FORMATS)
 def test_damaged_programs_never_crash_the_reader(tmp_path: Path, form: str) -> None:
     found = sum((run(place, 60, random.Random(k)) for k, place in enumerate(seeds(tmp_path, form))), Counter())
-    assert found["read"] > 0  # some faults stand in comments
+    assert found["read"] > 0  # some faults are in comments
     assert found["refused"] > 10
 
 
@@ -96,11 +96,12 @@ def test_arcs_become_chords(tmp_path: Path) -> None:
         np.testing.assert_allclose(end, [[0, 1, 0], [1, 0, 0], [0, 0, -1]], atol=1e-7)
         np.testing.assert_allclose(parsed.feed, 0.1)
         turn = np.arctan2(parsed.T_base_tcp[:, 1, 0], parsed.T_base_tcp[:, 0, 0])
-        assert (np.diff(turn) > 0).all()  # turns evenly along the arc
+        assert (np.diff(turn) > 0).all()  # uniform rotation along the arc
 
 
 def test_program_follows_its_calls_and_data(tmp_path: Path) -> None:
-    """Arrays in a data list, a loop over them, a component changed, a call into another file, a numbered frame."""
+    """Arrays in a data list, a loop over them, an assignment to a component,
+    a call into another file, a numbered frame."""
     (tmp_path / "job.src").write_text(
         "&ACCESS RVP\nDEF job( )\nINT n\nBAS(#BASE,3)\nBAS(#VEL_CP,0.2)\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 30,A6 0}\n"
         "FOR n = 1 TO 3\n  P[n].Z = 40\n  LIN P[n] C_DIS\nENDFOR\nother( )\nPTP HOME\nEND\n"
@@ -132,9 +133,9 @@ ROS = "joint_names: [a, b, c, d, e, f]\npoints:\n  # move: cut\n" + "".join(f"  
 @pytest.mark.parametrize(
     "text",
     [
-        ROS,  # line by line
-        ROS.replace("points:\n", "points: \n"),  # the same by the strict YAML reader
-        ROS.replace("{positions: [0.1,", "{positions: [.1,"),  # a number of YAML and not of JSON
+        ROS,  # read line by line
+        ROS.replace("points:\n", "points: \n"),  # read by the strict YAML reader
+        ROS.replace("{positions: [0.1,", "{positions: [.1,"),  # a number in YAML but not in JSON
         ROS.replace("0.1, -0.2", "\n      0.1, -0.2"),
     ],
 )
@@ -166,7 +167,7 @@ def test_faults_of_a_trajectory_are_named(tmp_path: Path, old: str, new: str, me
 
 @pytest.mark.parametrize("before", ["1e999", "NaN", "true", "1.5", '"1"'])
 def test_event_index_must_be_a_finite_whole_number(tmp_path: Path, before: str) -> None:
-    """1e999 was found by a long run."""
+    """A long fuzz run found the failure for 1e999."""
     joints = '"joint_names": ["a","b","c","d","e","f"]'
     point = '{"positions": [0,0,0,0,0,0], "time_from_start": {"sec": 1, "nanosec": 0}}'
     (tmp_path / "a.json").write_text(f'{{{joints}, "points": [{point}]}}\n')
@@ -179,13 +180,13 @@ def test_event_index_must_be_a_finite_whole_number(tmp_path: Path, before: str) 
 
 
 def test_trajectory_of_minutes_is_read_in_seconds(tmp_path: Path) -> None:
-    """A quarter of an hour every 12 ms: more numbers than the strict YAML reader takes at all."""
+    """15 minutes with a sample every 12 ms: more numbers than the strict YAML reader accepts."""
     (tmp_path / "a.yaml").write_text(ROS + "".join(f"  - {POINT % k}\n" for k in range(3, 75_000)))
     assert len(read_program(tmp_path / "a.yaml")) == 75_000
 
 
 def test_long_program_is_not_treated_as_endless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program of a million lines was refused: the limits are there for loops."""
+    """A program of a million lines was refused; the limits apply to loops only."""
     monkeypatch.setattr("machopt.programs.reading.program_builder.MOST_MOVES", 10)
     monkeypatch.setattr("machopt.programs.reading.program_builder.MOST_STEPS", 10)
     program, cut = tmp_path / "a.src", f"LIN {POSE}\n"

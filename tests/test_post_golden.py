@@ -1,4 +1,4 @@
-"""Golden programs, byte for byte; ``python tests/golden/make_golden.py`` writes them again."""
+"""Golden programs, compared byte by byte; ``python tests/golden/make_golden.py`` rewrites them."""
 
 from __future__ import annotations
 

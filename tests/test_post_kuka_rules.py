@@ -34,11 +34,11 @@ from machopt.programs.writing.orientation_angles import (
 
 X = np.array([1.0, 0.0, 0.0])
 KR = replace(ARM, point=np.array([[0, 0, 0.675], [0.35, 0, 0.675], [1.6, 0, 0.675], *[[2.7, 0, 0.62]] * 3]))
-"""As KUKA draws it: 0.35 m to axis 2, upper arm 1.25 m, forearm 1.1 m, axis 4 0.055 m below axis 3."""
+"""The dimensions of KUKA's drawing: 0.35 m to axis 2, upper arm 1.25 m, forearm 1.1 m, axis 4 0.055 m below axis 3."""
 
 
 def rz_ry_rx(a: float, b: float, c: float) -> np.ndarray:
-    """KUKA's definition, written out from three elementary rotations."""
+    """Compute KUKA's angles by definition, from three elementary rotations."""
     a, b, c = np.radians([a, b, c])
     rz = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
     ry = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
@@ -55,12 +55,12 @@ def status(robot: Robot, axes_deg: np.ndarray) -> int:
 @pytest.mark.parametrize(
     ("axes", "expected"),
     [
-        ((0, -90, 90, 0, 30, 0), 0b010),  # the pose of the data sheet: in front, elbow up
+        ((0, -90, 90, 0, 30, 0), 0b010),  # the pose of the data sheet: wrist in front, elbow up
         ((0, -90, 90, 0, -30, 0), 0b110),
         ((0, -120, -60, 0, 30, 0), 0b001),  # folded back over the shoulder, elbow down: x = 0.35 − 0.63 − 1.1
         ((0, -20, -10, 0, 30, 0), 0b000),  # almost stretched, elbow below the line
-        ((0, -170, 10, 0, 30, 0), 0b011),  # lying back
-        ((170, -90, 90, 0, 30, 0), 0b010),  # turned about: the same posture
+        ((0, -170, 10, 0, 30, 0), 0b011),  # arm leaning backwards
+        ((170, -90, 90, 0, 30, 0), 0b010),  # joint 1 rotated: the same configuration
     ],
 )
 def test_status_of_known_configurations(axes: tuple[float, ...], expected: int) -> None:
@@ -68,7 +68,7 @@ def test_status_of_known_configurations(axes: tuple[float, ...], expected: int) 
 
 
 def test_elbow_bit_changes_where_the_arm_is_stretched() -> None:
-    """Distance from axis 2 to the wrist root is longest exactly where bit 1 changes."""
+    """The distance from axis 2 to the wrist centre is largest exactly where bit 1 changes."""
     a3 = np.linspace(-30, 30, 60_001)
     x = 1.25 + 1.1 * np.cos(np.radians(a3)) - 0.055 * np.sin(np.radians(a3))
     z = -1.1 * np.sin(np.radians(a3)) - 0.055 * np.cos(np.radians(a3))
@@ -77,12 +77,12 @@ def test_elbow_bit_changes_where_the_arm_is_stretched() -> None:
     axes[:, 2], axes[:, 4] = a3, 10
     standing = compute_posture_sides(KR, np.radians(axes), X)
     assert standing is not None
-    assert a3[np.argmax(standing[1])] == pytest.approx(longest, abs=0.0011)  # the grid's step
+    assert a3[np.argmax(standing[1])] == pytest.approx(longest, abs=0.0011)  # step of the grid
 
 
 def test_base_orientation_at_zero_does_not_change_the_status() -> None:
     turned = np.array([0.0, 1.0, 0.0])
-    q = np.radians([[-90, -90, 90, 0, 30, 0], [90, -90, 90, 0, 30, 0]])  # axis 1 points down: −90° turns to +y
+    q = np.radians([[-90, -90, 90, 0, 30, 0], [90, -90, 90, 0, 30, 0]])  # axis 1 points down: −90° rotates to +y
     standing = compute_posture_sides(KR, q, turned, q1_zero=np.radians(-90.0))
     assert standing is not None
     assert standing[0].tolist() == [False, False]
@@ -113,7 +113,7 @@ def test_turn_bits_agree_with_points_recorded_on_robots() -> None:
 
 
 def test_bits_agree_with_the_printed_number() -> None:
-    assert compute_turn_bits(np.array([-4e-6, -6e-6, 0, 0, 0, 0])) == 0b10  # −0.00000 and −0.00001 in print
+    assert compute_turn_bits(np.array([-4e-6, -6e-6, 0, 0, 0, 0])) == 0b10  # printed as −0.00000 and −0.00001
 
 
 def test_unknown_status_is_left_out(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_every_angle_notation_converts_back_to_the_rotation(a: float, b: float, 
 
 @pytest.mark.parametrize("b", [90.0, -90.0, 89.9999999])
 def test_angle_notations_at_their_singularities(b: float) -> None:
-    """Where the middle angle is 90° its cosine below 1e-9 is taken as 0."""
+    """If the middle angle is 90°, a cosine below 1e-9 is treated as 0."""
     R = rz_ry_rx(20.0, b, -50.0)
     np.testing.assert_allclose(rz_ry_rx(*convert_to_abc_deg(R)), R, atol=5e-9)
     turned = np.reshape(compute_moving_xyz_rotation(20.0, b, -50.0), (3, 3))

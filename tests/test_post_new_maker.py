@@ -1,4 +1,4 @@
-"""A new maker is one folder: post, reader, checks and template of a toy controller, without changes elsewhere."""
+"""A new maker is one folder (post, reader, checks and template of a toy controller) without other changes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _forget_makers() -> None:
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Job]:
-    """A plan with the toy maker's program; its folder is put where the makers are searched, no more."""
+    """Return a plan with the program of the toy maker; only its folder is added to the search path of the makers."""
     shelf = tmp_path_factory.mktemp("shelf")
     shutil.copytree(TOY, shelf / "toy_maker")
     with pytest.MonkeyPatch.context() as patch:
@@ -56,7 +56,7 @@ def test_without_its_folder_the_maker_is_unknown() -> None:
 
 
 def test_no_maker_is_imported_outside_its_folder() -> None:
-    """Modules of a maker are imported by its own folder alone."""
+    """Only a maker's own folder imports the modules of the maker."""
     package = ROOT / "machopt"
     makers = [language.package for language in maker_registry.list_languages()]
     assert len(set(makers)) == 8
@@ -70,7 +70,7 @@ def test_no_maker_is_imported_outside_its_folder() -> None:
 
 
 def test_new_post_is_listed_and_its_program_is_read_back(planned: Job) -> None:
-    """``plan_table`` itself fails where a check of the program fails."""
+    """``plan_table`` fails if a check of the program fails."""
     assert "toy" in list_post_names()
     (file,) = planned.out.glob("*.toy")
     program = read_program(file)

@@ -1,4 +1,4 @@
-"""Planned motion as programs: targets lead a controller along the planned and checked motion."""
+"""Planned motion as programs: the targets make a controller follow the planned and checked motion."""
 
 from __future__ import annotations
 
@@ -43,9 +43,10 @@ def _plan_cell(cell: str, file: Path) -> Planned:
 
 @pytest.fixture(scope="module")
 def two_rows(tmp_path_factory: pytest.TempPathFactory) -> Planned:
-    """The first two of the panel's ten rows of holes: every kind of move, both turns of the tool axis between rows.
+    """Return the first two of the panel's ten rows of holes.
 
-    The posts of samples write and read a line every few milliseconds, so that ten rows would take five times as long.
+    They contain every kind of move and both rotations of the tool axis between rows. Posts with sampled output write
+    and read a line every few milliseconds, so ten rows would take five times as long.
     """
     head, *rows = (ROOT / "toolpaths" / "panel_holes.csv").read_text(encoding="utf-8").splitlines(keepends=True)[1:]
     file = tmp_path_factory.mktemp("two_rows") / "panel_holes.csv"
@@ -56,7 +57,7 @@ def two_rows(tmp_path_factory: pytest.TempPathFactory) -> Planned:
 
 
 def interpolate_line(p: RobotProgram, k: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the controller draws on LIN move k, at shares of it."""
+    """Return the controller's interpolation of LIN move k at the given fractions."""
     a, b = p.T_workpiece_tcp[k - 1], p.T_workpiece_tcp[k]
     line = a[:3, 3] + share[:, None] * (b[:3, 3] - a[:3, 3])
     return line, Slerp([0, 1], Rotation.from_matrix([a[:3, :3], b[:3, :3]]))(share).as_matrix()
@@ -66,10 +67,10 @@ def interpolate_line(p: RobotProgram, k: int, share: np.ndarray) -> tuple[np.nda
     ("cell", "name"), [("kr240_drilling", "panel_holes.csv"), ("kr500_milling", "cylinder_head_face.cls")]
 )
 def test_straight_lines_between_targets_follow_the_motion(cell: str, name: str) -> None:
-    """Every sample of the exported trajectory lies on the controller's lines, within the options' tolerances.
+    """Every sample of the exported trajectory is on the controller's lines, within the tolerances of the options.
 
-    The trajectory rounds corners by ``path_tolerance``; the rotation may leave the even turn between two points by
-    0.1° before a way point is added, and the driven one is smoothed by ``axis_tolerance``.
+    The trajectory rounds corners by ``path_tolerance``. The rotation may deviate by 0.1° from uniform rotation between
+    two points before a way point is added, and the executed rotation is smoothed by ``axis_tolerance``.
     """
     the_plan, t, timeline = job(cell, name)
     p = build_robot_program(the_plan, t, timeline).program
@@ -93,14 +94,15 @@ def test_straight_lines_between_targets_follow_the_motion(cell: str, name: str) 
             share = np.clip((T[:, :3, 3] - a) @ way / max(way @ way, 1e-18), 0.0, 1.0)
             near = np.linalg.norm(T[:, :3, 3] - a - share[:, None] * way, axis=1)
             best = np.minimum(best, near)
-            on = near <= options.path_tolerance + 3e-6  # passes cross: of several lines here one is the sample's own
+            # passes cross: only one of several near lines belongs to the sample
+            on = near <= options.path_tolerance + 3e-6
             if on.any():
                 _, R = interpolate_line(p, k, share[on])
                 turn = np.linalg.norm(R - T[on, :3, :3], axis=(1, 2)) / np.sqrt(8)
                 angle[on] = np.minimum(angle[on], 2 * np.arcsin(np.clip(turn, 0, 1)))
         worst_gap, worst_angle = max(worst_gap, float(best.max())), max(worst_angle, float(angle.max()))
     assert row == len(p)
-    assert worst_gap <= options.path_tolerance + 3e-6  # the bow that planning allows, and rounding
+    assert worst_gap <= options.path_tolerance + 3e-6  # deviation allowed by the planner, plus rounding
     assert worst_angle <= np.radians(0.1) + 2 * options.axis_tolerance + np.radians(0.05)
 
 
@@ -110,9 +112,9 @@ def test_operations_moves_and_events_are_those_of_the_toolpath() -> None:
     lin = p.kind == LIN
     assert (p.moves[p.cutting] == MoveKind.CUT).all()
     assert (p.moves[~lin] == MoveKind.RAPID).all()
-    assert p.cutting.sum() == (t.move == MoveKind.CUT).sum()  # a hole is one stroke; lifts do not cut
+    assert p.cutting.sum() == (t.move == MoveKind.CUT).sum()  # a hole is one stroke; retracts do not cut
     assert p.wrist_behind is not None
-    assert not p.wrist_behind.any()  # it drills in front of itself
+    assert not p.wrist_behind.any()  # all holes are in front of the robot
     assert p.elbow_up is not None
     assert p.elbow_up.all()
     s = build_sampled_program(the_plan, t, timeline).program
@@ -126,7 +128,7 @@ def test_every_post_writes_the_job_and_it_is_read_back(tmp_path: Path, post: str
     _comes_back(tmp_path, post, two_rows)
 
 
-@pytest.mark.parametrize("post", ["krl", "urscript_movep"])  # one that may turn any way between points, one in lines
+@pytest.mark.parametrize("post", ["krl", "urscript_movep"])  # one with free rotation between points, one with lines
 def test_whole_panel_is_read_back(tmp_path: Path, post: str) -> None:
     _comes_back(tmp_path, post, job("kr240_drilling", "panel_holes.csv"))
 
@@ -144,7 +146,5 @@ def _comes_back(tmp_path: Path, post: str, planned: Planned) -> None:
     assert found.get_verdict("configuration") is (True if configured else None)
     assert found.get_verdict("wording") is True
     if not has_sampled_output(post):
-        assert found.get_value("CAM points") < 4e-3  # JBI's four decimals of a degree, three metres away
-        assert (
-            found.get_value("lines along the motion") < 0.02
-        )  # the corners that the motion rounds, and what print leaves
+        assert found.get_value("CAM points") < 4e-3  # JBI's four decimals of a degree at a distance of three metres
+        assert found.get_value("lines along the motion") < 0.02  # corners rounded by the motion, plus printed decimals

@@ -40,9 +40,9 @@ MAIN = {
 }
 JOINTS_ONLY = ("fanuc_joint", "jbi", "ros_yaml", "ros_json", "compas_fab", "urscript_servoj")
 NO_MAP = ("csv", "json", "ros_yaml", "ros_json", "compas_fab")
-TIMED = ("ros_yaml", "ros_json", "compas_fab", "urscript_servoj")  # times stand for feeds
-# half of the last printed decimal: mm and axis angle in deg; orientation in deg: three such angles may add up, and a
-# quaternion of four numbers printed to e turns by 4 e rad at most
+TIMED = ("ros_yaml", "ros_json", "compas_fab", "urscript_servoj")  # these have times instead of feeds
+# half of the last printed decimal: mm; axis angle in deg; orientation in deg: three such angles may add up, and a
+# quaternion of four numbers printed to e rotates by 4 e rad at most
 POSITION_MM = {"csv": 0.5e-6, "json": 0.5e-6}
 AXIS_DEG = {
     "csv": 0.5e-9,
@@ -78,17 +78,17 @@ def urdf_q(parsed: ParsedProgram, post: str, controller: RobotController) -> np.
 
 
 def load_known_robot(controller: RobotController) -> ProgramRobot:
-    """The robot, as a user with its model reads a program."""
+    """The robot, for reading a program with a known model."""
     return ProgramRobot(ARM.compute_fk, controller, TOOL, WORKPIECE)
 
 
 def compute_angle(R0: np.ndarray, R1: np.ndarray) -> float:
-    """Largest angle in degrees between rotations, exact for small ones."""
+    """Return the largest angle in degrees between rotations; exact for small angles."""
     return float(np.degrees(2 * np.arcsin(np.linalg.norm(R0 - R1, axis=(-2, -1)).max() / math.sqrt(8))))
 
 
 def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotController) -> None:
-    """Moves in order with targets, feeds, kinds, operations and events, within the printed decimals."""
+    """Check moves in order with targets, feeds, kinds, operations and events, within the printed decimals."""
     assert len(parsed) == len(p)
     np.testing.assert_array_equal(parsed.kind, p.kind)
     lin = p.kind == LIN
@@ -98,9 +98,9 @@ def check(p: RobotProgram, parsed: ParsedProgram, post: str, controller: RobotCo
     axis = tolerance(AXIS_DEG, post, 0.5e-5)
     np.testing.assert_allclose(
         np.degrees(q[joint]), np.degrees(p.q[joint]), rtol=0, atol=2.01 * axis
-    )  # coupling adds two
+    )  # a coupled axis has two errors
     T = np.linalg.inv(WORKPIECE) @ ARM.compute_fk(q[joint], TOOL)
-    # six joints, each off by the last decimal, at most 4 m away from the tool tip
+    # six joints, each with an error of the last decimal, at most 4 m away from the tool tip
     np.testing.assert_allclose(
         T[:, :3, 3], p.T_workpiece_tcp[joint][:, :3, 3], rtol=0, atol=6 * 2.01 * np.radians(axis) * 4 + 1e-12
     )
@@ -155,10 +155,10 @@ def test_long_program_is_split_and_read_back(tmp_path: Path, post: str) -> None:
     parsed = read_program(file)
     check(p, parsed, post, controller)
     if not post.startswith(("krl", "urscript")):
-        assert len(list(file.parent.iterdir())) >= 4  # parts in files of their own
+        assert len(list(file.parent.iterdir())) >= 4  # the parts are separate files
     ends = np.flatnonzero(p.kind == LIN)
     exact = np.isfinite(parsed.blend)
-    assert not (parsed.blend[16::17][exact[16::17]] > 0).any()  # no rounding over the end of a part
+    assert not (parsed.blend[16::17][exact[16::17]] > 0).any()  # no blending across the end of a part
     assert len(ends)
 
 
@@ -175,7 +175,7 @@ def test_corners_are_rounded_only_inside_a_cut_without_overlap(tmp_path: Path, p
             a, b = np.diff(p.T_workpiece_tcp[k - 1 : k + 2, :3, 3], axis=0)
             turn = np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))
             inside = turn < np.radians(120)
-            passed = parsed.blend[k] * np.tan(turn / 4)  # an arc of that reach passes its point by so much
+            passed = parsed.blend[k] * np.tan(turn / 4)  # deviation of a blend arc of that size from its point
             assert passed <= 5e-3 + 1e-9
         assert (parsed.blend[k] > 0) == bool(inside), k
     if post in ("urscript", "csv"):
@@ -185,7 +185,7 @@ def test_corners_are_rounded_only_inside_a_cut_without_overlap(tmp_path: Path, p
 
 
 def test_configuration_bits_and_turns_follow_from_the_joints(tmp_path: Path) -> None:
-    """Counted again here, bit by bit, from the joints alone."""
+    """The bits are computed again here from the joints alone."""
     p = program(Recipe(11, moves=200), MAPPED)
     a = (MAPPED.joint_map or MAPPED).compute_axes_deg(p.q)
     assert (a.min(axis=0) < -90).any()
@@ -236,13 +236,13 @@ def test_pulses_of_a_yaskawa(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         np.degrees(q), np.degrees(p.q), rtol=0, atol=(half + np.array([0, 0, half[1], 0, 0, 0])).max()
     )
-    assert np.isnan(read_program(file).axes_deg).all()  # without the scale nothing is made up
+    assert np.isnan(read_program(file).axes_deg).all()  # without the scale no angles are invented
     assert [c["pulses"] for c in parsed.configuration] == [
         tuple(np.round(row * scale).astype(int)) for row in controller.joint_map.compute_axes_deg(p.q)
     ]
 
 
-# ---- the whole way: CSV → toolpath → program → toolpath → CSV
+# ---- complete conversion: CSV → toolpath → program → toolpath → CSV
 
 TEXT = st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters='";,#]['), min_size=1, max_size=12)
 LABELS = st.lists(TEXT.map(lambda t: " ".join(t.split())).filter(bool), min_size=1, max_size=3, unique=True)
@@ -262,7 +262,7 @@ def recipes(draw: st.DrawFn) -> Recipe:
 
 
 def csv_text(t: Toolpath | None, p: RobotProgram | None = None) -> str:
-    """A point table by the contract's columns."""
+    """Return a point table with the columns of the contract."""
     rows = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation"]
     if t is None:
         assert p is not None
@@ -356,6 +356,6 @@ def test_two_rapid_programs_of_one_task_share_no_name(tmp_path: Path) -> None:
         )
         found = re.findall(r"(?m)^\s*(?:MODULE|PROC|PERS \w+|CONST \w+)\s+(\w+)", text)
         assert len(found) == len(set(found)) > 8
-        assert max(map(len, found)) <= 32  # the longest name of the language
+        assert max(map(len, found)) <= 32  # the maximum length of a name in the language
         names.append({n.lower() for n in found})
     assert not names[0] & names[1]

@@ -13,11 +13,11 @@ from machopt.programs.writing.target_insertion import ProgramTolerance, insert_t
 
 Array = np.ndarray
 SAMPLES = 2001
-WIDE = float(np.radians(30.0))  # an angle that nothing here exceeds
+WIDE = float(np.radians(30.0))  # an angle larger than all angles here
 
 
 def build_smooth_joints(s: Array) -> Array:
-    """Joints that turn smoothly: the tool tip draws a curve about 0.6 m long and turns by about 70°."""
+    """Return smooth joint motions: the tool tip moves along a curve of about 0.6 m and rotates by about 70°."""
     start = np.radians([0, -80, 95, 20, 50, -30])
     way = np.radians([20, 6, -8, 25, -20, 60])
     wave = np.radians([0, 2, 3, 5, 4, 8])
@@ -29,14 +29,17 @@ FINER = ARM.compute_fk(build_smooth_joints(np.linspace(0, 1, 4 * (SAMPLES - 1) +
 
 
 def select_target_rows(ends: Array, tolerance: ProgramTolerance) -> Array:
-    """Rows of MOTION that are targets in the end."""
+    """Return the rows of MOTION that become targets."""
     added = insert_targets(MOTION, MOTION[ends], ends.astype(float), np.ones(len(ends), bool), tolerance)
     assert not set(added.tolist()) & set(ends.tolist())
     return np.sort(np.concatenate([ends, added]))
 
 
 def compute_line_errors(targets: Array) -> tuple[float, float, float]:
-    """Farthest of the finer motion from the lines, by another library's slerp: distance, tool axis, orientation."""
+    """Return the largest deviation of the finer motion from the lines: distance, tool axis, orientation.
+
+    The slerp is that of another library.
+    """
     worst = np.zeros(3)
     for a, b in pairwise(targets.tolist()):
         T0, T1, plan = MOTION[a], MOTION[b], FINER[4 * a : 4 * b + 1]
@@ -64,25 +67,25 @@ def compute_line_errors(targets: Array) -> tuple[float, float, float]:
 def test_controller_line_follows_the_motion(tolerance: ProgramTolerance) -> None:
     coarse = np.array([0, 700, 1400, SAMPLES - 1])
     limits = np.array([tolerance.position, tolerance.axis, tolerance.turn])
-    assert (compute_line_errors(coarse) / limits).max() > 4  # otherwise the test shows nothing
+    assert (compute_line_errors(coarse) / limits).max() > 4  # otherwise the test has no effect
     rows = select_target_rows(coarse, tolerance)
-    # looked at between the samples too; the 801 places of a line are up to 0.3 mm apart at first, 0.02° of turn
+    # checked between the samples, too; the 801 points of a line are initially up to 0.3 mm apart, 0.02° of rotation
     assert (np.array(compute_line_errors(rows)) <= limits + np.array([1e-6, np.radians(0.02), np.radians(0.02)])).all()
     assert 4 < len(rows) < 200
     off = measure_line_deviation(MOTION, MOTION[rows], rows.astype(float), np.ones(len(rows), bool))
-    assert off.share(tolerance).max() <= 0.8  # the rest is for what lies between the samples
+    assert off.share(tolerance).max() <= 0.8  # the rest is a reserve for deviations between the samples
     assert off.worst() == pytest.approx(compute_line_errors(rows), rel=0.2, abs=2e-5)
 
 
 def test_nothing_is_inserted_where_nothing_bends() -> None:
-    """The last axis only, which turns about the flange's own axis: an even turn on the spot."""
+    """Only the last axis moves; it rotates about the flange axis, which is a uniform rotation without translation."""
     q = np.radians([0, -80, 95, 0, 50, 0]) + np.linspace(0, 1, 300)[:, None] ** 3 * np.radians([0, 0, 0, 0, 0, 40])
     T = ARM.compute_fk(q)
     ends = np.array([0.0, 120.5, 299.0])
     targets = ARM.compute_fk(np.array([q[0], (q[120] + q[121]) / 2, q[299]]))
     off = measure_line_deviation(T, targets, ends, np.ones(3, bool))
     assert off.worst() == pytest.approx((0, 0, 0), abs=1e-7)
-    assert len(off.sample) == 299  # all but the first, which no line leads to
+    assert len(off.sample) == 299  # all except the first, which is not on a line
     assert not len(insert_targets(T, targets, ends, np.ones(3, bool), ProgramTolerance(1e-6, 1e-6, 1e-6)))
 
 
@@ -99,12 +102,12 @@ def test_error_decreases_with_the_square_of_the_point_distance() -> None:
     ends = np.array([0, SAMPLES - 1])
     counts = [len(select_target_rows(ends, ProgramTolerance(t, WIDE, WIDE))) for t in (1e-3, 1e-4, 1e-5)]
     assert counts == sorted(counts)
-    assert 2 < counts[1] / counts[0] < 5  # √10, as chords of a curve do
+    assert 2 < counts[1] / counts[0] < 5  # √10, as for chords of a curve
     assert 2 < counts[2] / counts[1] < 5
 
 
 def test_lines_without_samples_between_targets_keep_their_error() -> None:
-    """The targets lie 1 mm beside the motion: no sample between them mends that, and the search ends."""
+    """The targets are 1 mm away from the motion: no inserted sample reduces that error, and the search ends."""
     few = MOTION[::500]
     targets = few.copy()
     targets[:, 2, 3] += 1e-3
@@ -115,7 +118,7 @@ def test_lines_without_samples_between_targets_keep_their_error() -> None:
 
 
 def test_uneven_external_axis_motion_becomes_targets() -> None:
-    """A straight way of 1 m while a rail goes by a cosine: even pieces are as long as its curvature lets them."""
+    """A straight move of 1 m with a cosine motion of the rail: equal segments, as long as the curvature permits."""
     n = 2001
     T = np.tile(np.eye(4), (n, 1, 1))
     T[:, 0, 3] = np.linspace(0.0, 1.0, n)
@@ -128,5 +131,5 @@ def test_uneven_external_axis_motion_becomes_targets() -> None:
     assert off.external.max() <= ProgramTolerance().external
     least = np.pi * np.sqrt(
         0.3 / (8 * ProgramTolerance().external)
-    )  # steps of a curve with a bow of the tolerance, at most
+    )  # number of chords of a curve with a sagitta of at most the tolerance
     assert 0.5 * least <= len(rows) <= 4 * least

@@ -95,7 +95,7 @@ def test_edited_post_is_used(tmp_path: Path) -> None:
     lines = src.read_text().splitlines()
     assert "$ACC.CP=2.3" in lines
     assert "SPINDLE(9000)  ; CAM: S9000 M3" in lines
-    assert sum(line.startswith("DEF ") for line in lines) == 4  # main and 12 moves in fives
+    assert sum(line.startswith("DEF ") for line in lines) == 4  # main and 12 moves in groups of five
     parsed = read_program(src)
     assert len(parsed) == len(p)
     assert [(e.index, e.text) for e in parsed.events] == [(2, "S9000 M3")]
@@ -109,7 +109,8 @@ def test_edited_post_is_used(tmp_path: Path) -> None:
         ("comment_length", "coment_length", "unknown key 'coment_length'; did you mean 'comment_length'"),
         ('operation = "', 'opration = "', "unknown key 'opration'"),
         ("@{a1:.5f}", "@{axis1:.5f}", "no field is named 'axis1'"),
-        ("BAS(#VEL_PTP,@{ptp_percent:g})", "BAS(#VEL_PTP,@{a1:g})", "no field is named 'a1'"),  # not in the head
+        # not available in the head
+        ("BAS(#VEL_PTP,@{ptp_percent:g})", "BAS(#VEL_PTP,@{a1:g})", "no field is named 'a1'"),
         ("BAS(#VEL_PTP,@{ptp_percent:g})", "BAS(#VEL_PTP,@{ptp_percent:x})", "formats d, f, g, s"),
         ('pattern = "', 'pattern = "(', "no regular expression"),
         ("[[file]]", "[[file", "is not TOML"),
@@ -136,7 +137,7 @@ def test_unknown_posts_are_refused(tmp_path: Path) -> None:
 
 
 def test_text_from_the_cam_file_cannot_become_code(tmp_path: Path) -> None:
-    """Line ends, comment ends and quotes of a label are taken out or made safe in every post."""
+    """Every post removes or escapes line ends, comment ends and quotes of a label."""
     from dataclasses import replace
 
     from machopt.data_types.toolpath import ToolpathEvent
@@ -167,7 +168,7 @@ def test_text_from_the_cam_file_cannot_become_code(tmp_path: Path) -> None:
                 and not t.strip().startswith((";", "!", "#", "//", "'", '"', "{", "lin", "ptp", "event"))
             ]
             assert not [t for t in outside if not t.lstrip("0123456789: ").startswith("!")], (post, outside)
-            if post not in ("fanuc", "fanuc_joint", "jbi", "jbi_rectan"):  # there the head's comments are wrapped
+            if post not in ("fanuc", "fanuc_joint", "jbi", "jbi_rectan"):  # these posts wrap the comments of the head
                 assert len(text.splitlines()) == len(other.read_text(encoding="utf-8").splitlines())
         main = next(
             f for f in files if f.suffix in (".src", ".mod", ".ls", ".script", ".pjx", ".JBI", ".csv", ".json", ".yaml")

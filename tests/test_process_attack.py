@@ -144,7 +144,7 @@ def test_pecks_have_the_full_force_and_air_moves_none(tmp_path: Path) -> None:
     assert code == 0
     force = [float(row["f_axial_N"]) for row in table if row["move"] == "cut"]
     assert force[0] == pytest.approx(345, rel=0.02)
-    assert force[3] == pytest.approx(force[0], rel=0.02)  # the second peck starts in the full diameter
+    assert force[3] == pytest.approx(force[0], rel=0.02)  # the second peck starts with the full diameter
     assert force[1] == force[2] == 0.0
     assert [row["outcome"] != "" for row in table].count(True) == 1
     assert process["in_tolerance"] is not None
@@ -192,8 +192,8 @@ def test_given_force_on_a_point_operation_moves_the_hole_sideways(tmp_path: Path
     e = 300.0 * C @ up * 1e3
     assert float(row["error_along_mm"]) == pytest.approx(float(e @ up), rel=1e-4)
     across = float(np.linalg.norm(e - (e @ up) * up))
-    assert float(row["error_across_mm"]) == pytest.approx(across, rel=0.15)  # at entry, 11 mm above the bottom
-    z = (np.log(0.4 / float(row["error_across_mm"]))) / np.log(1.2)  # of the force alone
+    assert float(row["error_across_mm"]) == pytest.approx(across, rel=0.15)  # at the entry, 11 mm above the bottom
+    z = (np.log(0.4 / float(row["error_across_mm"]))) / np.log(1.2)  # from the force alone
     assert 0.5 < float(row["p_in"]) < 1.0
     assert z > 0
     assert str(process["headline"]).startswith("0 of 1 holes in tolerance, 1 marginal")

@@ -1,4 +1,4 @@
-"""End of the command's process: immediate, after all exit handlers."""
+"""The process of a command ends immediately, after all exit handlers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blockers of production come first on terminal, document and page."""
+"""Problems that prevent production are listed first on terminal, document and page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Positions of program events between moves, by samples or printed decimals."""
+"""Positions of program events between moves, within samples or printed decimals."""
 
 from __future__ import annotations
 
@@ -96,15 +96,18 @@ def cuts(toolpath: Toolpath, axis_corner: float = 0.0) -> ExpectedCuts:
 
 
 def test_event_index_follows_the_distance_between_long_and_short_moves() -> None:
-    """340 mm, then 1 mm pieces of an arc, 0.6 mm a sample: point 1 is 0.2 mm behind one sample, 0.4 before the next."""
+    """A move of 340 mm, then 1 mm chords of an arc, 0.6 mm per sample.
+
+    Point 1 is 0.2 mm after one sample and 0.4 mm before the next.
+    """
     toolpath = path([[0, 0, 0], [340, 0, 0], [341, 0, 0]], [MoveKind.CUT] * 3, ())
     motion = build_motion(np.array([1 - 0.2 / 340, 1.4]), np.zeros(2, np.int64))
     (index,) = compute_toolpath_index(motion, np.array([0.2 / 0.6]), toolpath)
-    assert abs(index - 1.0) < 1e-6  # the nanometre that a step on which nothing moves counts
+    assert abs(index - 1.0) < 1e-6  # 1 nm, the length that a step without motion counts
 
 
 def test_event_between_two_moves_to_one_place_is_in_place() -> None:
-    """A rapid move, the spindle's start, a move to where the tool stands already: decimals leave 4 µm of way open."""
+    """A rapid move, a spindle start and a move to the current position: printed decimals leave 4 µm of travel."""
     spindle = ToolpathEvent(2, "spindle", "S6000", 6000.0)
     rapid, cut = MoveKind.RAPID, MoveKind.CUT
     toolpath = path([[0, 0, 50], [9, 0, 50], [9, 0, 50], [9, 0, 0]], [rapid, rapid, rapid, cut], (spindle,))
@@ -119,7 +122,7 @@ def test_event_between_two_moves_to_one_place_is_in_place() -> None:
 
 
 def test_event_at_the_start_of_a_rapid_move_is_in_place() -> None:
-    """The index of the way to point 2 runs with time: it is 1.0002 while the tool is still at point 1."""
+    """The index on the way to point 2 increases with time: it is 1.0002 while the tool is still at point 1."""
     rapid = MoveKind.RAPID
     toolpath = path([[0, 0, 50], [9, 0, 50], [1400, 0, 50], [1400, 0, 60]], [rapid] * 4, ())
     reached = np.full(4, -1)
@@ -133,7 +136,7 @@ def test_event_at_the_start_of_a_rapid_move_is_in_place() -> None:
 
 
 def test_samples_within_printed_decimals_are_no_joint_move() -> None:
-    """The last samples of a retract are a micrometre apart; the program's target is found two of them too early."""
+    """The last samples of a retract are 1 µm apart; the program's target is located two samples too early."""
     p = np.zeros((6, 3))
     p[:, 2] = 1e-3 * np.array([0, 9.998, 9.9995, 10.0, 15.0, 20.0])
     move = np.array(
@@ -149,7 +152,7 @@ def test_samples_within_printed_decimals_are_no_joint_move() -> None:
 
 
 def test_joint_move_at_the_current_place_is_not_on_the_path() -> None:
-    """One point that is cut to: the joint target's own decimals are 2 µm from where the tool stands for two samples."""
+    """One cut point; with its printed decimals the joint target is 2 µm from the tool, which rests for two samples."""
     p = 1e-3 * np.array([[0, 0, 90.0], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 90.0]])
     move = np.array([MoveKind.RAPID, MoveKind.RAPID, MoveKind.CUT, MoveKind.CUT, MoveKind.RAPID])
     place = np.array([[0, 0, 90], [0, 0, 2e-3], [0, 0, 2e-3], [0, 0, 90.0]])
@@ -164,9 +167,9 @@ def test_joint_move_at_the_current_place_is_not_on_the_path() -> None:
 
 
 def test_rounding_of_joint_targets_is_allowed_like_pulses() -> None:
-    """With a positioner a target of five decimals lay 1.2 µm from the tool's own place, and exit was 4."""
+    """With a positioner, a target with five decimals was 1.2 µm from the tool position, and the exit code was 4."""
     assert compute_last_digit(np.array([[-74.22112, np.nan], [0.0, 90.0]])) == 1e-5
-    assert compute_last_digit(np.array([-90.0, 45.0])) == 1e-4  # round by chance
+    assert compute_last_digit(np.array([-90.0, 45.0])) == 1e-4  # round values by chance
     assert compute_last_digit(np.array([np.pi, np.nan])) == compute_last_digit(np.array([np.nan])) == 0.0
     p = 1e-3 * np.array([[0, 0, 0], [0, 0, 9.9988], [0, 0, 10.0], [0, 0, 15.0], [0, 0, 20.0]])
     move = np.array([MoveKind.CUT, MoveKind.RETRACT, MoveKind.RETRACT, MoveKind.RAPID, MoveKind.RAPID]).astype(np.int64)
@@ -181,14 +184,14 @@ def test_rounding_of_joint_targets_is_allowed_like_pulses() -> None:
 
 
 def tilt_pose(T: Array, angle: float) -> Array:
-    """The pose (4, 4), its axis tilted about y."""
+    """Return the pose (4, 4) with its axis tilted about y."""
     out = T.copy()
     out[:3, :3] = Rotation.from_euler("y", angle).as_matrix() @ T[:3, :3]
     return out
 
 
 def on_the_spot() -> tuple[Toolpath, ProgramInCell]:
-    """A cut, the axis tilted by 0.5 rad where it ends, a cut."""
+    """Return a cut, a tilt of the axis by 0.5 rad at its end, and another cut."""
     toolpath = path([[0, 0, 0], [30, 0, 0], [30, 0, 0], [60, 0, 0]], [MoveKind.CUT] * 4, ())
     axis = toolpath.axis.copy()
     axis[2:] = [np.sin(0.5), 0.0, np.cos(0.5)]
@@ -206,13 +209,14 @@ def test_axis_rotation_on_the_spot_is_located_at_its_end() -> None:
     assert reached.tolist()[1:] == [1, 2, 3]
     assert np.nanmax(gap) < 1e-9
     assert np.nanmax(tilt[1:]) < 1e-6
-    left_out = np.array([0, 1, 3])  # a program that turns the axis on the way instead
+    left_out = np.array([0, 1, 3])  # a program that rotates the axis during the next move instead
     _, _, tilt = _find_cut_moves(T[left_out, :3, 3], -T[left_out, :3, 2], cuts(toolpath), 2e-5)
     assert tilt[2] > 0.4
 
 
 def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
-    """Samples come to the point, turn, and go: the first that is near enough is 15 µm before it."""
+    """The samples approach the point, rotate and leave;
+    the first one within the tolerance is 15 µm before the point."""
     toolpath, _ = on_the_spot()
     x = np.array([0, 29.9, 29.985, 30, 30, 30, 30.01, 30.1, 60])
     parsed_program = program(np.column_stack([x, 0 * x, 0 * x]), [LIN] * len(x), ())
@@ -222,7 +226,7 @@ def test_streamed_motion_may_rotate_the_axis_within_the_tolerance() -> None:
     reached, _, tilt = _find_cut_moves(T[:, :3, 3], -T[:, :3, 2], cuts(toolpath), 2e-5)
     assert reached.tolist()[1:] == [3, 5, 8]
     assert np.nanmax(tilt[1:]) < LINE_TIE_M / AXIS_LEVER_M + 1e-9
-    T[6:8] = tilt_pose(T[6], -0.5)  # turned back before it goes: it never was at 0.5 rad where it left
+    T[6:8] = tilt_pose(T[6], -0.5)  # rotated back before it leaves: the tilt was not 0.5 rad at departure
     _, _, tilt = _find_cut_moves(T[[0, 1, 2, 3, 7, 8], :3, 3], -T[[0, 1, 2, 3, 7, 8], :3, 2], cuts(toolpath), 2e-5)
     assert tilt[2] > 0.4
 
@@ -239,7 +243,8 @@ def test_allowed_deviation_applies_to_streamed_motion_not_to_targets() -> None:
 
 
 def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
-    """The tip goes on straight, 0.05 mm a sample, where the rail sets out: it does so 0.5 mm of way before."""
+    """The tip moves straight at 0.05 mm per sample; the rail, which should start there,
+    starts 0.5 mm of path earlier."""
     x = 0.05 * np.arange(-100, 101)
     tcp = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (len(x), 1, 1))
     tcp[:, 0, 3] = 1e-3 * x
@@ -272,11 +277,11 @@ def test_rail_rounding_its_corner_deviates_within_the_tolerance() -> None:
 
 
 def test_sample_of_a_started_rotation_belongs_to_that_move() -> None:
-    """The target before is found by its place, so up to a sample late."""
+    """The preceding target is located by its position, so it may be found one sample late."""
     _, output = on_the_spot()
     T = output.T_workpiece_tcp
     tcp = np.stack([tilt_pose(T[1], 1e-3), T[1]])
-    tcp[1, 0, 3] -= 1e-4  # one on the way, which is left as it is
+    tcp[1, 0, 3] -= 1e-4  # a sample during the move, which is not reassigned
     tcp[1, :3, :3] = tcp[0, :3, :3]
     rows, move = np.arange(2), np.array([1, 1])
     off = _compute_line_deviation(tcp, T[move - 1], T[move])

@@ -1,4 +1,4 @@
-"""Program names from file names of any script: valid on every controller and unique."""
+"""Program names from file names in any script: valid on every controller, and unique."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real robot programs of the team's local test data; skipped where they are absent (they are not ours to publish)."""
+"""Real robot programs from the team's local test data; skipped if absent (they may not be published)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from machopt.programs.reading.called_files import try_read_source
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "cam"
 pytestmark = pytest.mark.skipif(not (DATA / "index.csv").exists(), reason="../shared/data/cam is not here")
 
-# file: points of the toolpath, of them cut, events; None where the program gives no feed and one must be given
+# file: number of toolpath points, cut points, events; None if the program has no feed and one must be given
 READ = {
     "robot_abb/Clement-RACINET__Mod_Traj_sphere05mm.mod": (7289, 7289, 0),
     "robot_abb/Clement-RACINET__mod_exemple.mod": (17, 17, 0),
@@ -61,7 +61,8 @@ def test_real_programs_are_read(name: str) -> None:
     assert (len(t), int(t.cutting.sum()), len(t.events)) == (points, cut, events)
     assert np.isfinite(t.position).all()
     np.testing.assert_allclose(np.linalg.norm(t.axis, axis=1), 1.0, atol=1e-12)
-    assert np.abs(np.sum(t.axis * t.reference, axis=1)).max() < 1e-9  # the tool's x axis is across
+    # the x axis of the tool is perpendicular to the tool axis
+    assert np.abs(np.sum(t.axis * t.reference, axis=1)).max() < 1e-9
     assert t.format.startswith("robot/")
 
 
@@ -73,10 +74,10 @@ def test_other_programs_are_refused_with_a_reason(name: str) -> None:
 
 
 def test_numbers_of_known_lines() -> None:
-    """Read off the files by eye."""
+    """Read manually from the files."""
     t = read_program_as_toolpath(DATA / "robot_abb/TPHugo__T_ROB1.mod")
     np.testing.assert_allclose(t.position[0] * 1e3, [60.1, 556, 162.5], atol=1e-9)
-    np.testing.assert_allclose(t.axis[0], [0, 0, 1], atol=1e-12)  # quaternion 0,0,1,0: z down, so the shank is up
+    np.testing.assert_allclose(t.axis[0], [0, 0, 1], atol=1e-12)  # quaternion 0,0,1,0: z down, so the shank points up
     assert t.feed[0] == pytest.approx(0.15)  # v150
     assert t.move[3] == MoveKind.RAPID  # MoveJ
     assert [e.text for e in t.events][:3] == [
@@ -95,13 +96,13 @@ def test_numbers_of_known_lines() -> None:
     assert f.bases[f.base[0]].name == "UFRAME 0"
     welding = read_program(DATA / "robot_fanuc/Creearc__cub.ls")
     assert welding.feed[0] == pytest.approx(0.04)  # 240 cm/min
-    assert welding.external.shape == (999, 2)  # GP2, a positioner that stands still
+    assert welding.external.shape == (999, 2)  # GP2, a positioner that does not move
     ur = read_program(DATA / "robot_ur/RoboDK__UniveralRobots.script")
     assert ur.kind.tolist() == [0, 0, 0, *[1] * 8, 0]
     np.testing.assert_allclose(
         ur.axes_deg[0], np.degrees([-2.652653, -1.365240, -1.512183, -1.127522, 1.275170, 1.920416])
     )
-    assert ur.feed[3] == pytest.approx(0.05)  # speed_ms was set anew before
+    assert ur.feed[3] == pytest.approx(0.05)  # speed_ms was changed before
     assert ur.blend[3] == pytest.approx(0.001)
     jbi = read_program(DATA / "robot_other/RoboDK__PROGRAM.JBI")
     assert jbi.configuration[1]["pulses"] == (0, -4474, -711, 0, -51077, 0)

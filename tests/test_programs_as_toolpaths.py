@@ -1,4 +1,4 @@
-"""Robot programs as toolpaths of ``inspect`` and ``optimize``: by content, with or without their robot."""
+"""Robot programs as toolpaths of ``inspect`` and ``optimize``: recognised by content, with or without their robot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MAPPED_ROBOT = ProgramRobot(ARM.compute_fk, MAPPED, TOOL, WORKPIECE)
 def write_program_file(
     folder: Path, post: str, controller: RobotController = MAPPED
 ) -> tuple[Path, np.ndarray, np.ndarray]:
-    """A program's main file, and tip positions (mm) and kinds of move it was made from."""
+    """Return the main file of a program, and its tip positions (mm) and kinds of move."""
     p = program(Recipe(4, moves=30), controller)
     name = format_program_name("part", post)
     files = write_program(folder, name, p, post, controller)
@@ -37,12 +37,12 @@ def write_program_file(
 
 @pytest.mark.parametrize("post", list_post_names())
 def test_every_program_is_a_toolpath(tmp_path: Path, post: str) -> None:
-    """With the robot every target has its place, whatever it is written in."""
+    """With the robot, every target has a position in any format."""
     file, place, moves = write_program_file(tmp_path, post)
     t = read_toolpath(file, robot=MAPPED_ROBOT, default_feed=0.01)
     assert t.format.startswith("robot/")
     np.testing.assert_array_equal(t.move, moves)
-    # axes are printed to 1e-4° at least: six of them, four metres away
+    # axes are printed to 1e-4° or finer: six axes, at a distance of four metres
     np.testing.assert_allclose(t.position * 1e3, place, rtol=0, atol=6 * np.radians(1e-4) * 4e3)
     if post in JOINTS_ONLY:
         with pytest.raises(InputError, match=r"joint positions without a known place.*optimize has one") as caught:
@@ -51,14 +51,15 @@ def test_every_program_is_a_toolpath(tmp_path: Path, post: str) -> None:
         return
     alone = read_toolpath(file, default_feed=0.01)
     known = np.isin(t.line, alone.line)
-    led = np.append([True], known[:-1]) | (np.cumsum(known) <= 1)  # a cut whose start is known, or the first point
+    led = np.append([True], known[:-1]) | (np.cumsum(known) <= 1)  # a cut with a known start, or the first point
     assert (alone.move == MoveKind.CUT).sum() == ((moves == MoveKind.CUT) & led).sum()
     cut = t.position[t.cutting & led]
-    np.testing.assert_allclose(alone.position[alone.cutting], cut, rtol=0, atol=1e-9)  # the same numbers of the file
+    np.testing.assert_allclose(alone.position[alone.cutting], cut, rtol=0, atol=1e-9)  # the same numbers in the file
 
 
 def test_program_uses_its_own_base_and_tool(tmp_path: Path) -> None:
-    """Joint moves between Cartesian ones are placed in the program's base with its tool, not in the cell's."""
+    """The position of joint moves between Cartesian ones uses the base and tool
+    of the program, not those of the cell."""
     file, place, moves = write_program_file(tmp_path, "rapid")
     elsewhere = WORKPIECE.copy()
     elsewhere[0, 3] += 0.25
@@ -114,7 +115,7 @@ def test_tool_axis_is_reported_where_the_frame_points_opposite(tmp_path: Path) -
     assert not up.warnings
     side = read_toolpath(tmp_path / "a.src", tool_axis="-x")
     np.testing.assert_allclose(side.axis[0], [-1, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(side.reference[0], [0, 1, 0], atol=1e-12)  # across the tool's own axis
+    np.testing.assert_allclose(side.reference[0], [0, 1, 0], atol=1e-12)  # perpendicular to the tool axis
     with pytest.raises(InputError, match="unknown tool axis 'z'"):
         read_toolpath(tmp_path / "a.src", tool_axis="z")
 
@@ -129,7 +130,7 @@ def test_tool_axis_is_reported_where_the_frame_points_opposite(tmp_path: Path) -
     ],
 )
 def test_tables_of_robot_poses(tmp_path: Path, header: str, attitude: str) -> None:
-    """One attitude four ways: Rz(30°) Rx(180°), so the tool points down and its x axis lies at 30°."""
+    """One orientation in four notations: Rz(30°) Rx(180°), so the tool points down and its x axis is at 30°."""
     (tmp_path / "a.csv").write_text(
         f"x_mm,y_mm,z_mm,{header},feed_mm_min\n1,2,3,{attitude},600\n4,2,3,{attitude},600\n"
     )
@@ -140,12 +141,12 @@ def test_tables_of_robot_poses(tmp_path: Path, header: str, attitude: str) -> No
     np.testing.assert_allclose(turned.axis[0], [0, 0, -1], atol=1e-6)
 
 
-# ---- by the commands
+# ---- commands
 
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Programs of one planned job: Cartesian ones and one of joints only."""
+    """Programs of one planned job: Cartesian ones and one with joints only."""
     folder = tmp_path_factory.mktemp("programs")
     rows = ["-100,0,60,rapid,", "-100,0,5,cut,1000", *(f"{-100 + 4 * k},0,-0.5,cut,1500" for k in range(6))]
     table = folder / "pass.csv"
@@ -165,7 +166,8 @@ def cuts(t: Toolpath) -> np.ndarray:
 def test_program_is_planned_again(job: Path, file: str, tmp_path: Path) -> None:
     before = cuts(read_toolpath(job / "pass.csv"))
     again = read_toolpath(job / "out" / file, robot=build_known_robot(load_cell(CELL)))
-    np.testing.assert_allclose(cuts(again), before, rtol=0, atol=1e-3)  # five decimals of a degree, three metres away
+    # five decimals of a degree at a distance of three metres
+    np.testing.assert_allclose(cuts(again), before, rtol=0, atol=1e-3)
     out = tmp_path / "out"
     program_file = str(job / "out" / file)
     assert main(["optimize", str(CELL), program_file, "-o", str(out), "--quiet", "--method", "default"]) == 0

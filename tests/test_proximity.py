@@ -1,4 +1,4 @@
-"""Proximity test against distances by fcl, and containment of bodies."""
+"""Proximity test compared with distances by fcl, and containment of bodies."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_proximity_agrees_with_fcl(limit: float) -> None:
 
 
 def test_flat_and_hollow_bodies() -> None:
-    """A sheet has no hull of its own, and what lies in a bowl is inside its hull but does not touch it."""
+    """A sheet has no hull, and a body in a bowl is inside the hull of the bowl but does not touch it."""
     sheet = body_of(trimesh.Trimesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]]))
     bowl = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
     bowl.update_faces(bowl.triangles_center[:, 2] < 0.3)
@@ -92,7 +92,7 @@ def test_body_inside_another_is_found_at_every_placement() -> None:
     for bodies in ([a, b], [b, a]):
         surfaces = FclSurfaces(bodies)
         big, small = (T, np.linalg.inv(T)) if bodies[0] is a else (np.linalg.inv(T), T)
-        corner = big[:, :3, :3] @ b.vertices[0] + big[:, :3, 3]  # of the small box, seen from the large one
+        corner = big[:, :3, :3] @ b.vertices[0] + big[:, :3, 3]  # corner of the small box in the frame of the large one
         other = small[:, :3, :3] @ a.vertices[0] + small[:, :3, 3]
         fixed = (np.abs(corner) < 0.5).all(axis=1) | (np.abs(other) < 0.05).all(axis=1)
         found = surfaces.find_contained((0, 1), T)
@@ -103,8 +103,10 @@ def test_body_inside_another_is_found_at_every_placement() -> None:
 
 
 def test_free_result_is_reused_only_while_nothing_can_come_near() -> None:
-    """A row that is free answers for those after it only as long as nothing can have come near: a ball wandering in a
-    bowl, inside its hull, asked in one go and one by one."""
+    """The result of a free row is reused for later rows only while no body can have come near.
+
+    A ball moves in a bowl, inside its hull; all rows in one call are compared with single calls.
+    """
     bowl = trimesh.creation.icosphere(subdivisions=2, radius=1.0)
     bowl.update_faces(bowl.triangles_center[:, 2] < 0.3)
     a, ball = (build_outline(body_of(m)) for m in (bowl, trimesh.creation.icosphere(subdivisions=1, radius=0.1)))
@@ -115,7 +117,7 @@ def test_free_result_is_reused_only_while_nothing_can_come_near() -> None:
     depth = T[:, 2, 3].copy()
     for near in (0.0002, 0.001, 0.02):
         T[:, 2, 3] = depth - np.linspace(0.0, near, 400)
-        limit = 0.0983 - 0.5 * near  # of 0.0983 m at the beginning
+        limit = 0.0983 - 0.5 * near  # 0.0983 m is the initial distance
         alone = np.array([is_nearer_than(a, ball, t[None], limit)[0] for t in T])
         assert np.array_equal(is_nearer_than(a, ball, T, limit), alone)
         assert 0 < alone.sum() < len(T)
@@ -123,8 +125,11 @@ def test_free_result_is_reused_only_while_nothing_can_come_near() -> None:
 
 @pytest.mark.parametrize("limit", [0.0, 0.004, 0.05])
 def test_results_carried_between_rows_equal_single_results(limit: float) -> None:
-    """Hits answer for hits, free rows for free ones, and a plane found once is tried again: along a walk that goes in
-    and out of contact in small and large steps, in one go and one by one."""
+    """Contacts and free results are reused, and a separating plane is tested again in the next row.
+
+    A random walk enters and leaves contact in small and large steps; all rows in one call are compared with single
+    calls.
+    """
     stick = trimesh.creation.cylinder(radius=0.03, height=0.5, sections=9)
     ring = trimesh.creation.annulus(r_min=0.2, r_max=0.3, height=0.1)
     a, b = build_outline(body_of(ring)), build_outline(body_of(stick))

@@ -12,11 +12,11 @@ from random_small_jobs import CELLS, POSTS, ROOT, UP, Row, choose_place_above_cu
 from machopt.commands.optimize.request import OptimizeRequest
 from machopt.commands.optimize.run import run_optimize
 
-OF_RAILS = ("krl", "rapid", "jbi", "csv")  # posts that take external axes along
+OF_RAILS = ("krl", "rapid", "jbi", "csv")  # posts that support external axes
 
 
 def run(cell: str, toolpath: Path, out: Path, rng: np.random.Generator) -> int:
-    """Plan with two posts, a sample time and a tolerance drawn at random; the exit code."""
+    """Plan with two posts and a random sample time and tolerance; return the exit code."""
     posts = rng.choice(OF_RAILS if CELLS[cell] in ("beam_passes.csv", "drum_holes.csv") else POSTS, 2, replace=False)
     options = ["force_N={normal: 100, axial: 50}"] if rng.random() < 0.5 else []
     options.append(f"sample_ms={rng.choice([4, 8, 12, 24, 50, 90])}")
@@ -41,7 +41,8 @@ def random_small_job(seed: int, folder: Path) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 32])  # each cell of an arm alone; rail: below; turntable: the proofs
+# each cell with an arm alone; rail: see below; turntable: see the proofs
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 32])
 def test_random_small_job_is_verified(seed: int, tmp_path: Path) -> None:
     assert random_small_job(seed, tmp_path) == 0
 
@@ -49,13 +50,13 @@ def test_random_small_job_is_verified(seed: int, tmp_path: Path) -> None:
 @pytest.mark.proof
 @pytest.mark.parametrize(
     "seed", [27, *range(100, 104), 105, 106, *(range(107, 200) if NIGHTLY else ())]
-)  # each cell once; 27 on the turntable, where a job is long
+)  # each cell once; 27 is on the turntable, where a job takes long
 def test_random_small_jobs_are_verified(seed: int, tmp_path: Path) -> None:
     assert random_small_job(seed, tmp_path) == 0
 
 
 def run_cuts_along_rail(seed: int, folder: Path) -> int:
-    """Plan two to five short cuts anywhere along the rail of the shipped cell; the exit code."""
+    """Plan two to five short cuts anywhere along the rail of the shipped cell; return the exit code."""
     rng = np.random.default_rng(seed)
     rows: list[Row] = []
     for _ in range(rng.integers(2, 6)):
@@ -72,7 +73,7 @@ def run_cuts_along_rail(seed: int, folder: Path) -> int:
 
 @pytest.mark.slow
 def test_distant_cuts_on_a_rail_are_verified(tmp_path: Path) -> None:
-    assert run_cuts_along_rail(13, tmp_path) == 0  # the refined plan has 18 % less index than any of the grid
+    assert run_cuts_along_rail(13, tmp_path) == 0  # the index of the refined plan is 18 % below that of any grid plan
 
 
 @pytest.mark.proof

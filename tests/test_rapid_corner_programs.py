@@ -17,12 +17,12 @@ from machopt.programs.program_writer import write_program
 from machopt.programs.writing.blend_zones import compute_blend_zones
 
 SHARE, ZONE = 0.4375, 0.0123  # of a move, m
-PRINTED = 0.01  # m, the preferred number below the zone
-JOINTS = 4  # joint moves, then a line; moves 1 and 2 run on
+PRINTED = 0.01  # m, the largest preferred number below the zone
+JOINTS = 4  # joint moves, followed by a line; moves 1 and 2 are blended
 
 
 def build_rounded_program(*events: ToolpathEvent) -> RobotProgram:
-    """Four joint moves and two lines; the second and the third of the joint moves end at rounded corners."""
+    """Four joint moves and two lines; the second and the third joint move end at blended corners."""
     made = program(Recipe(3, moves=6, events=0))
     kind = np.array([PTP] * JOINTS + [LIN] * 2, np.int8)
     q = made.q[0] + np.cumsum(np.full((6, 6), 0.02), axis=0)
@@ -46,7 +46,7 @@ DISTANCES = ["rapid", "urscript", "urscript_movep", "val3", "csv", "json"]
 
 @pytest.mark.parametrize("post", DISTANCES)
 def test_blend_zone_is_the_largest_preferred_number_below_the_limit(post: str, tmp_path: Path) -> None:
-    """The last joint move runs on into a line: it stops."""
+    """The last joint move precedes a line: it stops."""
     files = write_program(tmp_path, "part", build_rounded_program(), post, PLAIN)
     np.testing.assert_allclose(read_program(files[0]).blend[:4], [0.0, PRINTED, PRINTED, 0.0], atol=1e-6)
 
@@ -60,13 +60,13 @@ def test_kuka_uses_the_share_directly(post: str, tmp_path: Path) -> None:
     shares = np.array(list_shares(parsed.configuration))
     np.testing.assert_array_equal(np.isfinite(shares), [False, True, True, False, False, False])
     assert (shares[1:3] <= SHARE).all()
-    assert (shares[1:3] > SHARE - 0.005).all()  # whole per cent of half a move
+    assert (shares[1:3] > SHARE - 0.005).all()  # whole percent of half a move
     assert "C_PTP" in files[0].read_text(encoding="ascii")
 
 
 @pytest.mark.parametrize("post", ["fanuc", "fanuc_joint", "jbi"])
 def test_robot_stops_where_no_distance_bounds_the_blend(post: str, tmp_path: Path) -> None:
-    """CNT has no distance; without position_levels_mm PL has none either."""
+    """CNT defines no distance; without position_levels_mm PL does not either."""
     rounding, straight = build_rounded_program(), replace(build_rounded_program(), rapid_share=None, rapid_zone=None)
     texts = []
     for n, one in enumerate((rounding, straight)):
@@ -99,7 +99,7 @@ ZONED = ["rapid", "urscript", "urscript_movep", "val3", "krl", "krl_pos", "krl_s
 
 @pytest.mark.parametrize("post", [*ZONED, "jbi_rectan"])
 def test_stopping_joint_move_states_an_exact_stop(post: str, tmp_path: Path) -> None:
-    """Read back, no joint move has a zone that the program leaves to the controller."""
+    """When the program is read back, no joint move has a zone that is left to the controller."""
     files = write_program(
         tmp_path, "PART", replace(build_rounded_program(), rapid_share=None, rapid_zone=None), post, PLAIN
     )

@@ -34,7 +34,7 @@ NODES = np.array(
 
 
 def steps_of(count: int, seed: int) -> Array:
-    """Random steps, some joints of which stand still."""
+    """Return random steps in which some joints do not move."""
     rng = np.random.default_rng(seed)
     steps = rng.normal(size=(count, 6)) * rng.uniform(0.01, 1.0, size=(count, 1))
     steps[rng.random((count, 6)) < 0.2] = 0.0
@@ -52,7 +52,7 @@ def test_blended_motion_respects_every_limit(count: int, seed: int) -> None:
     np.testing.assert_allclose(x[-1], steps.sum(axis=0), atol=1e-9)
     for order, limit in enumerate(LIMITS, start=1):  # a difference is a mean of the derivative
         ratio = np.abs(np.diff(x, n=order, axis=0)) / time[1] ** order / limit
-        assert ratio.max() <= 1.0 + 1e-3  # third differences of 20,000 places lose six digits
+        assert ratio.max() <= 1.0 + 1e-3  # third differences of 20,000 samples lose six digits
 
 
 @pytest.mark.parametrize(("count", "seed"), list(itertools.product((2, 3, 5), range(6))))
@@ -67,7 +67,7 @@ def test_blend_takes_less_time_than_stops_and_at_most_half_a_segment(count: int,
 
 @pytest.mark.parametrize("seed", range(10))
 def test_stops_have_the_time_of_jerk_limited_lines(seed: int) -> None:
-    """The closed form of the objective, which is Ruckig's time of each line."""
+    """The closed form of the objective equals the duration that Ruckig computes for each line."""
     steps = steps_of(3, seed)
     lines = sum(compute_rest_time(*(np.abs(step) / LIMITS).max(axis=1)) for step in steps)
     assert measure_fastest_time(steps, LIMITS, False) == pytest.approx(lines, rel=1e-9)
@@ -87,7 +87,7 @@ def test_blend_curve_stays_in_its_triangle(most: float) -> None:
 
 
 def build_legs(nodes: Array = NODES, *, rest: int = 0) -> list[MotionSegment]:
-    """A cut, a rapid move to each further node (points 1, 2, …), and a cut."""
+    """Return a cut, a rapid move to each further node (points 1, 2, …), and a cut."""
     legs = []
     for n, (a, b) in enumerate(itertools.pairwise(nodes)):
         x = retime_straight_segments(np.array([a, b]), TIMING.limits, TIMING.scale, SAMPLE)
@@ -111,29 +111,29 @@ def build_legs(nodes: Array = NODES, *, rest: int = 0) -> list[MotionSegment]:
 
 
 class Wall:
-    """Collides where the joints' distance from the corner, along its bisector, is above a limit."""
+    """Collides where the distance of the joints from the corner, along its bisector, exceeds a limit."""
 
     def __init__(self, corner: Array, most: float) -> None:
         self.corner, self.most = corner, most
 
     def is_hit(self, x: Array) -> Any:
-        """(S,) whether the first two joints are inside of the corner by more than the limit."""
+        """Return (S,) whether the first two joints are inside the corner by more than the limit."""
         return (x[:, 0] > 1e-6) & (x[:, 1] - self.corner[1] > self.most)
 
     def check_motion(self, q: Array, cutting: object, step: float, **_: object) -> SimpleNamespace:
-        """Contacts at places along the way, a hundred a step."""
+        """Return contacts along the path, 100 samples per step."""
         hit = np.zeros(len(q), bool)
         for n in range(1, len(q)):
             hit[n] = self.is_hit(q[n - 1] + np.linspace(0.0, 1.0, 101)[:, None] * (q[n] - q[n - 1])).any()
         return SimpleNamespace(hit=hit)
 
     def check_configurations(self, q: Array, cutting: object) -> SimpleNamespace:
-        """Contacts at places."""
+        """Return contacts of configurations."""
         return SimpleNamespace(hit=self.is_hit(q))
 
 
 def space(collision: object = None, deviation: float = 0.07, barred: Any = None) -> CornerSpace:
-    """The tool is where the first three joints are, in metres."""
+    """The tool position is the first three joints, in metres."""
 
     def compute_tcp(x: Array) -> Array:
         T = np.tile(np.eye(4), (len(x), 1, 1))
@@ -152,7 +152,7 @@ def space(collision: object = None, deviation: float = 0.07, barred: Any = None)
 
 
 def no_events(*events: ToolpathEvent) -> Any:
-    """A toolpath of which only the events count."""
+    """A toolpath of which only the events are used."""
     return SimpleNamespace(events=events)
 
 
@@ -206,13 +206,13 @@ def test_tool_passes_the_corner_within_its_limit(most: float) -> None:
     x = np.concatenate([leg.q for leg in legs])
     fine = np.concatenate([a + np.linspace(0, 1, 9)[:, None] * (b - a) for a, b in itertools.pairwise(x)])
     for node in NODES[1:3]:
-        assert np.linalg.norm(fine[:, :3] - node[:3], axis=1).min() <= most + 1e-5  # chords of samples
+        assert np.linalg.norm(fine[:, :3] - node[:3], axis=1).min() <= most + 1e-5  # tolerance: chords between samples
     assert list_rounded_corners(legs) is not None
 
 
 @pytest.mark.parametrize("room", [0.03, 0.02])
 def test_corner_with_little_room_has_a_smaller_blend(room: float) -> None:
-    """The whole triangle keeps clear, and both ends of the rounding are nearer to the corner than without the wall."""
+    """The whole blend triangle is free, and both ends of the blend are nearer to the corner than without the wall."""
     nodes = NODES[:3]
     wall = Wall(nodes[1], room)
     free, tight = (
@@ -229,7 +229,7 @@ def test_corner_with_little_room_has_a_smaller_blend(room: float) -> None:
 
 
 def test_machine_stops_where_the_blend_would_be_too_small() -> None:
-    """To slow down to a low speed first takes longer than to stop: an S-curve more."""
+    """Slowing down to a low speed takes longer than stopping, because it needs an additional S-curve."""
     assert time_legs(np.diff(NODES, axis=0), LIMITS, np.full(2, 0.01)) is None
 
 
@@ -264,14 +264,14 @@ def test_no_place_outside_the_triangle_is_in_the_zone(seed: int) -> None:
     corner, start, end = rng.normal(size=(3, 1, 6))
     share = rng.uniform(0.05, 0.5, size=(1, 2))
 
-    def place(x: Array) -> Array:  # curved
+    def place(x: Array) -> Array:  # curved path
         return np.column_stack([np.cos(x[:, 0]) + x[:, 3], np.sin(x[:, 1]) + 0.2 * x[:, 4], x[:, 2] ** 2])
 
     zone = float(compute_rapid_zone_limits(corner, (start, end), share, place)[0])
     for n, other in enumerate((start, end)):
         t = np.linspace(share[0, n], 1.0, 400)[:, None]
         away = np.linalg.norm(place(corner + t * (other - corner)) - place(corner), axis=1)
-        assert away.min() >= zone * (1 - 2e-2)  # 33 places of a curve
+        assert away.min() >= zone * (1 - 2e-2)  # 33 samples of a curve
         assert zone <= 0.5 * away[-1]
 
 
@@ -281,13 +281,13 @@ def test_moving_external_axis_has_no_distance_bound() -> None:
 
 
 def cut_leg(at: Array, index: float, move: MoveKind) -> MotionSegment:
-    """A short feed move that ends or begins at a place."""
+    """Return a short feed move that starts or ends at a position."""
     leg = build_legs(np.array([at - 0.01, at]))[0]
     return replace(leg, name="run", index=np.full(len(leg.q), index), move=np.full(len(leg.q), move, np.int8))
 
 
 def test_points_near_the_straight_line_are_passed_without_a_corner() -> None:
-    """All samples are on the straight move, in its time; the targets are on it, too, within the distance."""
+    """All samples are on the straight move with its timing; the targets are within the distance from it."""
     nodes = np.array([np.zeros(6), [0.3, 0.03, 0, 0.1, 0, 0], [0.6, 0.02, 0, 0.3, 0, 0], [0.9, 0, 0, 0.4, 0, 0]])
     legs = round_rapid_corners(build_legs(nodes), no_events(), space(deviation=0.05))
     x = np.concatenate([legs[0].q, *(leg.q[1:] for leg in legs[1:])])
@@ -340,7 +340,7 @@ def test_machine_stops_where_joints_reverse(sideways: float) -> None:
 
 
 def list_near_straight_legs(off: float, count: int) -> Array:
-    """Nodes on a line, every second one beside it."""
+    """Return nodes on a line; every second one is offset from it."""
     nodes = np.zeros((count, 6))
     nodes[:, 0] = 0.05 * np.arange(count)
     nodes[1:-1:2, 1] = off
@@ -353,7 +353,7 @@ def test_flat_corners_have_representable_shares(off: float, count: int) -> None:
     legs = round_rapid_corners(build_legs(list_near_straight_legs(off, count)), no_events(), space(deviation=1e-3))
     corners = list_rounded_corners(legs)
     assert corners is not None
-    shares = np.round(corners.share, 6)  # as the table has them
+    shares = np.round(corners.share, 6)  # rounded as in the table
     assert shares.min() > 0.0
     assert off > 1e-9 or shares.min() == 0.5
     x = np.concatenate([legs[0].q, *(leg.q[1:] for leg in legs[1:])])

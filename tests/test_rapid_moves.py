@@ -1,4 +1,4 @@
-"""Rapid moves: limits by differences of the samples, straight segments, detours, clear refusals."""
+"""Rapid moves: limits by differences of the samples, straight segments, detours, messages of refusals."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def plan(q_from: np.ndarray, q_to: np.ndarray, collision: CollisionModel | None 
 
 
 def ratios(q: np.ndarray, scale: float) -> list[float]:
-    """Greatest velocity, acceleration, jerk by differences over the scaled limits; at rest before and after."""
+    """Return the largest velocity, acceleration and jerk (by differences) divided
+    by the scaled limits; at rest before and after."""
     x = np.vstack([np.repeat(q[:1], 3, 0), q, np.repeat(q[-1:], 3, 0)])
     out = []
     for bound in (limits().velocity, limits().acceleration, limits().jerk):
@@ -71,7 +72,7 @@ def test_samples_respect_the_limits_and_the_line(a: list[float], b: list[float],
 
 
 def test_long_move_is_limited_by_the_slowest_joint() -> None:
-    """Not only within the limits: the slowest joint is at its velocity limit, and rules the duration."""
+    """The slowest joint reaches its velocity limit and determines the duration."""
     a, b = np.zeros(6), np.deg2rad([150, 20, 0, 0, 0, 0.0])
     q = retime_straight_segments(np.array([a, b]), limits(), 1.0, SAMPLE)
     v, acc, j = 120.0, 300.0, 2000.0
@@ -98,13 +99,13 @@ def test_waypoints_are_samples_at_rest() -> None:
     points = np.array([np.zeros(6), np.full(6, 0.3), [0.5, 0, 0.2, -1, 0, 1]])
     q = retime_straight_segments(points, limits(), 0.8, SAMPLE)
     corner = int(np.flatnonzero((q == points[1]).all(axis=1))[0])
-    assert np.abs(q[corner + 1] - q[corner]).max() < 1e-3  # starts from rest: j t³/6
+    assert np.abs(q[corner + 1] - q[corner]).max() < 1e-3  # start from rest: j t³/6
     assert max(ratios(q, 0.8)) <= 1.0 + 1e-6
 
 
 @pytest.fixture(scope="module")
 def walled(tmp_path_factory: pytest.TempPathFactory) -> CollisionModel:
-    """A wall straight ahead that the arm must go over or fold behind."""
+    """A wall in front of the robot that the arm must pass above or by folding back."""
     wall = CollisionShape(name="wall", kind="box", size=(1.0, 0.1, 1.3), mesh=None, T_parent_shape=pose(1.5, 0.0, 0.65))
     cell = replace(small_cell(tmp_path_factory.mktemp("c")), obstacles=(wall,))
     cell = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
@@ -123,7 +124,7 @@ def test_free_straight_line_is_used(walled: CollisionModel) -> None:
 
 def test_first_free_detour_is_used(walled: CollisionModel) -> None:
     up = np.deg2rad([[-35, -110, 90, 0, 45, 0], [35, -110, 90, 0, 45, 0.0]])
-    beyond = up + np.deg2rad([400.0, 0, 0, 0, 0, 0])  # outside the limits
+    beyond = up + np.deg2rad([400.0, 0, 0, 0, 0, 0])  # outside the joint limits
     through = np.array([0.5 * (LEFT + RIGHT)])
     move = plan(LEFT, RIGHT, walled, detours=lambda: [beyond, through, up])
     assert isinstance(move, RapidMove)
@@ -159,7 +160,7 @@ def test_obstacles_are_named(walled: CollisionModel) -> None:
 
 
 def test_ruckig_stays_offline() -> None:
-    """Ruckig sends waypoints to a cloud service once they are set; no source file may name them."""
+    """Ruckig sends waypoints to a cloud service when they are set; no source file may contain the name."""
     word = "intermediate" + "_positions"
     for file in Path(machopt.__file__).parent.rglob("*.py"):
         names = {t.string for t in tokenize.generate_tokens(io.StringIO(file.read_text()).readline)}
@@ -172,7 +173,7 @@ def test_random_corners_are_cut_where_the_line_is_free(monkeypatch: pytest.Monke
     np.testing.assert_array_equal(rapid_moves._cut_corners(nobody, path, rng), path[[0, -1]])
     monkeypatch.setattr(rapid_moves._Space, "free", lambda *_: False)
     np.testing.assert_array_equal(rapid_moves._cut_corners(nobody, path, rng), path)
-    # only lines that stay on one side of the middle are free
+    # only lines on one side of the middle are free
     side = np.arange(9) >= 4
     at = {row.tobytes(): bool(s) for row, s in zip(path, side, strict=True)}
     monkeypatch.setattr(rapid_moves._Space, "free", lambda _, a, b: at[a.tobytes()] == at[b.tobytes()])

@@ -1,4 +1,4 @@
-"""Blocked rapid moves: avoided by whole turns or by another choice."""
+"""Blocked rapid moves are avoided by whole turns or by another branch."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROWS = [
 ]  # two cuts, with rapid moves before, between and after
 
 
-HOME = np.deg2rad([0, -90, 90, 0, 45, 170.0])  # from there joint 6 reaches a posture on either side of zero
+HOME = np.deg2rad([0, -90, 90, 0, 45, 170.0])  # joint 6 can reach configurations on either side of zero from here
 
 
 @pytest.fixture(scope="module")
@@ -49,13 +49,13 @@ def stop(before: float, after: float, code: Any = "rapid_blocked") -> SequenceBr
 
 
 def second_cut(plan: Plan) -> tuple[int, int]:
-    """Planning points of the first one cut in the second half, and the last of all."""
+    """Return the first planning point of the cut in the second half, and the last planning point."""
     cut = np.flatnonzero((plan.path.index >= 4) & (plan.path.move == MoveKind.CUT))
     return int(cut[0]), len(plan.path.index) - 1
 
 
 class Motion:
-    """What is driven: nothing between two places while ``blocked`` says so of a plan."""
+    """Simulate the motion of a plan: fail with ``stops`` if ``blocked(plan)`` is true."""
 
     def __init__(self, good: MotionTimeline, blocked: Any, stops: tuple[SequenceBreak, ...]) -> None:
         self.good, self.blocked, self.stops, self.asked = good, blocked, stops, 0
@@ -90,7 +90,7 @@ def test_plan_after_a_blocked_move_is_shifted_by_whole_turns(made: Plan, driven:
     arm = made.setup.arm
     assert (plan.chosen.assignment.q >= arm.lower).all()
     assert (plan.chosen.assignment.q <= arm.upper).all()
-    np.testing.assert_allclose(plan.chosen.cost, made.chosen.cost, rtol=1e-9)  # the same postures
+    np.testing.assert_allclose(plan.chosen.cost, made.chosen.cost, rtol=1e-9)  # the same configurations
     assert plan.chosen.objective.travel > made.chosen.objective.travel
     assert "from point 3 to point 4: joint" in timeline.detours[-1]
 
@@ -121,14 +121,15 @@ def test_another_branch_starts_at_home_where_no_turn_helps(
     assert timeline is not None
     assert timeline.trajectory is not None
     assert plan.chosen.assignment.branch[0] != taken
-    assert made.candidates.feasible[0][:, made.candidates.branch == taken].any()  # a plan keeps its own candidates
+    # the candidates of the original plan are unchanged
+    assert made.candidates.feasible[0][:, made.candidates.branch == taken].any()
     assert f"to branch {taken}" in timeline.detours[-1]
 
 
 def test_branch_is_kept_where_no_turn_helps(
     made: Plan, driven: MotionTimeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As a plan that changes branch between the cuts, whose first half the search itself would not take."""
+    """The plan changes branch between the cuts; the search itself would not take the branch of its first half."""
     monkeypatch.setattr(rapid_rerouting, "plan_rapid", nothing_is_free)
     a, begin = made.chosen.assignment, int(np.searchsorted(made.path.index, 4.0))
     usable = made.candidates.branch[made.candidates.feasible[0].any(axis=(0, 2))]
@@ -161,14 +162,14 @@ def test_other_failures_are_reported_unchanged(
     assert timeline is not None
     assert timeline.obstructions == motion.stops
     assert motion.asked == 1
-    always = Motion(driven, lambda plan: True, (stop(3.0, 4.0),))  # of one branch: nothing to leave out
+    always = Motion(driven, lambda plan: True, (stop(3.0, 4.0),))  # a single branch: no branch change to exclude
     assert reroute_blocked_rapids(made, always, StageTimings())[0] is made
 
 
 def test_incomplete_plan_is_not_searched_again(
     made: Plan, driven: MotionTimeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Another search would not know why they were given up, as of what gouges."""
+    """Another search would not know the reason of the unreachable points, for example gouging."""
     monkeypatch.setattr(rapid_rerouting, "plan_rapid", nothing_is_free)
     a = made.chosen.assignment
     lacking = replace(
@@ -180,7 +181,7 @@ def test_incomplete_plan_is_not_searched_again(
 
 
 def test_omitted_points_have_no_turn(made: Plan, driven: MotionTimeline) -> None:
-    """The last rapid point of the file out of reach: home is come to from the one before."""
+    """The last rapid point of the file is out of reach: the move to home starts at the point before it."""
     a, q = made.chosen.assignment, made.chosen.assignment.q.copy()
     last = made.path.runs[-1][1]
     q[last] = np.nan

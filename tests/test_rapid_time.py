@@ -1,4 +1,4 @@
-"""Costs of rapid moves, branch changes and whole turns: timing law, and search against every sequence."""
+"""Costs of rapid moves, branch changes and whole turns: timing law, and search compared with all sequences."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def test_zero_move_takes_no_time() -> None:
 
 
 def ride(a: np.ndarray, b: np.ndarray) -> float:
-    """Duration of a rapid move by the driven samples, s."""
+    """Return the duration of a rapid move in s, from its samples."""
     return 1e-3 * (len(retime_straight_segments(np.array([a, b]), limits(), 0.8, 1e-3)) - 1)
 
 
 def near(q: np.ndarray) -> np.ndarray:
-    """The posture that whole turns bring nearest to home."""
+    """Return the configuration with the whole turns that are nearest to home."""
     return q - 2 * np.pi * np.round((q - HOME) / (2 * np.pi))
 
 
@@ -81,7 +81,7 @@ def test_search_costs_of_rapids_equal_those_of_every_sequence(seed: int) -> None
     if not np.isfinite(best):
         pytest.skip("this random problem has no sequence")
     choice = choose_sequence(path, candidates, scores, VELOCITY, options)
-    rounding = 0.7 * 5 * 1e-3 / seconds  # every ride above is rounded up to a millisecond
+    rounding = 0.7 * 5 * 1e-3 / seconds  # every duration above is rounded up to 1 ms
     assert choice.total == pytest.approx(best, rel=GAP, abs=rounding)
     share, changes = pricing.measure(path, choice.q, choice.branch)
     assert changes / unit == pytest.approx(round(changes / unit))

@@ -1,4 +1,4 @@
-"""Shift of a part that brings all unreachable points into reach."""
+"""Shift of a part that makes all unreachable points reachable."""
 
 from __future__ import annotations
 

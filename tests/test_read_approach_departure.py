@@ -1,4 +1,4 @@
-"""Heidenhain's approach and departure blocks, TRANS, DIN/ISO corners; units of Sinumerik's feeds."""
+"""Heidenhain approach and departure blocks, TRANS, DIN/ISO corners; units of Sinumerik feeds."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_tool_approaches_through_an_auxiliary_point(
 ) -> None:
     t = read(tmp_path, HEAD + block + "\n" + CONTOUR + TAIL)
     p = mm(t)
-    assert p[1].tolist() == [*helper, 5]  # in the plane first, then down; rapid as the block before
+    assert p[1].tolist() == [*helper, 5]  # first in the plane, then down; rapid like the block before
     assert p[2].tolist() == [*helper, -3]
     assert t.move[1:3].tolist() == [1, 1]
     at = int(np.flatnonzero((p == [20, 0, -3]).all(axis=1))[0])
@@ -51,7 +51,7 @@ def test_tool_approaches_through_an_auxiliary_point(
     if centre is not None:
         assert np.allclose(np.linalg.norm(p[2 : at + 1, :2] - centre, axis=1), 10.0, atol=1e-6)
         before = (p[at] - p[at - 1])[:2]
-        assert abs(before[1]) < 0.05 * before[0]  # it meets the contour along its tangent
+        assert abs(before[1]) < 0.05 * before[0]  # the arc is tangential to the contour
 
 
 def test_approach_on_line_and_arc_is_tangential_at_both_ends(tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_approach_on_line_and_arc_is_tangential_at_both_ends(tmp_path: Path) -> 
     first = next(k for k in range(2, len(p)) if abs(np.linalg.norm(p[k] - [20, 10]) - 10) < 1e-6)
     straight, spoke = p[first] - [0, 30], p[first] - [20, 10]
     assert abs(straight @ spoke) < 1e-4
-    assert straight @ np.array([-spoke[1], spoke[0]]) > 0  # the arc goes on the way the line came
+    assert straight @ np.array([-spoke[1], spoke[0]]) > 0  # the arc continues in the direction of the line
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_tool_leaves_the_contour(tmp_path: Path, block: str, end: list[float]) -
         at = int(np.flatnonzero((p == [40, 30, -3]).all(axis=1))[0])
         step = (p[at + 1] - p[at])[:2]
         assert abs(step[0]) < 0.1 * step[1]
-        assert step[0] < 0.0  # RL: to the left
+        assert step[0] < 0.0  # RL: to the left of the contour
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""APT and CL dialects, by small snippets."""
+"""APT and CL dialects, read from small snippets."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def read(tmp_path: Path, text: str, name: str = "part.cls", **options: object) -
 
 
 def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
-    return np.round(toolpath.position * 1e3, 9)  # metres and back costs the last bits
+    return np.round(toolpath.position * 1e3, 9)  # the conversion to metres and back loses the last bits
 
 
 def test_nx_rapid_applies_to_one_motion_and_the_feed_resumes(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_nx_helix_times_two_adds_one_turn(tmp_path: Path) -> None:
 
 
 def test_nx_nurbs_starts_at_the_point_before_it(tmp_path: Path) -> None:
-    # four control points on a line with equal steps are a straight, evenly run line
+    # four control points on a line with equal steps are a straight line with uniform speed
     text = NX_HEAD + "NURBS/\nKNOT/1.0\nCNTRL/20,0,0\nCNTRL/30,0,0\nCNTRL/40,0,0\nGOTO/50,0,0\n" + NX_TAIL
     p = mm(read(tmp_path, text))
     assert np.allclose(p[3:], [[40.0, 0.0, 0.0], [50.0, 0.0, 0.0]])
@@ -82,7 +82,7 @@ def test_nx_nurbs_starts_at_the_point_before_it(tmp_path: Path) -> None:
     fine = mm(read(tmp_path, bent, arc_tolerance=1e-9))[2:]
     off = [_distance(f, q) for f in fine]
     assert len(q) > 8
-    assert max(off) <= 5.0e-3  # mm: the tolerance asked for
+    assert max(off) <= 5.0e-3  # mm: the requested tolerance
 
 
 def _distance(point: np.ndarray, line: np.ndarray) -> float:  # type: ignore[type-arg]
@@ -94,7 +94,7 @@ def _distance(point: np.ndarray, line: np.ndarray) -> float:  # type: ignore[typ
 def test_nx_second_msys_is_transformed_into_the_first(tmp_path: Path) -> None:
     later = NX_HEAD.replace("MSYS/0.0,0.0,0.0,1.0,0.0,0.0,0.0,1.0,0.0", "MSYS/100.0,0,0,0,1.0,0,-1.0,0,0")
     t = read(tmp_path, NX_HEAD + NX_TAIL + later.replace("PROFILE", "SIDE") + NX_TAIL)
-    assert np.allclose(mm(t)[5], [100.0, 10.0, 0.0])  # x runs along the first y
+    assert np.allclose(mm(t)[5], [100.0, 10.0, 0.0])  # the x axis is along the previous y axis
     assert [o.label for o in t.operations] == ["PROFILE", "SIDE"]
     assert any("coordinate system changes" in w for w in t.warnings)
 
@@ -147,9 +147,9 @@ def test_catia_arc_by_tangent_and_feed_per_revolution(tmp_path: Path) -> None:
     assert t.format == "apt/catia"
     assert (p[2:-1, 1] > 0.0).all()
     assert np.allclose(p[-1], [-10.0, 0.0, 0.0])
-    assert t.feed[t.cutting] == pytest.approx(0.1 * 2000.0 / 60e3)  # 0.1 mm a turn at 2000 rpm
+    assert t.feed[t.cutting] == pytest.approx(0.1 * 2000.0 / 60e3)  # 0.1 mm per revolution at 2000 rpm
     assert "60" in t.meta["frame"]
-    assert [e.kind for e in t.events].count("tool") == 1  # LOADTL/1,1 names it again
+    assert [e.kind for e in t.events].count("tool") == 1  # LOADTL/1,1 names the same tool again
     assert t.operations[0].label == "Contour.1"
     assert t.warnings == ()
 
@@ -332,7 +332,7 @@ def test_clt_follows_the_axis_and_one_table_position(tmp_path: Path) -> None:
     p = mm(t)
     arc = p[1 : int(np.flatnonzero(np.abs(p[:, 1] + 10.0) < 1e-9)[0]) + 1]
     turned = np.unwrap(np.arctan2(arc[:, 1], arc[:, 0]))
-    assert turned[-1] - turned[0] == pytest.approx(1.5 * np.pi)  # the word CLOCKWISE is wrong over 180°
+    assert turned[-1] - turned[0] == pytest.approx(1.5 * np.pi)  # the word CLOCKWISE is wrong above 180°
     assert np.allclose(t.axis, [0.0, 0.0, 1.0])
     assert p[t.cutting][-2:, 2].tolist() == [-5.0, -6.0]
     with pytest.raises(InputError, match="table has another position"):
@@ -368,7 +368,7 @@ def test_creo_arc_through_several_points_and_csys_over_lines(tmp_path: Path) -> 
     arc = p[2 : int(np.argmin(p[:, 0])) + 1]
     assert t.format == "apt/creo"
     assert (arc[:-1, 1] > 0.0).all()  # right-handed about +z
-    assert np.array_equal(arc[-1], [-10.0, 0.0, 0.0])  # only the last of the three points is its end
+    assert np.array_equal(arc[-1], [-10.0, 0.0, 0.0])  # only the last of the three points is its end point
     assert np.allclose(np.linalg.norm(arc[:, :2], axis=1), 10.0)
     assert p[t.cutting][-1].tolist() == [30.0, 0.0, -12.0]
     assert t.feed[t.cutting][-1] == pytest.approx(100.0 / 60e3)
@@ -393,10 +393,10 @@ def test_hsm_names_the_bottom_of_a_hole_and_swaps_the_spindle(tmp_path: Path) ->
     assert t.format == "apt/hsm"
     assert [(o.label, o.tool, o.kind) for o in t.operations] == [("Drill1", "3", "point"), ("Swarf", "4", "trajectory")]
     drill = p[t.operation == 0]
-    assert drill[:, 2].tolist() == [15.0, 5.0, -10.0, 15.0]  # clearance 15, rapid down to 15 - 10, bottom -10
+    assert drill[:, 2].tolist() == [15.0, 5.0, -10.0, 15.0]  # clearance 15, rapid down to 15 − 10, bottom −10
     assert t.feed[2] == pytest.approx(200.0 / 60e3)
     assert t.axis[-1] == pytest.approx([0.0, 0.6, 0.8])
-    assert next(e for e in reversed(t.events) if e.kind == "spindle").value == 0.0  # SPINDL/ON switches it off
+    assert next(e for e in reversed(t.events) if e.kind == "spindle").value == 0.0  # SPINDL/ON switches the spindle off
     high = HSM.text.replace("15.000000, RAPTO", "4.000000, RAPTO")
     with pytest.raises(InputError, match="with GOTO as the hole's bottom"):
         read(tmp_path, high, HSM.name)

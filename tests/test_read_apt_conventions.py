@@ -25,14 +25,14 @@ def read_refused(folder: Path, text: str, name: str = "part.apt", **options: obj
     return found.value
 
 
-# ---- arcs that state their sweep (CAMplete)
+# ---- arcs with a stated sweep (CAMplete)
 
 
 @pytest.mark.parametrize("up", [1, -1])
 @pytest.mark.parametrize("left", [True, False])
 @pytest.mark.parametrize("sweep", [10.0, 45.0, 90.0, 135.0, 179.0, 181.0, 200.0, 270.0, 350.0])
 def test_stated_sweep_decides_the_direction(tmp_path: Path, up: int, left: bool, sweep: float) -> None:
-    """36 arcs: whichever axis the record states, the arc has the sweep it states."""
+    """36 arcs: the arc has the stated sweep for every axis in the record."""
     turn = math.radians(sweep) * (1.0 if left else -1.0)
     x, y = 30.0 + 20.0 * math.cos(turn), 40.0 + 20.0 * math.sin(turn)
     text = (
@@ -126,7 +126,7 @@ def test_other_feeds_without_a_unit_are_per_minute(tmp_path: Path, unit: str, va
     assert t.feed == pytest.approx(float(value) * (25.4 if unit == "INCHES" else 1.0) / 60e3)
 
 
-# ---- places that the file does not state
+# ---- positions that the file does not state
 
 
 @pytest.mark.parametrize("after", ["GOTO/10,0,0\n", "GODLTA/1,0,0\n", "CIRCLE/0,0,0,0,0,1\nGOTO/5,0,0\n"])

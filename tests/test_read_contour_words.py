@@ -1,4 +1,4 @@
-"""Corners, tangential and three-point arcs, mirrors, scales, polar words and absolute centres: exact places."""
+"""Corners, tangential and three-point arcs, mirrors, scales, polar words and absolute centres: exact positions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from machopt.toolpath.toolpath_reader import read_toolpath
 FANUC = "G21 G90 G17\nG0 X0 Y0 Z5\nG1 Z0 F100\n"
 SINUMERIK = "G71 G90 G17\nG0 X0 Y0 Z5\nG1 Z0 F100\n"
 HEIDENHAIN = "0 BEGIN PGM A MM\n1 TOOL CALL 1 Z S1000\n2 L X+0 Y+0 Z+5 R0 FMAX\n3 L Z+0 F100\n"
-COARSE = 1e-3  # m: an arc is then chords of an eighth turn, whose ends lie on it exactly
+COARSE = 1e-3  # m: with this tolerance an arc is divided into chords of 1/8 turn; their ends are exactly on the arc
 ROUNDED = [(8, 0), (8 + 2**0.5, 2 - 2**0.5), (10, 2), (10, 9), (9, 10), (0, 10)]
 
 
@@ -39,9 +39,9 @@ def test_corners_are_rounded_and_chamfered(tmp_path: Path, text: str, name: str)
 
 
 def test_rounding_is_tangent_to_the_adjacent_arc(tmp_path: Path) -> None:
-    """Line along X, then an arc about (20, 0) from (10, 0) upwards: the centre is 1 from both."""
+    """A line along X, then an arc about (20, 0) upwards from (10, 0): the centre has the distance 1 from both."""
     got = np.array(points(tmp_path, FANUC + "X10 ,R1\nG2 X20 Y10 I10 J0\nM30\n"))[2:, :2]
-    centre = np.array([20.0 - (11.0**2 - 1.0) ** 0.5, 1.0])  # left of both: outside of the clockwise arc
+    centre = np.array([20.0 - (11.0**2 - 1.0) ** 0.5, 1.0])  # to the left of both: outside the clockwise arc
     assert np.allclose(got[0], [centre[0], 0.0], atol=1e-9)
     on_rounding = np.linalg.norm(got - centre, axis=1) < 1.0 + 1e-6
     touching = got[on_rounding][-1]

@@ -1,4 +1,4 @@
-"""Sinumerik cycles: words beside a call in one block, and hole patterns with all arguments."""
+"""Sinumerik cycles: further words in the block of a call, and hole patterns with all arguments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feeds, dwells and places in the arguments of drilling cycles of Sinumerik and Heidenhain."""
+"""Feeds, dwells and positions in the arguments of drilling cycles of Sinumerik and Heidenhain."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _read_heidenhain(folder: Path, number: int, call: str, **q: float) -> Toolpa
 
 
 def _feeds(path: Toolpath) -> list[float]:
-    """mm/min of the strokes down and of the ways out at a feed."""
+    """Return the feeds in mm/min of the strokes down and of the retracts at a feed."""
     fed = (path.move == MoveKind.CUT) | ((path.move == MoveKind.RETRACT) & (path.feed > 0.0))
     return [round(6e4 * float(feed), 6) for feed in path.feed[fed]]
 
@@ -50,7 +50,7 @@ def _feeds(path: Toolpath) -> list[float]:
         ("CYCLE84(10,0,2,-5,,0.5,3,,2,0,100,150)", [200.0, 300.0], 0.5),
         ("CYCLE84(10,0,2,-5,,0,3,,-1.5,0,200)", [300.0, 300.0], 0.0),
         ("CYCLE84(10,0,2,-5)", [100.0, 100.0], 0.0),
-        ("CYCLE84(10,0,2,-5,,0,3,,1.5,0,200,200,3,0)", [300.0, 300.0], 0.0),  # PITA 0: as the program
+        ("CYCLE84(10,0,2,-5,,0,3,,1.5,0,200,200,3,0)", [300.0, 300.0], 0.0),  # PITA 0: unit as in the program
         ("CYCLE84(10,0,2,-5,,0,3,,1.5,0,200,200,3,1)", [300.0, 300.0], 0.0),
         ("CYCLE84(10,0,2,-5,,0,3,,20,0,300,300,3,2)", [381.0, 381.0], 0.0),  # 20 threads per inch
         ("CYCLE84(10,0,2,-5,,0,3,,0.05,0,300,300,3,3)", [381.0, 381.0], 0.0),

@@ -13,7 +13,7 @@ from machopt.errors import InputError
 from machopt.toolpath.toolpath_reader import read_toolpath
 from machopt.toolpath.unknown_words import refuse_unknown_words
 
-LETTERS = {17: "XYZ", 18: "ZXY", 19: "YZX"}  # first and second axis of the plane, and the one that cycles drill along
+LETTERS = {17: "XYZ", 18: "ZXY", 19: "YZX"}  # first and second axis of the plane, and the drilling axis of the cycles
 CYCLES = (
     "CYCLE81(50,0,2,-10)",
     "CYCLE81(50,0,2,,10)",
@@ -41,14 +41,14 @@ def read(folder: Path, text: str, name: str = "part.mpf", **options: object) -> 
 
 
 def in_plane(text: str, plane: int) -> str:
-    """Words of G17 as those of another plane."""
+    """Convert words of G17 to those of another plane."""
     return text.translate(str.maketrans("XYZ", LETTERS[plane]))
 
 
 @pytest.mark.parametrize("cycle", CYCLES)
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_cycles_are_the_same_in_every_plane(tmp_path: Path, cycle: str, pattern: str) -> None:
-    """50 programs in three planes: the points of G18 and G19 are those of G17 with their axes exchanged."""
+    """50 programs in three planes: the points in G18 and G19 equal those in G17 with exchanged axes."""
     found = {}
     for plane in (17, 18, 19):
         moves = in_plane(f"G0 X0 Y0 Z60\nMCALL {{}}\n{pattern}MCALL\nG0 Z70\n", plane)
@@ -171,5 +171,5 @@ def test_manufacturer_cycles_stop_a_plan(tmp_path: Path, number: int) -> None:
     assert refused.value.where == "line 5"
     accepted = read(tmp_path, heidenhain(lines), "part.h", accept_unknown=(f"CYCL DEF {number}",))
     refuse_unknown_words(accepted, tmp_path / "part.h")
-    with pytest.raises(InputError):  # a call of it is none of a drilling cycle before it
+    with pytest.raises(InputError):  # its call does not repeat an earlier drilling cycle
         read(tmp_path, heidenhain([*START, *q_cycle(200, "-9"), lines[2], "L X+5 M99"]), "part.h")

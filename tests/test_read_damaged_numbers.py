@@ -1,4 +1,4 @@
-"""A number with one damaged character is refused or unused; it never moves a point."""
+"""A number with one damaged character is refused or has no effect; it never changes a point."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def read(file: Path, text: str) -> Toolpath:
 
 
 def list_digits(text: str) -> list[int]:
-    """Places of the digits in numbers with a decimal point, and of every fourth other digit."""
+    """Return the positions of the digits in numbers with a decimal point, and of every fourth other digit."""
     pointed = {k for m in re.finditer(r"\d*\.\d+", text) for k in range(m.start(), m.end()) if text[k].isdigit()}
     return [m.start() for n, m in enumerate(re.finditer(r"\d", text)) if m.start() in pointed or n % 4 == 0]
 
@@ -238,7 +238,7 @@ def test_number_in_two_parts_is_refused(tmp_path: Path, name: str, old: str, new
 
 
 def test_full_circle_begins_at_its_stated_radius(tmp_path: Path) -> None:
-    """Start and end are one place, so that a wrong centre shows in the radius only."""
+    """Start and end are equal, so a wrong centre changes the radius only."""
     wrong = APT.replace("CIRCLE/120.5,20.25,30.0,0.0,0.0,1.0,10.0\nGOTO/130.5,20.25,30.0\nCYCLE", "CIRCLE/125.5,20.25,"
                         "30.0,0.0,0.0,1.0,10.0\nGOTO/130.5,20.25,30.0\nCYCLE")  # fmt: skip
     assert wrong != APT
@@ -247,7 +247,7 @@ def test_full_circle_begins_at_its_stated_radius(tmp_path: Path) -> None:
 
 
 def test_patterns_accept_ascii_digits_only() -> None:
-    r"""``\d`` takes the digits of every script, and ``float`` would read them."""
+    r"""``\d`` matches digits of every script, and ``float`` would read them."""
     package = Path(__file__).resolve().parent.parent / "machopt"
     code = {path: re.sub(r"#.*", "", path.read_text(encoding="utf-8")) for path in package.rglob("*.py")}
     assert len(code) > 500

@@ -1,4 +1,4 @@
-"""A known path in the words of each dialect is read back as that path."""
+"""A known path, written in each dialect, is read back as that path."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from property_example_count import NIGHTLY, scale_example_count
 
 from machopt.toolpath.toolpath_reader import read_toolpath
 
-NEAR = 2e-6  # mm: numbers are written to 1e-10 units, robots' in metres to 1e-13; the rest is a double's
-SAGITTA = 0.0101  # mm: chords leave an arc by at most 0.01 mm
+NEAR = 2e-6  # mm: numbers are written to 1e-10 units, those of robots in metres to 1e-13; the rest is double precision
+SAGITTA = 0.0101  # mm: the sagitta of the chords is at most 0.01 mm
 COORDINATE = st.integers(-200_000, 200_000).map(lambda v: v / 1000.0)  # mm
 
 
 def legs(dialect: Dialect) -> st.SearchStrategy[list[Leg]]:
-    """Paths that the dialect has words for."""
+    """Return paths that the dialect can express."""
     return st.lists(_move(dialect), min_size=1, max_size=8).map(_join_moves)
 
 
@@ -42,7 +42,7 @@ def _move(d: Dialect) -> st.SearchStrategy[tuple[Any, ...]]:
 
 
 def _join_moves(moves: list[tuple[Any, ...]]) -> list[Leg]:
-    """Moves one after the other, a rapid one first and a cut at last."""
+    """Return consecutive moves: the first is rapid, the last is a cut."""
     at = np.array([1.5, -2.25, 50.0])
     out = [Leg(np.zeros(3), at, float("nan"))]
     for m in [*moves, ("cut", (3.0, 4.0, -5.5), 600.0, 7)]:
@@ -110,12 +110,12 @@ def test_path_is_read_back(tmp_path: Path, name: str, data: st.DataObject, seed:
 
 
 def _on_the_arc(points: Array, leg: Leg, lines: list[str]) -> None:
-    """Chord ends in order along the curve, close enough together."""
+    """Check that the chord ends are in order along the curve and close enough together."""
     assert leg.arc is not None
     every = np.vstack([leg.start, points])
     count = len(points)
     wanted = leg.points(np.arange(1, count + 1) / count)
-    assert np.abs(points - wanted).max() < 1e-5, (np.abs(points - wanted).max(), lines)  # even steps
+    assert np.abs(points - wanted).max() < 1e-5, (np.abs(points - wanted).max(), lines)  # uniform steps
     middles = leg.points((np.arange(count) + 0.5) / count)
     chords = (every[1:] + every[:-1]) / 2
     assert np.linalg.norm(middles - chords, axis=1).max() < SAGITTA, lines

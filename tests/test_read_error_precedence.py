@@ -1,4 +1,4 @@
-"""Faults without a remedy are reported before an option is asked for."""
+"""Errors that no option can correct are reported before a missing option is requested."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SRC = (
     "DEF p( )\n$BASE={{X 0,Y 0,Z 0,A 0,B 0,C 0}}\nPTP {{X 0,Y 0,Z 50,A 0,B 0,C 180}}\n{fault}"
     "LIN {{X 9,Y 0,Z 0,A 0,B 0,C 180}}\nLIN {{X 50,Y 0,Z 0,A 0,B 0,C 180}}\nEND\n"
 )
-CASES = [  # name, text, statement that no option cures, its line
+CASES = [  # name, text, statement that no option corrects, its line
     *(
         ("x.apt", APT, fault, 3)
         for fault in (
@@ -54,7 +54,7 @@ CASES = [  # name, text, statement that no option cures, its line
 
 @pytest.mark.parametrize(("name", "text", "fault", "line"), CASES)
 def test_fault_is_reported_before_a_question(tmp_path: Path, name: str, text: str, fault: str, line: int) -> None:
-    """The files give neither their unit nor their feeds, so that they would be asked for."""
+    """The files state neither unit nor feeds, so both would be requested."""
     file = tmp_path / name
     file.write_text(text.format(feed="", fault=fault + "\n"))
     with pytest.raises(InputError) as refused:

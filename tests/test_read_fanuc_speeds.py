@@ -10,7 +10,8 @@ import pytest
 from machopt.errors import InputError
 from machopt.toolpath.toolpath_reader import read_toolpath
 
-PLACES = [(0, 0, 0), (100, 0, 0), (100, 50, 0), (50, 50, 30)]  # x mm, y mm, turn about z in degrees; P[4] turns only
+# x mm, y mm, rotation about z in degrees; P[4] rotates only
+PLACES = [(0, 0, 0), (100, 0, 0), (100, 50, 0), (50, 50, 30)]
 
 
 def write(tmp_path: Path, *moves: str) -> Path:
@@ -27,7 +28,7 @@ def write(tmp_path: Path, *moves: str) -> Path:
     return file
 
 
-FEEDS = {  # words behind P[2], 100 mm from P[1]; feed in mm/min
+FEEDS = {  # words after P[2], which is 100 mm from P[1]; feed in mm/min
     "250mm/sec CNT100": 15000,
     "60cm/min FINE": 600,
     "12inch/min FINE": 304.8,

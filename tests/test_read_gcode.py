@@ -1,4 +1,4 @@
-"""G-code and Heidenhain programs, by small snippets."""
+"""G-code and Heidenhain programs, read from small snippets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read(tmp_path: Path, text: str, **options: object) -> Toolpath:
 
 
 def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
-    return np.round(toolpath.position * 1e3, 9)  # metres and back costs the last bits
+    return np.round(toolpath.position * 1e3, 9)  # the conversion to metres and back loses the last bits
 
 
 def compute_turned_angle(p: np.ndarray, a: int = 0, b: int = 1) -> float:  # type: ignore[type-arg]
@@ -64,7 +64,7 @@ def test_arcs_full_circle_helix_radius_and_planes(tmp_path: Path) -> None:
     assert compute_turned_angle(long - np.array([10.0, 10.0, 0.0])) == pytest.approx(1.5 * np.pi)
     modal = mm(read(tmp_path, head + "G3 X0 Y10 I-10\nX-10 Y0 J-10\n"))[1:]
     assert compute_turned_angle(modal) == pytest.approx(np.pi)
-    # G18: counter-clockwise seen from +Y turns z towards x
+    # G18: counter-clockwise as seen from +Y, which rotates z towards x
     g18 = mm(read(tmp_path, head + "G18 G3 X0 Z10 I-10 K0\n"))[1:]
     assert compute_turned_angle(g18, 2, 0) == pytest.approx(np.pi / 2 - 2 * np.pi) or compute_turned_angle(
         g18, 2, 0
@@ -83,7 +83,7 @@ def test_inch_incremental_and_feed_modes(tmp_path: Path) -> None:
     t = read(tmp_path, "G20 G90\nG0 X1 Y0 Z0\nG91 G1 X1 F10\nG93 X2 F4\nG94 G95 S600 X1 F.01\n")
     assert mm(t)[:, 0] == pytest.approx([25.4, 50.8, 101.6, 127.0])
     assert t.feed[1] == pytest.approx(254.0 / 60e3)
-    assert t.feed[2] == pytest.approx(4 * 50.8 / 60e3)  # a quarter of a minute for two inches
+    assert t.feed[2] == pytest.approx(4 * 50.8 / 60e3)  # 1/4 minute for two inches
     assert t.feed[3] == pytest.approx(0.254 * 600 / 60e3)
 
 
@@ -94,7 +94,7 @@ def test_feed_before_a_unit_change_is_asked_for_again(tmp_path: Path, cut: str) 
         read(tmp_path, text + cut)
     for own in (text + "F10\n" + cut, text + cut.replace("2", "2 F10", 1), text.replace("G20", "G20 F10") + cut):
         assert read(tmp_path, own).feed[-1 if "81" not in cut else -2] == pytest.approx(254.0 / 60e3)
-    assert mm(read(tmp_path, text + "G0 X2\nG21\nG1 X3\n"))[-1, 0] == 3.0  # what is not cut by is no matter
+    assert mm(read(tmp_path, text + "G0 X2\nG21\nG1 X3\n"))[-1, 0] == 3.0  # no cut is programmed in inch
 
 
 def test_cycles_with_g98_g99_repeats_and_pecks(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_rotary_words_need_a_machine_and_tool_centre_point_control(tmp_path: Pat
         read(tmp_path, "G21 G90\nG43.4 H1\nG0 X0 Y0 Z9 B30\nG1 X1 F99\n", machine="table-ac")
     with pytest.raises(InputError, match="unknown machine"):
         read(tmp_path, "G21 G90\nG0 X0\nG1 X1 F99\n", machine="table-xy")
-    assert len(read(tmp_path, "G21 G90\nG0 X0 Y0 Z9 A0 C0.\nG1 X1 F99\n")) == 2  # angles of zero mean nothing
+    assert len(read(tmp_path, "G21 G90\nG0 X0 Y0 Z9 A0 C0.\nG1 X1 F99\n")) == 2  # angles of zero need no machine
 
 
 # ---- control dialects
@@ -210,7 +210,7 @@ def test_heidenhain_circles_pole_and_drilling(tmp_path: Path) -> None:
     p = mm(t)
     circle = p[1 : int(np.flatnonzero(np.abs(p[:, 0]) < 1e-9)[-1])]
     assert t.format == "heidenhain"
-    assert compute_turned_angle(circle[:-20]) > 1.5 * np.pi  # the pole of CC holds for both arcs
+    assert compute_turned_angle(circle[:-20]) > 1.5 * np.pi  # the pole of CC applies to both arcs
     assert p[t.cutting][-1].tolist() == [30.0, 30.0, -8.0]
     assert t.feed[t.cutting][-1] == pytest.approx(150 / 60e3)
     assert t.operations[0].label == "T7"
@@ -282,7 +282,7 @@ def test_heidenhain_inch_datum_and_cycle_one(tmp_path: Path) -> None:
         "5 CYCL DEF 7.1 X+6\n6 CYCL DEF 1.0 PECKING\n7 CYCL DEF 1.1 DIST1.0\n8 CYCL DEF 1.2 DEPTH-.5\n"
         "9 CYCL DEF 1.3 PLNGNG.2\n10 CYCL DEF 1.4 DWELL0\n11 CYCL DEF 1.5 F50\n12 L X+0 FMAX M99\n13 END PGM A INCH\n",
     )
-    assert mm(t)[1, 0] == pytest.approx(6 * 25.4)  # the first datum lies at X5 of the preset
+    assert mm(t)[1, 0] == pytest.approx(6 * 25.4)  # the first datum is at X5 of the preset
     assert mm(t)[-1, 0] == pytest.approx(6 * 25.4)  # X0 of the second datum
     assert mm(t)[-2:, 2] / 25.4 == pytest.approx([-0.5, 1.0])
     assert t.feed[1] == pytest.approx(5 * 25.4 / 60e3)
@@ -311,14 +311,14 @@ def test_siemens_five_axis_program_of_a_post(tmp_path: Path) -> None:
     assert t.axis[1] == pytest.approx([0.0, 0.6, 0.8])
     assert t.axis[3] == pytest.approx(np.array([0.0, 0.1, 1.0]) / np.sqrt(1.01))
     assert t.operations[0].tool == "MILL_D10"
-    assert t.operations[0].label == "TMILL_D10"  # not the folder of the control
+    assert t.operations[0].label == "TMILL_D10"  # not the folder on the control
     assert t.warnings == ()
     assert t.meta["unit"] == "mm"
 
 
 @pytest.mark.parametrize("word", ["ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIPLANE"])
 def test_message_about_turns_does_not_apply_to_vectors(tmp_path: Path, word: str) -> None:
-    """It was told as a subprogram that is missing; turns themselves stay refused."""
+    """The word was reported as a missing subprogram; angles (A2, B2, C2) are refused as before."""
     lines = "G71 G90 G54\nTRAORI\n{}G0 X10 Y20 Z50 A3=0 B3=.6 C3=.8\nG1 Z-1 F1000\nX12 {}\nM30\n"
     plain, message = (read(tmp_path, lines.format(v, "A3=0 B3=0 C3=1"), strict=True) for v in ("", f"{word}\n"))
     np.testing.assert_array_equal(message.axis, plain.axis)
@@ -341,7 +341,7 @@ def test_message_about_turns_does_not_apply_to_vectors(tmp_path: Path, word: str
     ],
 )
 def test_shift_before_the_first_move_moves_every_point(tmp_path: Path, name: str, head: str, tail: str) -> None:
-    """The shift's numbers stand in the file, so the path is told from the work offset, whenever the shift comes."""
+    """The shift is a number of the file: the path refers to the work offset, wherever the shift is programmed."""
     (tmp_path / name).write_text(head + tail)
     t = read_toolpath(tmp_path / name)
     assert np.allclose(mm(t), [[10, -4, 5], [10, -4, -1], [30, -4, -1]])
@@ -357,9 +357,11 @@ def test_spindle_speed_on_its_own_line_starts_it_once(tmp_path: Path, between: s
 @pytest.mark.parametrize(
     ("tail", "depths", "feed", "dwell"),
     [
-        ("-8,,3,0.5,0,1,0", [-8, -13, -16, -18, -20], 100.0, 0.5),  # 3 mm less each, never below 3; the last two alike
+        # each peck is 3 mm smaller, never below 3; the last two are equal
+        ("-8,,3,0.5,0,1,0", [-8, -13, -16, -18, -20], 100.0, 0.5),
         ("-8,,,,,0.5,1", [-8, -16, -20], 50.0, 0.0),  # no degression; the first stroke at half the feed
-        (",6,-0.5,,,50,0,,2", [-6, -9, -11, -13, -15, -17, -19, -20], 50.0, 0.0),  # half of the one before, least 2 mm
+        # half of the peck before, at least 2 mm
+        (",6,-0.5,,,50,0,,2", [-6, -9, -11, -13, -15, -17, -19, -20], 50.0, 0.0),
     ],
 )
 def test_siemens_deep_holes_have_decreasing_pecks(
@@ -375,7 +377,7 @@ def test_siemens_deep_holes_have_decreasing_pecks(
 
 
 def test_siemens_holes_use_the_active_feed(tmp_path: Path) -> None:
-    """Feeds per turn were taken for mm/min, and F between call and hole was lost."""
+    """Feeds per revolution were read as mm/min, and F between call and hole was lost."""
     text = "G71 G90 G17 G95\nS1000 M3\nG0 X0 Y0 Z50\nF0.2\nMCALL CYCLE81(10,0,2,-20)\nX10\nX20 F0.1\nMCALL\nM30\n"
     t = read(tmp_path, text)
     np.testing.assert_allclose(60e3 * t.feed[t.move == MoveKind.CUT], [200.0, 100.0])

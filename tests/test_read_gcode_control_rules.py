@@ -1,4 +1,4 @@
-"""Rules of G-code controls that readers easily violate: points, questions and refusals."""
+"""Rules of G-code controls that readers easily violate: points, requested options and refusals."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def cut_length(t: Toolpath) -> float:
         ("G1 X10 ; (open\nG1 Y5", (10, 5, 10)),
         ("G1 X4 (a) Y3 (b; c) Z2", (4, 3, 2)),
         ("G1 X4 ; a ) b ( c", (4, 0, 10)),
-        # numbers of expressions
+        # numbers in expressions
         ("G1 X[ROUND[0.5]] Y[ROUND[2.5]] Z[ROUND[-0.5]]", (1, 3, -1)),
         ("G1 X[ROUND[1.5]] Y[ROUND[-2.5]] Z[ROUND[-1.49]]", (2, -3, -1)),
         ("G1 X[7 MOD -3] Y[-7 MOD 3] Z[8 MOD 3]", (1, 2, 2)),
@@ -64,7 +64,7 @@ def cut_length(t: Toolpath) -> float:
             (3, 0, 10),
         ),
         ("O2 while [#5420 LT 3]\nG91 G1 X1\nG90\nO2 endwhile", (3, 0, 10)),
-        # the end
+        # end of program
         ("G1 X5\nM2\nG1 X#7", (5, 0, 10)),
         ("G1 X5\nM30\nG1 X[", (5, 0, 10)),
         # polar words
@@ -77,7 +77,7 @@ def cut_length(t: Toolpath) -> float:
         ("G52 X5\nG1 X1\nG92 X0\nG1 X2", (8, 0, 10)),
         ("G92 X7\nG1 X9\nG92.2\nG1 X1\nG92.3\nG1 X9", (2, 0, 10)),
         ("G10 L2 P1 X0 Y0 Z0\nG1 X1\nG10 L2 P1 X5 Y0 Z0\nG1 X1", None),
-        # words that move nothing
+        # words that do not move the tool
         ("G1 X5\nG28.1\nG1 X7", (7, 0, 10)),
         ("G43.1 Z5\nG1 X7", (7, 0, 10)),
         ("S100 M3\nG81 X5 Y5 Z-5 R2\nM19 R3\nX10\nG80", (10, 5, 10)),
@@ -131,7 +131,7 @@ def test_option_is_the_unit_before_the_first_unit_word(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="line 1"):
         read(tmp_path, "G21 G90\nG0 X0 Y0 Z0\nG1 X10 F100\nM2\n", unit="inch")
     zeros = read(tmp_path, "G90 G0 X0 Y0 Z0\nG28 Z50\nG53 X9\nG21\nG0 X1 Y1 Z1\nG1 X2 F9\nM2\n")
-    assert end(zeros) == [2, 1, 1]  # zeros and places of the machine need no unit
+    assert end(zeros) == [2, 1, 1]  # zeros and machine positions need no unit
 
 
 @pytest.mark.parametrize("lost", ["G53 G0 X50 Y50", "G28 X0 Y0", "G28 G91 X0 Y0\nG90", "G30 X0 Y0", "G53 X1 Y1 Z1"])
@@ -180,7 +180,7 @@ def test_g92_at_the_start_defines_the_tool_position(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "body",
     [
-        "G1 X5\nG92 X0\nG52 X3\nG1 X1",  # LinuxCNC replaces, Fanuc adds
+        "G1 X5\nG92 X0\nG52 X3\nG1 X1",  # LinuxCNC replaces the shift, Fanuc adds it
         "G7\nG1 X5",
         "G5.1 X5 Y5 I1 J1",
         "G28.1 X5",
@@ -339,7 +339,7 @@ def test_cycle_before_g98_or_g99_and_initial_cut_are_noted(tmp_path: Path) -> No
     [("G1 X0\nG2 X9", 4), ("G55 G68.3 X1", 3), ("G1 X5\nG12.1", 4), ("G81 X1 Y1 Z-3", 3), ("M98 P77", 3)],
 )
 def test_questions_come_last(tmp_path: Path, body: str, line: int) -> None:
-    """The file says no unit and no feed, but neither cures what stands further down."""
+    """The file states no unit and no feed, but neither option corrects the later error."""
     with pytest.raises(InputError) as refused:
         read(tmp_path, f"G90 G98\nG0 X10 Y5 Z1\n{body}\nM2\n")
     assert not isinstance(refused.value, OptionNeededError)
@@ -379,7 +379,8 @@ def test_rigid_tapping_goes_down_and_back(tmp_path: Path) -> None:
         read(tmp_path, HEAD + "S500 M3\nG33.1 Z5\nM2\n")
 
 
-IMPLIED = [  # a file whose numbers mean something else by a parameter; the letter and place of one with 3 decimals
+# files whose numbers depend on a parameter of the control; the letter and position of one with 3 implied decimals
+IMPLIED = [
     ("G71 G90\nG00X0000000Y0000000Z0005\nG01X0019685Y-0008937Z0005F100\nM30\n", "X", 19.685),
     ("N1G21G90\nN2G0X0Y0Z5\nN3G1F100Z0\nN4X45000\nM30\n", "X", 45.0),
     ("N1G21G90G0X0Y0Z5.\nN3G1F100Z0.\nN4X45000Y0\nM30\n", "X", 45.0),
@@ -392,7 +393,7 @@ IMPLIED = [  # a file whose numbers mean something else by a parameter; the lett
     ("G21 G90\nG0X0Y0Z5(X5.)\nG1X1500F100;X1.\nM30\n", "X", 1.5),
     ("G21 G90\nG0X 0Y 0Z 00500\nG1X- 01500F100\nM30\n", "X", -1.5),
     ("G21G90G0X0Y0Z5.\nG1F100Z0.X1.\nG1X2.Y12000\nM30\n", "Y", 12.0),
-    # whole numbers with a point at their end beside some without
+    # whole numbers with a point at their end and others without
     ("G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F100\nX10\nX20.\nY30\nM30\n", "Y", 0.03),
     ("O1\nG21 G90\nG0 X0 Y0 Z5\nG1 Z-1. F100\nX10\nM30\n", "X", 0.01),
     ("G21 G90\nG0 X0. Y0. Z5.5\nG1 Z-1.5 F100\nX10.\nX12\nY8\nX9\nM30\n", "X", 0.009),
@@ -417,11 +418,11 @@ def test_implied_decimals_are_asked_for_and_apply_everywhere(
 @pytest.mark.parametrize(
     "text",
     [
-        "G21 G90\nG0 X0. Y0. Z5\nG1 Z-1 F100\nX10\nM30\n",  # a point behind zero marks nothing
-        "O1\nG21 G90\nG0 X0 Y0 Z5\nG1 Z-1.5 F100\nX10 Y12.25\nM30\n",  # points where they are needed
+        "G21 G90\nG0 X0. Y0. Z5\nG1 Z-1 F100\nX10\nM30\n",  # a point after zero does not indicate the convention
+        "O1\nG21 G90\nG0 X0 Y0 Z5\nG1 Z-1.5 F100\nX10 Y12.25\nM30\n",  # points only where the fraction needs them
         "o<a> sub\no<a> endsub\nG21 G90\nG0 X0 Y0 Z5.\nG1 Z-1 F100\nX10\nM2\n",  # LinuxCNC
-        "G21 G90\nM428\nM429\nG0 X0 Y0 Z5.\nG1 Z-1 F100\nX10\nM2\n",  # its five-axis switches
-        "O1\nG21 G90\nG0 X0. Y0. Z5.\nG1 Z-1. F100\nG4 P500\nX10.\nM30\n",  # no length
+        "G21 G90\nM428\nM429\nG0 X0 Y0 Z5.\nG1 Z-1 F100\nX10\nM2\n",  # LinuxCNC's five-axis switches
+        "O1\nG21 G90\nG0 X0. Y0. Z5.\nG1 Z-1. F100\nG4 P500\nX10.\nM30\n",  # G4 P500 is not a length
     ],
 )
 def test_unambiguous_lengths_are_read_without_the_option(tmp_path: Path, text: str) -> None:
@@ -477,7 +478,7 @@ def test_words_with_and_without_a_point_are_whole_units_with_a_note(tmp_path: Pa
         assert t.position[2, 0] * 1e3 == pytest.approx(15.0)
 
 
-DIRECTIONS = {  # blocks behind G43.5 and the last axis; directions have no decimals
+DIRECTIONS = {  # blocks after G43.5 and the last axis; directions have no implied decimals
     "a point in one of three": ("X10000 Y5. Z1. I0.5 J0 K1", (0.5, 0.0, 1.0)),
     "points in none": ("X10000 Y5000 Z1000 I1 J0 K2", (1.0, 0.0, 2.0)),
     "a point in K": ("X10000 I1 J2 K2.", (1.0, 2.0, 2.0)),

@@ -158,7 +158,7 @@ def test_din_iso_refusals(tmp_path: Path, text: str, message: str) -> None:
 
 
 def test_spatial_angles_of_tcpm_need_no_machine(tmp_path: Path) -> None:
-    """AXIS SPAT: A, B, C turn about the coordinates' own x, y and z, one after the other, whatever the machine."""
+    """With AXIS SPAT, A, B and C rotate about the x, y and z of the coordinate system in turn, for any machine."""
     on = "FUNCTION TCPM F TCP AXIS SPAT PATHCTRL VECTOR REFPNT TIP-TIP\n"
     moves = "L X+0 Y+0 Z+0 A+30 F500\nL X+10 B+20\nL X+20 C+45\nL X+30\nL IA+10 X+40\n"
     t = read(tmp_path, HEAD + on + moves + "FUNCTION RESET TCPM\n" + TAIL)

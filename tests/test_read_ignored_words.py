@@ -36,7 +36,8 @@ def feeds(toolpath: Toolpath) -> list[float]:
         ("G13 D0 I5.", "circular pocket"),
         ("G12 I5. D1", "circular pocket"),
         ("G150 P9 X5. Q1.", "mills a pocket"),
-        ("G70 I10. J0. L6", "in a pattern"),  # read as inches before: everything behind it 25.4 times as large
+        # was read as inches before: every later coordinate was 25.4 times too large
+        ("G70 I10. J0. L6", "in a pattern"),
         ("G72 I10. J0. L6", "in a pattern"),
         ("G1 U5. W-5.", "further axis"),
         ("G60 X10.", "from one side"),
@@ -64,7 +65,7 @@ def test_feed_for_one_block(tmp_path: Path) -> None:
 
 
 def test_modal_rounding_and_angles_beside_parameters(tmp_path: Path) -> None:
-    """R1=5 makes names be evaluated: RNDM= and ANG= were taken for variables then."""
+    """R1=5 enables variables: RNDM= and ANG= were then read as variables."""
     t = read(tmp_path, SIEMENS + "RNDM=2\nG1 X20\nY10\nRNDM=0\nX30 ANG=45\nM30\n")
     points = np.array(mm(t))
     assert [18, 0, 0] in points.tolist()
@@ -85,7 +86,7 @@ def test_feed_of_the_tool_call(tmp_path: Path) -> None:
 
 
 def test_formulas_with_multiplication(tmp_path: Path) -> None:
-    """A product ended the formula at its asterisk, which ends a block only in DIN/ISO."""
+    """A formula ended at the asterisk of a product, which ends a block in DIN/ISO only."""
     t = read(
         tmp_path,
         HEIDENHAIN + "4 Q1 = 10\n5 Q3 = SQRT(Q1*Q1 + 5^2) - 1\n6 FN 3: Q4 = +Q1 * +2\n7 L X+Q3 Y+Q4\nEND PGM A MM\n",
@@ -114,11 +115,11 @@ def test_mirror_of_din_iso(tmp_path: Path) -> None:
     [
         ("G0 G53 Z0.\nX200. Y200.\nM30\n", 2),
         ("G91 G28 Z0.\nG90 G0 X200.\nM30\n", 2),
-        ("G0 G53 Z0.\nX200. Y200.\nZ5.\nM30\n", 4),  # its height comes later
+        ("G0 G53 Z0.\nX200. Y200.\nZ5.\nM30\n", 4),  # its height follows later
     ],
 )
 def test_last_rapids_of_unknown_height_are_left_out(tmp_path: Path, blocks: str, kept: int) -> None:
-    """They ran at the last height that was known, which is where the cut ended."""
+    """They ran at the last known height, which is the height at the end of the cut."""
     t = read(tmp_path, FANUC + blocks)
     assert len(t) == kept
     assert (t.position[2:, 2] >= 0.005).all()
@@ -137,7 +138,7 @@ def test_bare_number_among_marked_ones_is_asked_for(tmp_path: Path) -> None:
         read(tmp_path, text)
     assert mm(read(tmp_path, text, decimals=3))[3] == [0.005, 5, 0]
     assert mm(read(tmp_path, text, decimals=0))[3] == [5, 5, 0]
-    mixed = text.replace("X12.5", "Y7\nX8 Y9\nX12.5")  # written both ways as often
+    mixed = text.replace("X12.5", "Y7\nX8 Y9\nX12.5")  # both notations occur equally often
     with pytest.raises(InputError, match=r"X5 has no decimal point.*--decimals"):
         read(tmp_path, mixed)
 
@@ -165,13 +166,13 @@ def test_headerless_table_of_tool_axes_is_not_read_as_angles(tmp_path: Path) -> 
 
 
 def test_radius_in_a_straight_block_is_reported(tmp_path: Path) -> None:
-    """Without its comma it rounds a corner on some controls and is nothing on others."""
+    """Without a comma, R rounds a corner on some controls and has no meaning on others."""
     t = read(tmp_path, FANUC + "G1 X10. R2.\nY5.\nG54.2 P0\nM30\n")
     assert [w.word for w in t.ignored if not w.understood] == ["R"]
 
 
 def test_file_of_another_control_keeps_its_unit_word(tmp_path: Path) -> None:
-    """X=V1 looks like Sinumerik's; G21 says the unit of feeds all the same."""
+    """X=V1 resembles Sinumerik; G21 nevertheless states the unit of the feeds."""
     assert feeds(read(tmp_path, FANUC + "V1=5\nG1 X=V1\nM30\n")) == [100.0, 100.0]
 
 
@@ -189,7 +190,7 @@ def test_words_of_m_functions_are_no_coordinates(
     tmp_path: Path, lines: str, feed: float, strange: list[str] | None
 ) -> None:
     text = HEIDENHAIN + lines + "END PGM A MM\n"
-    if strange is None:  # the first preset that is named in the middle is where the points before it lie too
+    if strange is None:  # the points before the first named preset are in that preset, too
         assert mm(read(tmp_path, text))[-1] == [20, 0, 0]
         text = text.replace("3 L Z+0 F100\n", "3 CYCL DEF 247 ~\nQ339=+1\nL Z+0 F100\n")
         with pytest.raises(InputError, match="from preset 1 to preset 3"):

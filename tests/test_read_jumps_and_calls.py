@@ -37,7 +37,7 @@ RAPID_MOVE = RAPID.splitlines()[2].replace("500,0,500", "510,0,500") + "\n"
 UR_MOVE = "  movel(p[0.51,0,0.5,3.14159,0,0],a=1,v=0.01)\n"
 LS_MOVE = "   9:L P[2] 10mm/sec FINE ;\n"
 
-CARRIED_OUT = {  # head, file name, text, x of the points behind the first ones
+CARRIED_OUT = {  # head, file name, text, x of the points after the first ones
     "label by name": (CONVERSATIONAL, "a.h", 'CALL LBL "AB"\nL Z+9\nM2\nLBL "AB"\nL X+5\nLBL 0\n', [5, 5]),
     "zeros of a label": (CONVERSATIONAL, "a.h", "CALL LBL 01\nL Z+9\nM2\nLBL 1\nL X+5\nLBL 0\n", [5, 5]),
     "part twice more": (CONVERSATIONAL, "a.h", "LBL 1\nL IX+5\nCALL LBL 1 REP2/2\n", [5, 10, 15]),

@@ -1,4 +1,4 @@
-"""Mastercam NCI, by handwritten records."""
+"""Mastercam NCI files, from handwritten records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Offset registers of APT and modifiers of FANUC moves: harmless without effect on points, else the plan stops."""
+"""Offset registers of APT and modifiers of FANUC moves are accepted without effect on points; else planning stops."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def read_cycle(folder: Path, number: int, unit: str = "MM", **q: float) -> Toolp
 
 
 def list_strokes(path: Toolpath) -> list[tuple[float, MoveKind, float]]:
-    """Height, move and feed (0: rapid) behind the clearance height, without the rapid moves at the end."""
+    """Return height, move and feed (0: rapid) after the clearance height, without the rapid moves at the end."""
     z, feed = np.round(path.position[:, 2] * 1e3, 6), np.nan_to_num(np.round(path.feed * 6e4, 6))
     rows = [(float(a), MoveKind(int(m)), float(f)) for a, m, f in zip(z, path.move, feed, strict=True)][2:]
     while rows[-1][1] == RAPID:

@@ -33,7 +33,7 @@ APT = "UNITS/MM\nMULTAX/ON\nFEDRAT/100,MMPM\n"
 ROW = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min\n0,0,5,0,0,1,cut,100\n"
 NCI = "1050\n1 2 3\n1012\n0 0 0\n1002\n1 100 10 7 0 0 0 0 0\n0\n0 0 0 10 -2\n"
 
-# name → text with @ in place of a number, ending of the file
+# name → text with @ in place of a number, file suffix
 PLACES: dict[str, tuple[str, str]] = {
     "HOLES1 number": (M + "HOLES1(0,0,0,10,10,@)\nMCALL\nM30\n", "mpf"),
     "HOLES1 place": (M + "HOLES1(@,0,0,10,10,2)\nMCALL\nM30\n", "mpf"),

@@ -47,7 +47,7 @@ def test_every_column_is_read(tmp_path: Path) -> None:
 
 
 def test_empty_feed_repeats_the_previous_cut_of_its_operation(tmp_path: Path) -> None:
-    """As tool and offset do; not over a change of operation, and a feed given by hand goes before."""
+    """Tool and offset are repeated likewise, within an operation only; a feed given by the user has priority."""
     rows = ["0,0,9,rapid,,a", "0,0,0,cut,60,a", "1,0,0,cut,,a", "1,0,9,rapid,,a", "2,0,0,cut,,a", "3,0,0,cut,30,b"]
     head = "x_mm,y_mm,z_mm,move,feed_mm_min,operation\n"
     t = read(tmp_path, head + "\n".join(rows) + "\n")

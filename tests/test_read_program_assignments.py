@@ -1,4 +1,4 @@
-"""Assignments in robot programs: executed as by the controller, or refused with the line."""
+"""Assignments in robot programs are executed as on the controller, or refused with the line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def mm(t: Toolpath) -> list[list[float]]:
     return np.round(t.position * 1e3, 6).tolist()  # type: ignore[no-any-return]
 
 
-REFUSED: list[tuple[Sample, str, str]] = [  # file, statement before a move, beginning of the line it is put before
+REFUSED: list[tuple[Sample, str, str]] = [  # file, statement before a move, beginning of the line it is inserted before
     *(
         (RAPID, s, "MoveL p1")
         for s in (
@@ -128,7 +128,7 @@ def test_values_known_only_to_the_running_robot_are_refused(
     text, line = put_in(sample, statement, before, 0)
     where = refused_at(write(tmp_path, sample, text), {})
     assert where is not None
-    last = line + statement.count("\n") + 1  # the statement, or the move behind it that needs it
+    last = line + statement.count("\n") + 1  # the statement, or the later move that needs it
     assert int(where.removeprefix("line ").partition(",")[0]) in range(line, last + 1)
 
 
@@ -175,7 +175,7 @@ def test_rapid_elements_of_arrays(tmp_path: Path) -> None:
 
 def test_urscript_elements_are_assigned(tmp_path: Path) -> None:
     t = read(tmp_path, SCRIPT, "a=[0,-1.5,1.5,0,1.5,0]\na[0]=0.5\nmovej(a,1,1)", "movel(p[0.2")
-    assert len(t) == 2  # the joint move has no place; it is a rapid one
+    assert len(t) == 2  # the position of the joint move is unknown; it is a rapid move
     assert mm(t)[-1] == [200, 200, 300]
 
 

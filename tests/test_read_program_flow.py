@@ -39,7 +39,7 @@ def test_m98_with_repeats_returns_to_its_call(tmp_path: Path) -> None:
     assert xs(t) == [0, 1, 1, 2, 2, 3, 3, 99]
     assert np.round(t.position[-1, 1] * 1e3, 6) == 3.0
     assert t.line.tolist() == [4, 10, 14, 10, 14, 10, 14, 7]
-    old = read(tmp_path, text.replace("P20 L3", "P30020"))  # three times program 20
+    old = read(tmp_path, text.replace("P20 L3", "P30020"))  # program 20, three times
     assert xs(old) == xs(t)
 
 

@@ -1,4 +1,4 @@
-"""Real CAM exports of the team's local test data; skipped where they are absent (they are not ours to publish)."""
+"""Real CAM exports from the team's local test data; skipped if absent (they may not be published)."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def test_other_files_are_refused(kind: str) -> None:
 
 
 def test_camworks_and_the_heidenhain_program_posted_from_it_agree() -> None:
-    """Two formats, two readers, one part with two set-ups: the same points within the arc tolerance.
+    """Two formats, two readers, one part with two set-ups: the points are equal within the arc tolerance.
 
-    Drilling is left out: the post writes its own pecks.
+    Drilling is omitted: the post writes its own pecks.
     """
     from scipy.spatial import cKDTree
 
@@ -63,24 +63,24 @@ def test_camworks_and_the_heidenhain_program_posted_from_it_agree() -> None:
         h = read_toolpath(DATA / "heidenhain" / name)
         mine = milling & (np.abs(apt.axis[:, 0] + 1.0) < 1e-9 if tilted else apt.axis[:, 2] > 0.999)
         p = apt.position[mine] * 1e3
-        if tilted:  # the second program's set-up: X = -z, Y = -y, Z = -x
-            p = -p[:, ::-1] + [-39.044, 12.433, -39.044]  # and CYCL DEF 7 puts its zero there
+        if tilted:  # the set-up of the second program: X = -z, Y = -y, Z = -x
+            p = -p[:, ::-1] + [-39.044, 12.433, -39.044]  # CYCL DEF 7 puts its zero at this point
         other = h.position[h.cutting & np.array([o.kind == "trajectory" for o in h.operations])[h.operation]] * 1e3
         assert cKDTree(p).query(other)[0].max() < 1e-3  # mm: three printed decimals
         assert cKDTree(other).query(p)[0].max() < 1e-3
 
 
 def cut_points(toolpath: Toolpath, first: int, last: int) -> np.ndarray:  # type: ignore[type-arg]
-    """Cut points (inch) of the blocks in lines first … last."""
+    """Return the cut points (inch) of the blocks in lines first … last."""
     mine = (toolpath.line >= first) & (toolpath.line <= last) & toolpath.cutting
     return np.asarray(toolpath.position[mine] / 0.0254)
 
 
 def test_three_controls_agree_on_one_tilted_facet() -> None:
-    """One operation of one part, by CYCLE800 of a Siemens program and by the bare axes of a Haas trunnion.
+    """One operation of one part, programmed with CYCLE800 of a Siemens control and with the axes of a Haas trunnion.
 
-    The trunnion's program has no tool-centre-point control, its zero lies on the rotary axes, and its word B turns
-    the platter. Four printed decimals of an inch and three of a degree leave 2e-4 inch.
+    The trunnion program has no tool-centre-point control, its zero is on the rotary axes, and its word B rotates the
+    platter. Tolerance 2e-4 inch: four printed decimals of an inch and three of a degree.
     """
     siemens = read_toolpath(DATA / "sinumerik/Unigraphics__Cincinnati_Lamb_FTV5_840D_sample.ptp", unit="inch")
     trunnion = read_toolpath(DATA / "gcode_5axis/Unigraphics__Haas_5T.ptp", unit="inch", machine="table:B+Z,A-X@0,0,0")
@@ -98,7 +98,7 @@ def test_three_controls_agree_on_one_tilted_facet() -> None:
 
 
 def test_cycle_19_agrees_with_the_described_block() -> None:
-    """BLK FORM says x -75 … 135, y -140 … 0, z -70 … 70; the face milled with A-90 is y = 0."""
+    """BLK FORM states x -75 … 135, y -140 … 0, z -70 … 70; the face milled with A-90 is y = 0."""
     t = read_toolpath(DATA / "heidenhain/Unigraphics__training_deckel.h")
     face = t.cutting & (np.abs(t.axis[:, 1] - 1.0) < 1e-9) & (t.operation == 0)
     p = t.position[face] * 1e3
@@ -119,7 +119,7 @@ def test_din_iso_and_conversational_posts_of_one_job_drill_the_same_holes() -> N
 
 
 def test_every_file_is_read_or_refused_with_a_reason() -> None:
-    """No file crashes a reader, and what is refused says what to do in more than a few words."""
+    """No file crashes a reader; a refusal has a reason of more than 12 characters."""
     read = 0
     for file in files():
         options: dict[str, object] = {}
@@ -141,7 +141,7 @@ def test_every_file_is_read_or_refused_with_a_reason() -> None:
                 reason = ""
                 break
         assert reason == "" or len(reason) > 12, (file.name, reason)
-    assert read >= 96  # of 150; what is refused lacks something a reader cannot know
+    assert read >= 96  # of 150; the refused files lack data that a reader cannot know
 
 
 def test_linuxcnc_impeller_plunges_along_its_tool_axis() -> None:

@@ -1,4 +1,4 @@
-"""Statements of robot programs other than plain targets: executed, left out with a message, or refused."""
+"""Statements of robot programs other than plain targets: executed, omitted with a message, or refused."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def krl(folder: Path, body: str) -> Toolpath:
 
 
 def mm(t: Toolpath) -> list[list[float]]:
-    return (np.round(t.position * 1e3, 9) + 0.0).tolist()  # metres and back costs the last bits
+    return (np.round(t.position * 1e3, 9) + 0.0).tolist()  # the conversion to metres and back loses the last bits
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_krl_home_of_the_data_list_is_used_and_another_name_is_refused(tmp_path:
 
 
 def test_cut_after_a_joint_move_to_an_unknown_place_is_refused(tmp_path: Path) -> None:
-    """The arm leaves the path for a place only its axes name: a straight cut from the last point would be made up."""
+    """The joint move leads to a position that the file does not state, so the start of the next cut is unknown."""
     t = krl(
         tmp_path,
         START + "LIN {X 10}\nPTP {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nLIN {X 90,Y 80,Z 5,A 0,B 0,C 0}\nLIN {X 95}",
@@ -87,9 +87,9 @@ def test_krl_arc_by_its_angle_follows_the_circle_of_its_points(tmp_path: Path) -
     p = t.position * 1e3
     assert np.allclose(np.linalg.norm(p[1:, :2] - [5, 0], axis=1), 5.0)
     assert np.allclose(p[t.line == 4][-1], [0, 0, 5])
-    assert np.allclose(p[t.line == 5][-1], [5, -5, 5])  # the other way round: away from the auxiliary point
+    assert np.allclose(p[t.line == 5][-1], [5, -5, 5])  # opposite direction: away from the auxiliary point
     length = np.linalg.norm(np.diff(p[t.line <= 4], axis=0), axis=1).sum()
-    assert length == pytest.approx(10 * math.pi, rel=2e-3)  # chords
+    assert length == pytest.approx(10 * math.pi, rel=2e-3)  # tolerance: chords
 
 
 def test_krl_inline_forms_set_base_and_speed(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_rapid_turns_and_present_positions(tmp_path: Path) -> None:
     t = read(tmp_path, "a.mod", MODULE % body)
     assert mm(t)[0] == [0, 0, 5]
     assert np.allclose(t.position[1] * 1e3, [0, 0, 3])
-    a, b = np.radians([30.0, 20.0])  # Rx(180) Rx(a) Ry(b): minus its z column
+    a, b = np.radians([30.0, 20.0])  # Rx(180) Rx(a) Ry(b): the negative of its z column
     assert np.allclose(t.axis[1], [-math.sin(b), -math.sin(a) * math.cos(b), math.cos(a) * math.cos(b)])
     with pytest.raises(InputError, match=r"line 4: crobt\(\) is the current position"):
         read(tmp_path, "a.mod", MODULE % "MoveL Offs(CRobT(),0,0,5),v10,fine,tool0;")
@@ -138,7 +138,7 @@ def test_fanuc_arcs_by_single_points(tmp_path: Path) -> None:
     assert np.allclose(np.linalg.norm(p[:, :2], axis=1), 50.0, atol=1e-6)
     assert np.allclose(p[-1, :2], at["p5"])
     swept = np.degrees(np.unwrap(np.arctan2(p[:, 1], p[:, 0])))
-    assert (np.diff(swept) < 0).all()  # one way round, no turn back
+    assert (np.diff(swept) < 0).all()  # one direction without reversal
     assert swept[0] - swept[-1] == pytest.approx(260.0)
     with pytest.raises(InputError, match="line 5: two moves A in a row"):
         fanuc(tmp_path, " 1: A P[1] 100mm/sec FINE ;\n 2: A P[2] 100mm/sec FINE ;\n", **at)

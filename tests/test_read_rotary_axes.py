@@ -13,12 +13,12 @@ from machopt.errors import InputError
 from machopt.numerics.array_types import Array
 from machopt.toolpath.toolpath_reader import read_toolpath
 
-TOLERANCE_DEG = 0.02  # of the axis: twice what the reader keeps, since it probes only parts of a step
+TOLERANCE_DEG = 0.02  # of the tool axis: twice the tolerance of the reader, since it samples only parts of a step
 DIALECTS = ("gcode", "siemens", "heidenhain")
 
 
 def turn(axis: str, degrees: float) -> Array:
-    """Right-handed rotation about X, Y or Z, written out."""
+    """Return the right-handed rotation about X, Y or Z from its elements."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     if axis == "X":
         return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
@@ -28,12 +28,12 @@ def turn(axis: str, degrees: float) -> Array:
 
 
 def tool_axis(machine: str, tilt: float, c: float) -> Array:
-    """table-ac and table-bc: (C about Z) after the tilt."""
+    """table-ac and table-bc: rotation C about Z after the tilt."""
     return np.asarray(turn("Z", c) @ turn("X" if machine.endswith("ac") else "Y", tilt) @ [0.0, 0.0, 1.0])
 
 
 def program(dialect: str, machine: str, before: tuple[float, float], after: tuple[float, float], arc: bool) -> str:
-    """One cut from (10, 0, 0) to (-10, 0, 0) that turns both axes; the angles are (tilt, C)."""
+    """Return one cut from (10, 0, 0) to (-10, 0, 0) in which both axes rotate; the angles are (tilt, C)."""
     t = machine[-2].upper()
     if dialect == "heidenhain":
         cut = (
@@ -64,7 +64,7 @@ def read(tmp_path: Path, text: str, dialect: str, machine: str) -> Toolpath:
 
 
 def check(t: Toolpath, machine: str, before: tuple[float, float], after: tuple[float, float], *, arc: bool) -> None:
-    """Tip and axis of every point lie on the way; between points the great circle is the rotary path."""
+    """Tip and axis of every point are on the path; between points the great circle equals the rotary path."""
     p, axis = t.position[t.cutting] * 1e3, t.axis[t.cutting]
     start = np.array([10.0, 0.0, 0.0])
     if not arc:
@@ -93,7 +93,7 @@ def check(t: Toolpath, machine: str, before: tuple[float, float], after: tuple[f
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("machine", ["table-ac", "table-bc"])
 def test_tool_axis_follows_the_rotary_axes(tmp_path: Path, dialect: str, machine: str, arc: bool) -> None:
-    """Quarter, half, whole and several turns, small ones, tilts through the vertical."""
+    """Quarter, half, whole and several turns, small angles, tilts through the vertical."""
     turns = [
         ((30.0, 90.0), (30.0, 270.0)),
         ((30.0, 0.0), (30.0, 360.0)),
@@ -161,7 +161,7 @@ def test_sinumerik_rotates_the_axis_in_one_plane_on_request(tmp_path: Path, word
         assert len(axis) == 1
     else:
         steps = np.degrees(np.arccos(np.clip((axis[1:] * axis[:-1]).sum(axis=1), -1, 1)))
-        assert np.ptp(steps) < 1e-6  # evenly
+        assert np.ptp(steps) < 1e-6  # uniform steps
 
 
 def test_heidenhain_vector_path_control_is_not_divided(tmp_path: Path) -> None:

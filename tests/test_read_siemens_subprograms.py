@@ -24,7 +24,7 @@ def list_points(toolpath: Toolpath) -> list[tuple[float, ...]]:
     return [tuple(p) for p in np.round(toolpath.position[2:, :2] * 1e3, 6).tolist()]
 
 
-# main program behind HEAD, subprograms, x and y of every point behind HEAD
+# main program after HEAD, subprograms, x and y of every point after HEAD
 CASES = {
     "L with repeats": ("G91\nL100 P2\nM30\n", "%_N_L100_SPF\nX1\nM17\n", [(1, 0), (2, 0)]),
     "P=": ("G91\nL100 P=1+2\nM30\n", "%_N_L100_SPF\nX1\nM17\n", [(1, 0), (2, 0), (3, 0)]),
@@ -168,7 +168,7 @@ def test_each_pass_uses_the_value_of_a_returned_parameter(tmp_path: Path) -> Non
 @pytest.mark.parametrize("text", ["BOHRUNG A1", "X5 Y7", "Z-3.", "C=90"])
 def test_message_calls_no_modal_subprogram(tmp_path: Path, text: str) -> None:
     body = f'MCALL DRILL\nG0 X10 Y10\nMSG("{text}")\nG0 X20\nMCALL\nM30\n%_N_DRILL_SPF\nG1 G91 Z-5\nZ5\nG90\nM17\n'
-    assert len(read_cuts(tmp_path, body)) == 4  # two places, down and up
+    assert len(read_cuts(tmp_path, body)) == 4  # two positions, down and up
 
 
 @pytest.mark.parametrize("name", ["10", "5", "100"])

@@ -1,7 +1,7 @@
 """Variables of Sinumerik programs take the type of their definition.
 
 The expected numbers follow the rules of the Programming Manual Job Planning ("Implicit data type conversions"): a
-fraction of 0.5 is rounded up, another one to the next whole number; BOOL is 0 or 1; a value out of range is an alarm.
+fraction of 0.5 is rounded up, any other to the nearest whole number; BOOL is 0 or 1; a value out of range is an alarm.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from machopt.toolpath.toolpath_reader import read_toolpath
 
 HEAD = "%_N_X_MPF\n{definitions}G71 G90 G17 G94 G54\nG0 X0 Y0 Z10\nG1 Z-1 F200\n"
 
-# definitions, statements, subprograms, x of every point behind the head
+# definitions, statements, subprograms, x of every point after the head
 VALUES = {
     "start value": ("DEF INT N=2.5\n", "X=N\n", "", [3]),
     "start value below a half": ("DEF INT N=2.49\n", "X=N\n", "", [2]),

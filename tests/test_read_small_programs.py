@@ -11,7 +11,7 @@ from machopt.data_types.toolpath import Toolpath
 from machopt.errors import InputError
 from machopt.toolpath.toolpath_reader import read_toolpath
 
-HEADS = {  # the tool stands at 0, 0, 0 behind it
+HEADS = {  # the tool is at 0, 0, 0 after it
     "G-code": "%\nO1\nG21 G90 G17 G94 G54\nG0 X0. Y0. Z10.\nG1 Z0. F200.\n",
     "Sinumerik": "%_N_X_MPF\nG71 G90 G17 G94 G54\nG0 X0 Y0 Z10\nG1 Z0 F200\n",
     "Heidenhain": "0 BEGIN PGM T MM\n1 TOOL CALL 1 Z S1000\n2 L X+0 Y+0 Z+10 R0 FMAX\n3 L Z+0 F200\n",
@@ -34,7 +34,7 @@ def read(folder: Path, dialect: str, body: str) -> Toolpath:
 
 def list_points(path: Toolpath, dialect: str) -> list[list[float]]:
     points = np.round(path.position[2:] * 1e3, 6).tolist()
-    return points[:-1] if dialect == "Heidenhain" else points  # its tail lifts the tool
+    return points[:-1] if dialect == "Heidenhain" else points  # the end of the program retracts the tool
 
 
 POINTS = [  # dialect, blocks, points
@@ -136,7 +136,7 @@ def test_points_equal_those_computed_by_hand(
     assert np.allclose(list_points(path, dialect), expected, atol=1e-3)
 
 
-ENDS = [  # dialect, blocks, last point: arcs and rounded corners before it
+ENDS = [  # dialect, blocks, last point, after arcs and rounded corners
     ("G-code", "G91 G2 X10. Y0. I5. J0.", (10, 0, 0)),
     ("G-code", "G18 G2 X10. Z0. I5. K0.", (10, 0, 0)),
     ("G-code", "G19 G3 Y10. Z0. J5. K0.", (0, 10, 0)),

@@ -1,4 +1,4 @@
-"""Separators, title lines and rows of two kinds in point tables: read where unambiguous, else refused with the line."""
+"""Separators, title lines and mixed rows in point tables are read if unambiguous, else refused with the line."""
 
 from __future__ import annotations
 

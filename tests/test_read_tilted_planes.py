@@ -1,4 +1,4 @@
-"""Tilted planes, shifted zeros and rotary axes without tool-centre-point control, against the geometry they mean."""
+"""Tilted planes, shifted zeros and rotary axes without tool-centre-point control, compared with their geometry."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def mm(toolpath: Toolpath) -> np.ndarray:  # type: ignore[type-arg]
     return np.round(toolpath.position * 1e3, 9)
 
 
-# ---- the angles of the controls
+# ---- angle conventions of the controls
 
 
 def test_euler_angles_of_g68_2_are_z_x_z() -> None:
     R = compute_g68_2_plane({"I": 90.0, "J": 30.0, "K": 0.0}, (1.0, 2.0, 3.0))
-    # turned by 90° about z, x points along y; 30° about it leans z towards +x
+    # after 90° about z, x is along y; then 30° about it tilts z towards +x
     assert np.allclose(R.R[:, 0], [0.0, 1.0, 0.0])
     assert np.allclose(R.z, [S30, 0.0, C30])
     assert R.point((0.0, 0.0, 0.0)) == (1.0, 2.0, 3.0)
@@ -93,9 +93,9 @@ def test_tilted_plane_moves_points_and_tool_axis(tmp_path: Path) -> None:
     assert np.allclose(p[0], [10.0, -20.0 * S30, 20.0 * C30])
     assert np.allclose(p[1], [10.0, 5.0 * S30, -5.0 * C30])
     depth = (p - [10.0, 0.0, 0.0]) @ [0.0, -S30, C30]
-    assert np.allclose(depth[1:], -5.0)  # the arc stays in the tilted plane
+    assert np.allclose(depth[1:], -5.0)  # the arc is in the tilted plane
     assert np.allclose(p[-1], [18.0, 5.0 * S30, -5.0 * C30])
-    assert mm(t)[-1].tolist() == [50.0, p[-1][1], 50.0]  # Y was not programmed since
+    assert mm(t)[-1].tolist() == [50.0, p[-1][1], 50.0]  # Y was not programmed after it
     assert np.allclose(t.axis[-1], [0.0, 0.0, 1.0])
     assert t.operations[0].kind == "trajectory"
 
@@ -132,7 +132,7 @@ def test_siemens_frames_and_cycle800(tmp_path: Path) -> None:
     )
     assert np.allclose(mm(t)[1], [10.0, 5.0, 100.0])
     assert np.allclose(t.axis[-1], [S30, 0.0, C30])
-    hole = np.array([5.0 * C30, 0.0, -5.0 * S30])  # plane x is (cos 30, 0, −sin 30)
+    hole = np.array([5.0 * C30, 0.0, -5.0 * S30])  # the x axis of the plane is (cos 30, 0, −sin 30)
     bottom = mm(t)[t.cutting][-1]
     assert np.allclose(bottom, hole - 6.0 * np.array([S30, 0.0, C30]))
 
@@ -145,7 +145,8 @@ def test_heidenhain_planes_with_an_inner_datum(tmp_path: Path) -> None:
         "L X+0 Y+0 Z+1\nPLANE RESET STAY\nL B+0 C+0 FMAX\nEND PGM A MM\n",
         "a.h",
     )
-    # Ry(90): the plane's x is -z, its z is x; the first datum is at x = 100 of the workpiece, which is the first system
+    # Ry(90): the plane's x is -z, its z is x; the first datum, at x = 100, is the first system and thus the workpiece
+    # frame
     assert np.allclose(mm(t)[1:], [[120, 0, 0], [101, 0, 0], [101, 0, -3]])
     assert np.allclose(t.axis[1:], [1.0, 0.0, 0.0])
 
@@ -167,7 +168,7 @@ def test_cycle_19_and_plane_vector_give_the_same_plane(tmp_path: Path) -> None:
 
 
 def test_rotated_table_moves_the_point_back(tmp_path: Path) -> None:
-    """A hole on the part, brought under the spindle by A and C: the machine's X Y Z give the part's point."""
+    """A and C bring a hole of the part under the spindle: the machine's X Y Z give the point of the part."""
     rotary = parse_machine("table-ac@0,0,-50")
     angles = {"A": 30.0, "C": 50.0}
     programmed = rotary.tip(angles).inverse().point((12.0, 7.0, 3.0))
@@ -189,7 +190,7 @@ def test_rotated_table_moves_the_point_back(tmp_path: Path) -> None:
 
 def test_head_tilts_about_its_pivot(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "G0 B90 C0\nG1 X10 Y0 Z0 F100\nM30\n", machine="head-bc@250")
-    # upright the tip would be at (10, 0, 0) and the pivot 250 above; lying along x the tip is 250 to the left of it
+    # vertical tool: tip at (10, 0, 0), pivot 250 above; tool along x: the tip is 250 to the left of the pivot
     assert mm(t)[-1] == pytest.approx([10.0 - 250.0, 0.0, 250.0])
     assert t.axis[-1] == pytest.approx([1.0, 0.0, 0.0])
 
@@ -197,13 +198,13 @@ def test_head_tilts_about_its_pivot(tmp_path: Path) -> None:
 def test_table_axes_that_do_not_intersect() -> None:
     rotary = parse_machine("table-ac@5,0,0/0,0,-50")
     assert rotary.centres == ((5.0, 0.0, 0.0), (0.0, 0.0, -50.0))
-    # C alone turns about (5, 0), A alone about z = -50
+    # C alone rotates about (5, 0), A alone about z = -50
     assert np.allclose(rotary.tip({"C": 90.0}).point((5.0, 3.0, 1.0)), [2.0, 0.0, 1.0])
     assert np.allclose(rotary.tip({"A": 90.0}).point((1.0, 0.0, -40.0)), [1.0, -10.0, -50.0])
 
 
 def test_tip_path_is_followed_while_rotary_axes_move(tmp_path: Path) -> None:
-    """A table turning by 90° under a tool that stands still draws an arc; every chord end lies on it."""
+    """A table that rotates by 90° under a fixed tool gives an arc; every chord end is on it."""
     text = HEAD + "G0 X40 Y0 Z0 C0\nG93 G1 C90 F2\nG94 G0 Z50\nC0\nM30\n"
     t = read(tmp_path, text, machine="table-c@0,0,0")
     arc = mm(t)[t.cutting]
@@ -211,7 +212,7 @@ def test_tip_path_is_followed_while_rotary_axes_move(tmp_path: Path) -> None:
     assert np.allclose(arc[-1], [0.0, 40.0, 0.0], atol=1e-9)
     chord = np.linalg.norm(np.diff(np.vstack([[40.0, 0.0, 0.0], arc]), axis=0), axis=1).max()
     assert 40.0 - np.sqrt(1600.0 - chord**2 / 4.0) <= 0.005  # mm: the arc tolerance
-    assert t.feed[t.cutting] == pytest.approx(2.0 * 40.0 * np.pi / 2.0 / 60e3, rel=1e-3)  # chords for the arc
+    assert t.feed[t.cutting] == pytest.approx(2.0 * 40.0 * np.pi / 2.0 / 60e3, rel=1e-3)  # chords instead of the arc
 
 
 @settings(max_examples=scale_example_count(60), deadline=None)
@@ -222,7 +223,8 @@ def test_tip_path_is_followed_while_rotary_axes_move(tmp_path: Path) -> None:
     name=st.sampled_from(["table-ac@3,4,-5", "mixed-ac@200/3,4,-5"]),
 )
 def test_tool_axis_and_tip_are_consistent(a: float, c: float, p: tuple[float, float, float], name: str) -> None:
-    """Raising the machine's Z moves the tip along the tool axis of a table; heads and mixed machines keep lengths."""
+    """Raising the machine's Z moves the tip along the tool axis of a table;
+    heads and mixed machines preserve lengths."""
     rotary = parse_machine(name)
     angles = {"A": a, "C": c}
     tip = rotary.tip(angles)
@@ -264,7 +266,7 @@ def test_second_work_offset_requires_its_place(tmp_path: Path) -> None:
 
 def test_unused_offset_word_at_the_end_has_no_effect(tmp_path: Path) -> None:
     t = read(tmp_path, HEAD + "G1 Z0 F100\nG55\nG0 Z500\nM30\n")
-    assert len(t) == 2  # the rapid in another system has no place here
+    assert len(t) == 2  # the position of the rapid move in another system is unknown
 
 
 def test_g52_and_g92_shift_later_points(tmp_path: Path) -> None:
@@ -274,7 +276,7 @@ def test_g52_and_g92_shift_later_points(tmp_path: Path) -> None:
     assert mm(u)[-1].tolist() == [25.0, 0.0, 0.0]
     assert any("G92" in w for w in u.warnings)
     first = read(tmp_path, "G21 G90\nG92 X100 Y100\nG0 X0 Y0 Z9\nG1 Z0 F100\nM30\n")
-    assert mm(first)[0].tolist() == [0.0, 0.0, 9.0]  # the system the path begins in is the workpiece
+    assert mm(first)[0].tolist() == [0.0, 0.0, 9.0]  # the system at the start of the path is the workpiece frame
 
 
 def test_fast_and_slow_line_readers_agree(tmp_path: Path) -> None:
@@ -286,12 +288,13 @@ def test_fast_and_slow_line_readers_agree(tmp_path: Path) -> None:
     assert np.allclose(plain.axis, slow.axis, atol=1e-15)
     assert np.array_equal(plain.feed, slow.feed, equal_nan=True)
     assert np.array_equal(plain.line, slow.line)
-    assert len(set(plain.line[plain.move == MoveKind.CUT].tolist())) == 51  # lines that turn far are several points
+    # lines with large rotations are divided into several points
+    assert len(set(plain.line[plain.move == MoveKind.CUT].tolist())) == 51
 
 
 def test_dynamic_work_offset_rotates_about_the_program_zero(tmp_path: Path) -> None:
     text = HEAD + "G0 A30 C0\nG254\nG0 X0 Y0 Z10\nG1 Z0 F100\nY8\nG255\nG0 Z100\nA0\nM30\n"
-    t = read(tmp_path, text, machine="table-ac")  # where the axes lie does not matter under G254
+    t = read(tmp_path, text, machine="table-ac")  # the position of the rotary axes has no effect under G254
     cuts = mm(t)[t.cutting]
     assert np.allclose(cuts, [[0, 0, 0], [0, 8.0 * C30, 8.0 * S30]])
     assert np.allclose(t.axis[t.cutting], [0.0, -S30, C30])

@@ -14,7 +14,7 @@ CAM = Path(__file__).parent / "vendored_files" / "cam"
 
 
 def test_every_file_states_its_source() -> None:
-    """And all of them together stay small."""
+    """The total size of the files is small."""
     root = CAM.parent
     files = [f for f in root.rglob("*") if f.is_file() and f.name != "SOURCES.md"]
     sources = (root / "SOURCES.md").read_text(encoding="utf-8")
@@ -26,7 +26,7 @@ def test_every_file_states_its_source() -> None:
 
 
 def test_table_of_poses_without_a_header() -> None:
-    """Row by row as the file says: x, y, z in mm; the angles turn about fixed axes."""
+    """Row by row as in the file: x, y, z in mm; the angles are rotations about fixed axes."""
     file = CAM / "RoboDK__Example-Import-CSV-XYZWPR.csv"
     values = np.loadtxt(file, delimiter=",")
     t = read_toolpath(file, default_feed=0.01)
@@ -44,14 +44,15 @@ def test_four_quarter_arcs_are_a_circle_of_half_an_inch() -> None:
     round_ = t.cutting & (np.abs(t.position[:, 2]) < 1e-12)
     radius = np.linalg.norm(t.position[round_, :2], axis=1)
     assert radius.max() == pytest.approx(0.0127, abs=1e-9)
-    assert (radius > 0.0127 - 20e-6).all()  # chords of arcs
+    assert (radius > 0.0127 - 20e-6).all()  # tolerance: chords of arcs
     angle = np.unwrap(np.arctan2(t.position[round_, 1], t.position[round_, 0]))
     assert np.ptp(angle) == pytest.approx(2 * np.pi, abs=1e-6)
     assert (np.diff(angle) <= 1e-12).all()  # G2 is clockwise
 
 
 def test_ambiguous_move_after_a_circle_leads_to_a_question() -> None:
-    """The file names no unit, but no unit cures that after a full circle (I alone) it goes back by X alone."""
+    """After a full circle (I alone) the file moves back with X alone; it states no unit,
+    but no unit corrects this error."""
     file = CAM / "cncjs__full-circle-without-xyz.gcode"
     with pytest.raises(InputError, match="line 11: an arc without I, J, K or R"):
         read_toolpath(file)

@@ -52,7 +52,7 @@ def test_readme_is_short_and_its_links_exist() -> None:
 
 
 def test_every_documented_command_parses() -> None:
-    """Options and commands by the parser itself; what a command does with them, the test below and others say."""
+    """The parser accepts all options and commands; other tests cover what the commands do."""
     parser, refused = _build_parser(), []
     for page in PAGES:
         for line in commands(page.read_text(encoding="utf-8")):
@@ -71,7 +71,7 @@ operations:
 
 @pytest.mark.slow
 def test_commands_run_in_their_documented_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On an arm and a part that a newcomer may have; ``view`` waits for a browser and is tested by itself."""
+    """The arm and the part are such as a new user may have; ``view`` waits for a browser and has its own tests."""
     monkeypatch.chdir(tmp_path)
     Path("robot.urdf").write_text(urdf_text(), encoding="utf-8")
     Path("part.cls").write_text(PART, encoding="utf-8")
@@ -117,14 +117,14 @@ def test_library_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def commands(page: str, begins: str = "machopt") -> list[str]:
-    """The command lines of a page's shell blocks, without the remarks behind them."""
+    """Return the command lines of a page's shell blocks, without trailing comments."""
     blocks = re.findall(r"```(?:sh|bash)?\n(.*?)```", page, re.S)
     lines = [line.split("  #")[0].strip() for block in blocks for line in block.splitlines()]
     return [line for line in lines if re.match(rf"(?:{begins}) ", line)]
 
 
 def fill_in(plan: Path) -> None:
-    """Write into the empty recording what the model says these loads move, as somebody who measures would."""
+    """Write the displacements that the model predicts for the loads into the empty recording."""
     moved = read_poses_csv(plan / "poses.csv").displacement  # m
     file = plan / "recording_template" / "data.csv"
     with file.open(newline="", encoding="utf-8") as text:

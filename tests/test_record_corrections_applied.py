@@ -1,7 +1,6 @@
-"""Every correction of a recording has sign and axis, and lowers the error when it is applied by its own equation.
+"""Every correction of a recording has a sign and an axis, and reduces the error when its own equation is applied.
 
-The formulas are those that a reader takes from ``equation`` and ``parameters`` of diagnosis.json, and share no code
-with the laws.
+The formulas follow ``equation`` and ``parameters`` of diagnosis.json, and share no code with the laws.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ Change = Callable[[Array], Array]
 
 
 def simulate_changed_record(change: Callable[[Recording], Recording], *, six: bool = False) -> Recording:
-    """Load tests of an arm with other springs, and what the change makes of them."""
+    """Return load tests of an arm with other springs, modified by the change."""
     rng = np.random.default_rng(8)
     a = arm(CELL.name)
     plan = plan_load_tests(a, rng, poses=16, sessions=2, loads=3, directions=3, force=1500.0)
@@ -36,7 +35,7 @@ def simulate_changed_record(change: Callable[[Recording], Recording], *, six: bo
 
 
 def misfit(recording: Recording) -> float:
-    """Rms (m) that refitted springs leave."""
+    """Return the rms residual (m) after a fit of the springs."""
     cell = load_cell(CELL)
     tests = build_load_test_experiment(recording, load_robot(cell), cell.tool.T_flange_tcp)
     A, y = tests.response()[:, :3].reshape(-1, 6), tests.measured[:, :3].reshape(-1)
@@ -75,7 +74,7 @@ def displacement_axes(about: tuple[float, float, float]) -> Callable[[Recording]
 
 
 def put_right(recording: Recording, finding: dict[str, Any]) -> Recording:
-    """Apply a finding's parameters by its equation."""
+    """Apply the parameters of a finding by its equation."""
     p = {name: e["value"] for name, e in finding["parameters"].items()}
     effect = finding["effect"]
     if effect == "force_sensor_gain":
@@ -86,7 +85,7 @@ def put_right(recording: Recording, finding: dict[str, Any]) -> Recording:
     return (force_axes if effect == "force_sensor_frame" else displacement_axes)(turn)(recording)
 
 
-CASES = {  # a gain of either sign; parts of either sign in offsets and angles
+CASES = {  # gains of either sign; components of either sign in offsets and angles
     "gain +": ("force_sensor_gain", axis_gain(1, 0.08)),
     "gain of z -": ("force_sensor_gain", axis_gain(2, -0.06)),
     "offset": ("force_sensor_offset", offset((60.0, -40.0, 25.0))),
@@ -104,4 +103,4 @@ def test_written_correction_lowers_the_error(name: str, tmp_path: Path) -> None:
     assert found, [(f["effect"], f["location"]) for f in document["findings"]]
     before, after, least = misfit(recording), misfit(put_right(recording, found[0])), misfit(clean)
     assert after < before
-    assert after - least < 0.35 * (before - least)  # most of what the fault had added
+    assert after - least < 0.35 * (before - least)  # most of the error that the fault had added

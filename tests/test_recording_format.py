@@ -42,7 +42,7 @@ ROW = "10.5,20,30,40,50,60,1,2,3,0.1,0.2,0.3"
 DEG = np.pi / 180
 HALF_DIGIT = {c.field: 0.51 * 10.0**-c.decimals * c.si for c in CHANNELS} | {
     "wrench_point": 1e-11
-}  # m; its twelve digits
+}  # m; twelve printed digits
 
 
 def folder(tmp_path: Path, data: str | bytes = GOOD, yaml: str = YAML, name: str = "rec") -> Path:
@@ -66,7 +66,7 @@ def read_refusal(path: Path, *parts: str) -> str:
     return text
 
 
-# ---------------------------------------------------------------- what is read
+# ---------------------------------------------------------------- accepted content
 
 
 def test_every_key_and_column_in_si(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_poses_by_joint_position() -> None:
     step = 0.015 * DEG
     sweep = np.zeros((6, 6))
     sweep[:, 2] = step * np.arange(6)
-    # neighbours are within 0.02°, yet the sweep is not chained into one pose
+    # adjacent poses differ by less than 0.02°, but the sweep is not combined into one pose
     assert number_poses(sweep, "absolute").tolist() == [0, 0, 1, 1, 2, 2]
     assert number_poses(sweep, "motion").tolist() == [0, 1, 2, 3, 4, 5]
     rng = np.random.default_rng(0)
@@ -172,7 +172,7 @@ def test_several_files_are_several_sessions(tmp_path: Path) -> None:
         (path / name).write_text("\n".join([head, *rows, ""]))
     r = load_recording(path)
     assert r.session.tolist() == [0, 0, 1, 1]
-    assert r.cycle[0] == r.cycle[1] != r.cycle[2] == r.cycle[3]  # a cycle does not span sessions
+    assert r.cycle[0] == r.cycle[1] != r.cycle[2] == r.cycle[3]  # a cycle does not continue across sessions
     assert r.files == ("a.csv", "b.csv")
     assert r.line.tolist() == [2, 3, 2, 3]
     assert r.place(3) == "b.csv line 3"
@@ -201,7 +201,7 @@ def test_suspicious_values_are_warnings(tmp_path: Path) -> None:
     assert "x_mm, y_mm, z_mm are not used in a recording of kind deflection" in warning
 
 
-# ---------------------------------------------------------------- what is refused
+# ---------------------------------------------------------------- refused content
 
 
 @pytest.mark.parametrize(
@@ -466,7 +466,8 @@ def test_labels_of_different_poses_are_refused(tmp_path: Path) -> None:
 
 
 def test_session_with_its_own_pose_numbers_is_matched(tmp_path: Path) -> None:
-    """The second day measured every other pose, numbered from 1; a sign, a zero or a unit is no such thing."""
+    """The second session measured every other pose, numbered from 1;
+    a sign, zero or unit error is not accepted as this."""
     q = np.random.default_rng(3).uniform(-60.0, 60.0, (12, 6)).round(3)
 
     def lines(session: int, label: int, angles: np.ndarray) -> str:
@@ -517,13 +518,13 @@ def test_inconsistent_recordings_are_refused(tmp_path: Path) -> None:
 
 
 def assert_same(a: Recording, b: Recording, but: set[str] = frozenset()) -> None:  # type: ignore[assignment]
-    """Equal in everything, numbers to the printed digit or to double precision."""
+    """Check that all fields are equal: numbers to the printed digit or to double precision."""
     for f in fields(Recording):
         x, y = getattr(a, f.name), getattr(b, f.name)
         if f.name in but:
             continue
         if isinstance(x, np.ndarray):
-            # half of the last printed digit, and round-off for large numbers; labels exactly
+            # half of the last printed digit, and rounding for large numbers; labels exactly
             assert np.allclose(x, y, rtol=1e-14, atol=HALF_DIGIT.get(f.name, 0.0), equal_nan=True), f.name
         elif isinstance(x, StandardUncertainty):
             for g in fields(StandardUncertainty):
@@ -598,7 +599,7 @@ def test_round_trip(made: Recording, tmp_path_factory: pytest.TempPathFactory) -
     but |= {"displacement_frame"} if made.displacement is None else set()
     assert_same(back, made, but)
     write_recording(path, back)
-    assert {p.name: p.read_bytes() for p in path.iterdir()} == first  # to the last printed digit
+    assert {p.name: p.read_bytes() for p in path.iterdir()} == first  # equal to the last printed digit
     assert set(first) == {"recording.yaml", "data.csv"}
 
 
@@ -607,7 +608,7 @@ def test_labels_are_written_where_informative(tmp_path: Path) -> None:
     write_recording(tmp_path / "out", made)
     assert (tmp_path / "out" / "data.csv").read_text().startswith("q1_deg,")
     assert_same(load_recording(tmp_path / "out"), made)
-    labelled = replace(made, cycle=np.array([4, 4]))  # a simulator that forgot `labelled` loses nothing
+    labelled = replace(made, cycle=np.array([4, 4]))  # a recording without the field `labelled` loses no label
     write_recording(tmp_path / "out", labelled)
     assert load_recording(tmp_path / "out").cycle.tolist() == [4, 4]
     assert (tmp_path / "out" / "data.csv").read_text().splitlines()[1] == (

@@ -116,7 +116,8 @@ def test_coupling_matrix_converts_motor_to_joint_values(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.q, np.radians(turns @ C.T), atol=1e-12)
     assert found.torque is not None
     assert found.current is not None
-    power = np.einsum("nj,nj->n", found.torque, np.radians(turns) @ C.T)  # of the joints is that of the motors
+    # the power of the joints equals that of the motors
+    power = np.einsum("nj,nj->n", found.torque, np.radians(turns) @ C.T)
     np.testing.assert_allclose(power, np.einsum("nj,nj->n", found.current, np.radians(turns)))
 
 

@@ -1,4 +1,4 @@
-"""Re-entries in closed contours: places, effects, refusals."""
+"""Re-entries in closed contours: positions, effects, refusals."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _arc(turn_deg: float, points: int = 40, radius: float = 50.0) -> list[tuple[
     ("places", "closed"),
     [
         (_arc(360.0), True),
-        (_arc(345.0), True),  # winds around, though it ends before its beginning
+        (_arc(345.0), True),  # closed around the centre, although it ends before its start
         (_arc(300.0), False),
         ([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)], True),
         ([(0, 0), (40, 0), (40, 30), (0, 30), (0, 1.5)], True),
@@ -86,7 +86,7 @@ def test_no_reentry_at_a_change_of_operation(tmp_path: Path) -> None:
 
 
 def test_both_copies_of_a_point_keep_a_fixed_rotation(tmp_path: Path) -> None:
-    """Also between two fixed points: phi of either run leads to the rotation asked for."""
+    """Also between two fixed points: phi in both runs gives the requested rotation."""
     toolpath = replace(_read(tmp_path, _cuts(_arc(360.0))), reentries=(12,))
     path = build_planning_path(toolpath)
     rule = SteeringRule(points=(10, 14), gamma=0.3)
@@ -127,7 +127,7 @@ def test_reentry_point_occurs_twice(tmp_path: Path) -> None:
     assert divided.index[again].tolist() == [11.0, 20.0]
     assert np.array_equal(divided.position[again], divided.position[again - 1])
     assert np.allclose(divided.travel[again], divided.travel[again - 1])
-    # what is counted, and its weights, are those of the path without
+    # the counted points and their weights equal those of the path without re-entries
     retained = ~divided.is_reentry
     assert np.array_equal(divided.index[retained], plain.index)
     assert np.allclose(divided.weight[retained], plain.weight, atol=1e-12)
@@ -165,7 +165,7 @@ def test_ring_has_a_lower_cost_with_one_reentry(tmp_path: Path, damage_job: Call
     before, after = without.result.objective.chosen.total, result.objective.chosen.total
     assert before is not None
     assert after is not None
-    assert entry.objective_without == pytest.approx(before, rel=0.005)  # of the plan whose corners are not rounded yet
+    assert entry.objective_without == pytest.approx(before, rel=0.005)  # of the plan before its corners are rounded
     assert entry.objective == pytest.approx(after, rel=1e-12)
     assert after < 0.995 * before
     assert entry.mean_percent is not None
@@ -178,20 +178,20 @@ def test_ring_has_a_lower_cost_with_one_reentry(tmp_path: Path, damage_job: Call
     assert order[start : start + 3] == ["retract", "link", "approach"]
     link = [n for n, row in enumerate(rows) if row["move"] == "link"]
     joints = np.array([[float(rows[n][f"q{j}_deg"]) for j in range(1, 7)] for n in (link[0], link[-1])])
-    assert np.abs(np.diff(joints, axis=0)).max() > 20.0  # another posture: the lift is needed
+    assert np.abs(np.diff(joints, axis=0)).max() > 20.0  # another configuration, so the lift is needed
     cut = [float(row["point"]) for row in rows if row["move"] == "cut"]
-    assert max(b - a for a, b in itertools.pairwise(cut)) < 0.5  # every part of the cut is driven
+    assert max(b - a for a, b in itertools.pairwise(cut)) < 0.5  # every part of the cut is executed
 
 
 def _try_few_places(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plan three places of a contour instead of ten, where it need not be the best one."""
+    """Test three positions of a contour instead of ten, where the best position is not needed."""
     monkeypatch.setattr(reentry_planning, "COARSE", 3)
     monkeypatch.setattr(reentry_planning, "HALVINGS", 0)
 
 
 @pytest.mark.slow
 def test_each_tool_of_a_job_has_its_own_reentries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Points of result.json and trajectory.csv are those of the whole job."""
+    """The points in result.json and trajectory.csv are numbered over the whole job."""
     _try_few_places(monkeypatch)
     shutil.copytree(CELL, tmp_path / "cell")
     file = tmp_path / "cell" / "cell.yaml"

@@ -1,4 +1,4 @@
-"""Plans with external joints on finer rotation grids, from other starts and with jumps: never worse."""
+"""Plans with external joints on finer rotation grids, from other starts and with jumps are never worse."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_jumps_make_no_plan_worse(tmp_path: FilePath, monkeypatch: pytest.Monkey
 
 @pytest.mark.slow
 def test_refinement_begins_on_its_own_curves(tmp_path: FilePath) -> None:
-    """What a start has that no offset takes away is gone; and a curve stays what it is."""
+    """The start is projected onto the curves of the refinement: a zigzag is removed, and a curve does not change."""
     plan, groups, axes = plan_by_grids(tmp_path, build_weaving_slot(), MOVING, rail=True)
     refinement = PlanRefinement(plan, groups, AxisPlanRanking.build(plan.setup, axes))
     a = plan.chosen.assignment

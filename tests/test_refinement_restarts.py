@@ -1,4 +1,4 @@
-"""Restarts of the external axis refinement after it has stalled."""
+"""Restarts of the external axis refinement after it stops improving."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from machopt.planning.external_axis_optimization.refinement_restarts import has_
 
 
 def plan(total: float, sequence: float | None, why: str = "") -> Any:
-    """A plan with J and the best sequence around it."""
+    """Return a stand-in for a plan: its J and the J of the best sequence that is known near it."""
     over = None if sequence is None else SimpleNamespace(why=why, sequence=sequence, plan=total)
     return SimpleNamespace(total=total, over_external=over)
 

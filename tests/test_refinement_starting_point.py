@@ -1,4 +1,4 @@
-"""Start of a refinement, its motion near bodies, and the whole turns of a sequence."""
+"""Start of a refinement, its motion near bodies, and the whole turns of the joints in a sequence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TURN = 2.0 * np.pi
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**32 - 1))
 def test_whole_turns_of_runs_are_the_best_of_all(seed: int) -> None:
-    """No other whole turns keep the limits with less way between runs, by trying all of them."""
+    """Trying all whole turns finds no shorter joint travel between runs within the limits."""
     rng = np.random.default_rng(seed)
     counts = rng.integers(1, 4, 3)
     q = np.concatenate([rng.uniform(-7, 7, (1, 6)) + np.cumsum(rng.uniform(-0.4, 0.4, (n, 6)), axis=0) for n in counts])
@@ -64,7 +64,7 @@ def test_infeasible_start_moves_back_towards_the_plan() -> None:
 
 
 def test_detailed_segments_get_more_stations() -> None:
-    """Both ends of each run stay, and no place is without any."""
+    """Both ends of each run are stations, and every segment has stations."""
     y = np.linspace(0.0, 1.0, 201)
     rows: Rows = [((0, 0, 0.02), UP, R), ((0, 0, 0), UP, A), *(((v, 0, 0), UP, C) for v in y[1:])]
     path = build_planning_path(toolpath(rows))
@@ -80,7 +80,8 @@ def test_detailed_segments_get_more_stations() -> None:
 
 @pytest.mark.parametrize("kind", [{"rail": True}, {"rail": True, "table": True}])
 def test_distances_are_linear_in_the_offsets(tmp_path: Path, kind: dict[str, bool]) -> None:
-    """What the bound says of a small step is what is measured after it, where nothing else comes nearest."""
+    """After a small step, the measured distance equals that
+    of the linear bound while the nearest pair does not change."""
     cell = cell_of(tmp_path, **kind)
     model, clearance = model_of(cell, 0.005), 0.005
     x = random_x(cell, 300, 3)

@@ -38,7 +38,7 @@ def build_weaving_path() -> Toolpath:
 
 
 def before_and_after(folder: FilePath, wishes: tuple[SteeringRule, ...], mode: ExternalMode) -> tuple[Plan, Plan]:
-    """What the search by grids comes to, and what is exported."""
+    """Return the plan of the grid search and the exported plan."""
     cell, path = replace(external_cell(folder, rail=True), stiffness=K), build_weaving_path()
     options = replace(
         OPTIONS,
@@ -60,7 +60,8 @@ def test_plan_with_steering_is_refined_and_respects_it(tmp_path: FilePath) -> No
     first, best = before_and_after(tmp_path, (E_PIN, E_ZONE, PIN, ZONE), "moving")
     assert compute_gain(first, best) > 1e-3
     index, rail = best.path.index, best.path.external[:, 0]
-    assert (rail[(index >= 4) & (index <= 6)] == 0.35).all()  # to the bit: no curve of the refinement goes there
+    # equal to the last bit: the curves of the refinement have no offset there
+    assert (rail[(index >= 4) & (index <= 6)] == 0.35).all()
     there = rail[(index >= 9) & (index <= 16)]
     assert (there <= -0.05).all() or (there >= 0.15).all()
     gamma = np.asarray(wrap_angle(best.chosen.assignment.phi + best.path.offset))
@@ -82,7 +83,8 @@ def test_refinement_with_steering_makes_no_plan_worse(
     tmp_path: FilePath, wishes: list[SteeringRule], mode: ExternalMode
 ) -> None:
     if mode == "operation":
-        wishes = [w for w in wishes if w is not E_PIN]  # one place would keep both, and the refinement nothing to do
+        # with one rail position both rules would fix it, and nothing would be left to refine
+        wishes = [w for w in wishes if w is not E_PIN]
     first, best = before_and_after(tmp_path, tuple(wishes), mode)
     assert compute_gain(first, best) >= -1e-12
     assert len(best.missing) <= len(first.missing)

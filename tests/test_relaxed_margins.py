@@ -1,4 +1,4 @@
-"""Relaxing a margin, a weight or a lock never loses feasibility."""
+"""Relaxing a margin, a weight or a lock never makes a feasible job infeasible."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def exit_code(cell: str, job: Path, out: Path, options: tuple[str, ...]) -> int:
 
 
 def find_lost_options(seed: int, folder: Path, cells: list[str]) -> list[str]:
-    """What makes a job infeasible that is feasible under stricter options."""
+    """Return the options with which a job is infeasible although it is feasible with stricter ones."""
     rng = np.random.default_rng(seed)
     cell = cells[seed % len(cells)]
     origin, axis = choose_place_above_cut(ROOT / "toolpaths" / CELLS[cell], rng)

@@ -23,7 +23,7 @@ ROWS = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(
 
 
 def compensate(folder: Path, percent: float) -> dict[str, object]:
-    """Return the removal of a drilling job whose force has one spread."""
+    """Return the compensation of a drilling job whose force has one spread."""
     shutil.copytree(ROOT / "cells" / "kr240_drilling", folder / "cell")
     (folder / "process.yaml").write_text(PROCESS.replace("SPREAD", f"{percent:g}"), encoding="utf-8")
     (folder / "holes.csv").write_text(ROWS, encoding="utf-8")
@@ -36,7 +36,8 @@ def compensate(folder: Path, percent: float) -> dict[str, object]:
 
 @pytest.mark.slow
 def test_both_spreads_widen_the_remaining_error(tmp_path: Path) -> None:
-    """10 % of each spring alone, and 30 % of the force besides: the upper ends are about 1.6 of these shares."""
+    """10 % of each spring alone, and with 30 % of the force in addition:
+    the upper ends are about 1.6 times these values."""
     upper = {}
     for percent in (0.1, 30.0):
         removed = compensate(tmp_path / f"{percent:g}", percent)

@@ -27,7 +27,7 @@ def list_single_valued() -> list[tuple[str, argparse.Action]]:
 
 
 def choose_values(action: argparse.Action) -> tuple[list[str], list[str]] | None:
-    """Two different accepted values; None where a number or a word of its own kind is expected."""
+    """Return two different accepted values; None where a number or a specific word is expected."""
     count = action.nargs if isinstance(action.nargs, int) else 1
     if action.choices is not None:
         if len(list(action.choices)) < 2:

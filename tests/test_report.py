@@ -29,7 +29,7 @@ VOID = {"meta", "br", "link", "img", "input"}
 
 
 class Balanced(HTMLParser):
-    """Fails on a tag closed out of order; collects ids, link targets and text."""
+    """Fail on a tag closed out of order; collect ids, link targets and text."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -81,7 +81,7 @@ def test_page_is_self_contained_and_small() -> None:
     assert set(re.findall(r"https?://[^\"'\s)]*", html)) == {"http://www.w3.org/2000/svg"}
     drawn = {spec["id"] for spec in specs_in(html)["charts"]} | {"map"}
     assert drawn <= set(page.ids)
-    assert all(len(spec["x"]) <= 3100 for spec in specs_in(html)["charts"])  # 3000 and the edges of gaps
+    assert all(len(spec["x"]) <= 3100 for spec in specs_in(html)["charts"])  # 3000 points and the edges of gaps
 
 
 def test_same_data_give_the_same_bytes(tmp_path: Path) -> None:
@@ -216,7 +216,7 @@ def test_verdict_does_not_exaggerate(changes: dict[str, object], badge: str, wor
 def test_si_is_converted_to_shop_units() -> None:
     assert FINE_LENGTH.format_value(1.23456e-4, unit=True) == "0.123 mm"
     assert ANGLE.format_value(-np.pi / 2) == "−90.0"
-    assert ANGLE.format_value(-1e-4) == "0.0"  # no minus that is only rounding
+    assert ANGLE.format_value(-1e-4) == "0.0"  # no minus sign due to rounding
     assert format_fixed(0.26, 1, signed=True) == "+0.3"
     assert format_fixed(-0.04, 1, signed=True) == "0.0"
     assert FEED.format_value(0.02, unit=True) == "1200 mm/min"
@@ -276,7 +276,7 @@ def test_empty_map_is_drawn() -> None:
 
 
 def test_every_axis_shows_the_same_path_length() -> None:
-    """Rapid moves add nothing, at points and in between, and what lies at no point has no length."""
+    """Rapid moves do not add length, at points and between them, and a sample without a point has no length."""
     made = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.4, 0], [0.3, 0.4, 0.1]])
     toolpath = SimpleNamespace(position=made)
     s = compute_cut_length(toolpath, np.array([False, True, False, True]))  # type: ignore[arg-type]

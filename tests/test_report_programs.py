@@ -13,7 +13,7 @@ from machopt.report.wording.result_verdict import build_verdict
 
 
 def block(data: ReportData) -> str:
-    """Numbers and their units are both given by spaces that do not break; here they are plain ones."""
+    """Replace the non-breaking spaces between numbers and units by plain ones."""
     found = re.search(r"<section id=programs>.*?</section>", build_report_html(data), re.S)
     assert found
     return found[0].replace("\u00a0", " ")
@@ -37,7 +37,7 @@ def test_programs_section_names_files_and_differences() -> None:
         "equal",
     ):
         assert words in krl
-    assert "0.0026 mm" in jbi  # mm: 2.6 µm of whole pulses
+    assert "0.0026 mm" in jbi  # mm: rounding to whole pulses, 2.6 µm
     assert "no lines: joints are interpolated" in ros
     assert "not checked: no reader here knows its language" in mine
     assert [row.count("reads back") for row in rows] == [1, 1, 1, 0]

@@ -25,7 +25,7 @@ RECORD = BatchJobDocument(machopt_batch_job=1, job="a", key="k", state="done", r
 
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_published_schema_is_current(document: str) -> None:
-    """``python docs/make_reference.py`` writes them again."""
+    """``python docs/make_reference.py`` rewrites the schemas."""
     assert (FOLDER / format_schema_name(document)).read_text(encoding="utf-8") == render_schema(document)
 
 
@@ -95,13 +95,13 @@ def test_results_are_frozen() -> None:
 
 
 def test_no_field_hides_a_method_of_pydantic() -> None:
-    """A field named ``copy`` or ``json`` would take a method's place."""
+    """A field named ``copy`` or ``json`` would replace a method."""
     for model in DOCUMENTS.values():
         assert not set(model.model_fields) & set(dir(DocumentModel)), model
 
 
 def test_branch_may_be_picked_by_its_number() -> None:
-    """``map --pick 3`` is told as it was asked for."""
+    """The document of ``map --pick 3`` contains the number as requested."""
     requested = {"at_mm": None, "tool_axis": None, "gamma_deg": None, "rotations": None, "q_deg": None, "by": "k_min"}
     limits = {"limit_margin_deg": 0.0, "singularity_wrist_deg": None, "singularity_elbow_deg": None}
     expected = {**requested, **limits, "singularity_shoulder_mm": None, "collision": "self", "load": None}

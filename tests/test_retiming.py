@@ -1,4 +1,4 @@
-"""Retimed runs, judged by the exported samples alone."""
+"""Retimed runs, checked with the exported samples alone."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def noise(n: int) -> Array:
     return np.random.default_rng(1).uniform(-2e-6, 2e-6, (n, 3))
 
 
-RUNS: dict[str, tuple[Callable[[], RunInput], float]] = {  # and the least share of time at the programmed feed
+RUNS: dict[str, tuple[Callable[[], RunInput], float]] = {  # and the smallest share of time at the programmed feed
     "plunge": (lambda: make([[0, 0, 0], [0, 0, -0.02]], feed=0.005), 0.95),
     "one micrometre": (lambda: make([[0, 0, 0], [1e-6, 0, 0]]), 0.0),
     "eight hundred micrometres": (lambda: make(np.column_stack([np.arange(800) * 1e-6, *np.zeros((2, 800))])), 0.0),
@@ -219,7 +219,7 @@ def test_rotation_given_as_a_curve_is_followed() -> None:
 
 
 def test_feed_of_a_move_applies_from_its_first_point() -> None:
-    """Behind a slow move the faster one begins at once: only the axes delay it, not a line between the two feeds."""
+    """After a slow move the faster feed applies at once: only the axes delay it; the feed is not interpolated."""
     feed = np.array([0.0, 0.0025, 0.025, 0.025, 0.025, 0.025])
     out = drive(make(np.column_stack([np.linspace(0, 0.1, 6), *np.zeros((2, 6))]), feed=feed))
     reached = out.point[np.flatnonzero(out.speed > 0.95 * 0.025)[0]]

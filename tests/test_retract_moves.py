@@ -21,7 +21,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 
 def within(plan: Plan, room: float) -> Plan:
-    """The plan with joints that may move by ``room`` rad about where they stand at ROW."""
+    """Return the plan with joints that may move by ``room`` rad from their values at ROW."""
     q, arm = plan.chosen.assignment.q[ROW], plan.setup.arm
     return replace(plan, setup=replace(plan.setup, arm=replace(arm, lower=q - room, upper=q + room)))
 
@@ -46,13 +46,13 @@ def test_detours_lift_one_or_both_ends_but_not_home(made: Plan) -> None:
     both = list(RetractMoves(made).detours(ROW, ROW + 2))
     assert [len(way) for way in both] == [2, 1, 1] * len(LIFTS)
     one = list(RetractMoves(made).detours(-1, ROW))
-    assert [len(way) for way in one] == [1] * len(LIFTS)  # none is tried twice
+    assert [len(way) for way in one] == [1] * len(LIFTS)  # no lift is tested twice
     np.testing.assert_array_equal(one[0][0], RetractMoves(made).lifted(ROW, LIFTS[0]))
     assert list(RetractMoves(within(made, 1e-4)).detours(ROW, -1)) == []
 
 
 def test_gap_remains_where_the_rapid_move_starts(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The tip stands 10 mm above the block."""
+    """The tip is 10 mm above the block."""
     p = small_job(tmp_path_factory.mktemp("free"), pass_over_block(), PlanOptions(rotation_step=np.radians(30.0)))
     assert p.setup.collision is not None
     height = RetractMoves(p).gap(ROW)

@@ -27,7 +27,7 @@ READING_PARTS = (  # readers of every input file
     "programs",
     "toolpath",
 )
-MESSAGES = {  # where readers of toolpaths, and what they share with others, have their messages
+MESSAGES = {  # modules with messages of the toolpath readers, including shared ones
     "toolpath": "**/*.py",
     "path_building": "**/*.py",
     "file_formats": "*.py",
@@ -60,11 +60,12 @@ def _list_ignored_calls(tree: ast.AST) -> list[ast.Call]:
 
 
 def test_every_ignored_word_is_reviewed() -> None:
-    """``understood=True`` beside a word written in the reader: the word, or its beginning, has its reason."""
+    """Each word with ``understood=True`` in a reader, or its beginning, has a reason in the list."""
     known = [*harmless_words.CARRIED_OUT, *harmless_words.APT, *harmless_words.HEIDENHAIN]
     known += [f"CYCL DEF {n}" for n in harmless_words.HEIDENHAIN_CYCLES]
     missing = []
-    for file in sorted(f for f in READERS.rglob("*.py") if f.parent.name != "tables"):  # columns: unknown_columns.py
+    # columns: see unknown_columns.py
+    for file in sorted(f for f in READERS.rglob("*.py") if f.parent.name != "tables"):
         for call in _list_ignored_calls(ast.parse(file.read_text(encoding="utf-8"))):
             flag = next(k.value for k in call.keywords if k.arg == "understood")
             word = call.args[0]
@@ -94,7 +95,7 @@ def _help(command: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def test_every_option_named_by_a_reader_parses(capsys: pytest.CaptureFixture[str]) -> None:
-    """In every text of the readers that names an option; the commands that read toolpaths have it."""
+    """In every text of the readers that names an option: the commands that read toolpaths accept it."""
     named: dict[str, str] = {}
     for file in (f for part, names in MESSAGES.items() for f in (PACKAGE / part).glob(names)):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -137,12 +138,12 @@ PARTS = {  # packages → commands whose messages they write
     "verification": (("verification",), COMMANDS),
     "planning": (("planning",), ("optimize", "verify", "batch")),
 }
-SMALL = ("program_export", "verification")  # a single option each
+SMALL = ("program_export", "verification")  # with a single option each
 OPTION_WORD = re.compile(r"(?<![\w-])--[a-z][A-Za-z-]*[A-Za-z]")
 
 
 def _texts(*packages: str) -> list[tuple[str, str]]:
-    """Strings of packages with the file they stand in."""
+    """Return the strings of packages with their file."""
     out = []
     for file in sorted(f for package in packages for f in (PACKAGE / package).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -153,18 +154,18 @@ def _texts(*packages: str) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize("part", PARTS)
 def test_every_option_named_in_a_message_exists(part: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Formats, commands, jobs and plan: whatever an option is named for, one of its commands takes it."""
+    """Formats, commands, jobs and plan: at least one of the commands of a message accepts the named option."""
     packages, commands = PARTS[part]
     assert all((PACKAGE / package).is_dir() for package in packages)
     helps = "\n".join(_help(command, capsys) for command in commands)
-    known = {*OPTION_WORD.findall(helps), "--version", "--terms"}  # the last: an alias that no help shows
+    known = {*OPTION_WORD.findall(helps), "--version", "--terms"}  # the last is an alias that no help text shows
     named = {(option, file) for file, text in _texts(*packages) for option in OPTION_WORD.findall(text)}
     assert len(named) > (0 if part in SMALL else 3)
     assert not {(option, file) for option, file in named if option not in known}
 
 
 def test_every_planning_key_named_in_a_message_exists() -> None:
-    """Keys of ``--set`` and of the tool's cutter in the sentences about what would help."""
+    """Keys of ``--set`` and of the tool's cutter in the texts with remedies."""
     keys = {*OptionKeys.model_fields, *CutterKeys.model_fields}
     ending = re.compile(r"\b[a-z]+(?:_[a-z]+)*_(?:deg|mm|ms)\b")
     named = {

@@ -27,7 +27,7 @@ def massive(folder: Path, text: str = "", **changes: object) -> Cell:
 
 @pytest.mark.parametrize("limit", ["", '<limit velocity="2" effort="1000"/>'])
 def test_continuous_joint_has_an_angle(limit: str, tmp_path: Path) -> None:
-    """To pinocchio it is a cosine and a sine; its range is then the cell's alone."""
+    """pinocchio represents it by cosine and sine; its range is then defined by the cell alone."""
     plain = massive(tmp_path / "plain")
     head, last = urdf_text().rsplit('type="revolute"', 1)
     before, after = last.split("<limit", 1)

@@ -1,4 +1,4 @@
-"""Robot files of makers and tools: unused elements cause a note, errors name their line and working advice."""
+"""Robot files of manufacturers and tools: unused elements cause a note, errors name their line and a working remedy."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ SIDE = {
 
 @pytest.mark.parametrize("name", sorted(SIDE))
 def test_joint_outside_the_chain_is_left_out_and_reported(name: str, tmp_path: Path) -> None:
-    """Planner and verifier have the bodies and the kinematics of the arm without it; masses stay."""
+    """Planner and verifier have the bodies and the kinematics
+    of the arm without the joint; the masses are unchanged."""
     cell = run_init_on_text(with_parts(SIDE[name]), tmp_path).cell
     output = [w for w in cell.warnings if "outside of the chain" in w]
     bodies = SIDE[name].count("<collision>")
@@ -96,7 +97,7 @@ def test_joint_outside_the_chain_is_left_out_and_reported(name: str, tmp_path: P
 
 
 def test_coupled_wrist_is_refused_without_wrong_advice(tmp_path: Path) -> None:
-    """A hollow wrist of two bends: axis 5 and a joint behind it that turns back about another line."""
+    """A hollow wrist with two bends: axis 5 and a following joint that rotates back about another line."""
     text = urdf_text()
     at = text.index('<joint name="a6"')
     text = text[:at] + text[at:].replace('<parent link="link_5"/>', '<parent link="bend"/>', 1)
@@ -211,7 +212,7 @@ def test_impossible_velocity_names_the_urdf_and_the_option(
     assert "cell.yaml" not in message
     assert "--velocity-deg-s" in message
     assert main([*command, "--velocity-deg-s", "100,100,100,200,200,200"]) == 0
-    path = tmp_path / "cell" / "cell.yaml"  # a cell that leaves the velocity to the URDF
+    path = tmp_path / "cell" / "cell.yaml"  # the cell takes the velocity from the URDF
     path.write_text("\n".join(line for line in path.read_text().split("\n") if "velocity_deg_s" not in line))
     with pytest.raises(InputError) as refused:
         load_cell(tmp_path / "cell")

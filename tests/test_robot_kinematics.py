@@ -1,4 +1,4 @@
-"""Kinematics of the arm against pinocchio, and the Jacobian against finite differences."""
+"""Kinematics of the arm compared with pinocchio, and the Jacobian compared with finite differences."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def cell_named(name: str, folder: Path) -> Cell:
 
 
 class Reference:
-    """The same arm, by pinocchio alone."""
+    """The same arm, computed by pinocchio alone."""
 
     def __init__(self, cell: Cell) -> None:
         self.cell, self.model = cell, pin.buildModelFromUrdf(str(cell.urdf))
@@ -42,7 +42,7 @@ class Reference:
         self.base, self.flange = (self.model.getFrameId(n, pin.BODY) for n in (cell.base_link, cell.flange_link))
 
     def at(self, q: np.ndarray, T_flange_tool: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Tool in base_link, its Jacobian in base_link axes, and the six moving links in base_link."""
+        """Return the tool in base_link, its Jacobian in base_link axes, and the six moving links in base_link."""
         x = pin.neutral(self.model)
         for j, value in zip(self.ids, q, strict=True):
             x[self.model.idx_qs[j]] = value
@@ -53,7 +53,7 @@ class Reference:
         R = to_base[:3, :3]
         linear, angular = R @ J[:3], R @ J[3:]
         lever = T[:3, 3] - (to_base @ self.data.oMf[self.flange].homogeneous)[:3, 3]
-        linear = linear + np.cross(angular.T, lever).T  # the tool's origin instead of the flange's
+        linear = linear + np.cross(angular.T, lever).T  # at the origin of the tool instead of the flange
         return T, np.vstack([linear, angular]), np.stack([to_base @ self.data.oMi[j].homogeneous for j in self.ids])
 
 
@@ -142,7 +142,7 @@ def test_any_urdf_chain_is_read(tmp_path_factory: pytest.TempPathFactory, joints
         T = T @ build_transform(compute_rpy_matrix(np.array(rpy)), np.array(xyz)) @ build_transform(turn, np.zeros(3))
     np.testing.assert_allclose(
         load_robot(cell).compute_fk(np.array(q)), T, atol=1e-9
-    )  # the URDF's numbers are decimals
+    )  # the numbers of the URDF are decimals
 
 
 def test_flange_outside_the_arm_and_a_wrong_joint_are_refused(tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_flange_outside_the_arm_and_a_wrong_joint_are_refused(tmp_path: Path) ->
 
 
 def test_collision_bodies_follow_their_links(tmp_path: Path) -> None:
-    """A body placed by link_poses is where pinocchio's geometry model has it."""
+    """The pose of a body from link_poses equals that of pinocchio's geometry model."""
     cell = small_cell(tmp_path)
     robot, shapes = load_chain(cell)
     model = pin.buildModelFromUrdf(str(cell.urdf))

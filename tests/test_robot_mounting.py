@@ -1,4 +1,4 @@
-"""Arm on the ceiling, on a wall or tilted, against a URDF mounted by a joint."""
+"""Arm on the ceiling, on a wall or tilted, compared with a URDF mounted by a joint."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def test_mounted_arm_equals_a_mounted_urdf(heavy: Cell, mount: str) -> None:
         np.testing.assert_allclose(T_world_base @ state.T_base_tool[n], data.oMf[frame].homogeneous, atol=1e-9)
         np.testing.assert_allclose(T_world_base @ stance.flange[n], data.oMf[frame].homogeneous, atol=1e-9)
         np.testing.assert_allclose(R @ state.J[n][:3], J[:3], atol=1e-9)
-        # a force known in world, as it comes to the joints
+        # a force known in world, transformed to the joints
         np.testing.assert_allclose(state.J[n][:3].T @ (R.T @ FORCE), J[:3].T @ FORCE, atol=1e-6)
         for torque in weights:
             np.testing.assert_allclose(torque[n], -pin.computeGeneralizedGravity(model, data, row), atol=1e-6)
 
 
 def test_weight_depends_on_the_mounting(heavy: Cell) -> None:
-    """The test above would pass on an arm without weight; joint 2 of this one bears some kN·m."""
+    """The test above would also pass for an arm without weight; joint 2 of this arm carries several kN·m."""
     q = np.array([[0.0, 0.2, 0.1, 0.3, 0.4, 0.0]])
     bears = []
     for rpy in MOUNTS.values():

@@ -1,4 +1,4 @@
-"""Rotations as vectors, quaternions and matrices, against SciPy."""
+"""Rotations as vectors, quaternions and matrices, compared with SciPy."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_rotation_vector_at_small_and_large_angles(angle: float) -> None:
         found = convert_to_rotation_vector(compute_axis_rotation(axis, np.float64(angle)))
         assert min(np.abs(found - angle * axis).max(), np.abs(found + angle * axis).max()) < 1e-15 + 1e-15 * angle
         if angle < 3.0:
-            assert np.allclose(found, angle * axis, rtol=1e-9, atol=1e-16)  # the sign too, and relative digits
+            assert np.allclose(found, angle * axis, rtol=1e-9, atol=1e-16)  # includes the sign; relative accuracy
 
 
 @PROPERTY

@@ -28,13 +28,14 @@ UP = (0.0, 0.0, 1.0)
 C, R = MoveKind.CUT, MoveKind.RAPID
 STEP = np.radians(5.0)
 VELOCITY = np.full(6, 2.0)
-FREE = ObjectiveWeights(mean=1.0, worst=0.0, travel=1e-5, rotation=1e-5, feed=0.0)  # the valley rules; no ties
+# the cost of the valley dominates; no ties
+FREE = ObjectiveWeights(mean=1.0, worst=0.0, travel=1e-5, rotation=1e-5, feed=0.0)
 
 
 def valley(
     path: PlanningPath, target: np.ndarray, low: float = -np.pi, high: float = np.pi
 ) -> tuple[CandidateGrid, CandidateScores]:
-    """One branch whose joint 6 is phi, with the least cost at phi = target (S,): the optimum is known."""
+    """Return one branch whose joint 6 is phi, with the minimum cost at phi = target (S,): the optimum is known."""
     phi = np.arange(72) * STEP - np.pi
     S = len(path.stations)
     q = np.zeros((S, 72, 1, 6))
@@ -75,7 +76,7 @@ def best_of(
 
 @pytest.mark.parametrize("turn_at", [0.3, 3.0])
 def test_known_optimum_between_grid_steps_is_found(turn_at: float) -> None:
-    """Also where it crosses the seam of the grid at 180° (turn_at = 3 rad)."""
+    """Also where it crosses the discontinuity of the grid at 180° (turn_at = 3 rad)."""
     path = build_straight_path(101, feed=0.02)
     s = path.s[path.stations] / path.s[-1]
     target = turn_at + 0.4 * np.sin(3 * s)
@@ -85,17 +86,18 @@ def test_known_optimum_between_grid_steps_is_found(turn_at: float) -> None:
     curve = smooth_rotation(path, candidates, scores, choice, VELOCITY, options)
     grid = follow_grid_rotation(path, candidates, choice)
     off, off_grid = (np.degrees(np.abs(wrap_angle(x.phi - target))) for x in (curve, grid))
-    counted = path.counted  # the rapid point before has no cost, it only follows
-    assert off_grid[counted].max() > 2.0  # the grid alone misses by up to half a step
-    assert off[counted].max() < 0.6  # bending and turning cost a little: it stays below an eighth of a step
-    assert np.abs(np.diff(curve.phi)).max() < np.radians(2.0)  # unwrapped over the seam
+    counted = path.counted  # the preceding rapid point has no cost and only follows
+    assert off_grid[counted].max() > 2.0  # the error of the grid alone is up to half a step
+    assert off[counted].max() < 0.6  # bending and rotation have a small cost: the error is below an eighth of a step
+    assert np.abs(np.diff(curve.phi)).max() < np.radians(2.0)  # continuous across the discontinuity of the grid
     np.testing.assert_allclose(
         wrap_angle(curve.seed[:, 5] - curve.phi), 0, atol=1e-9
-    )  # joints are to first order in phi: exact here
+    )  # joints are linear in phi to first order: exact here
 
 
 def test_curve_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Convergence order: half the spacing halves the jumps of the second difference quotient; kinks double them."""
+    """Convergence order: half the spacing halves the jumps
+    of the second difference quotient; kinks would double them."""
     monkeypatch.setattr(path_station_selection, "MAX_STATIONS", 150)
     path = build_straight_path(1201, feed=0.1)
     target = 0.3 + 0.5 * np.sin(5 * path.s[path.stations] / path.s[-1])
@@ -115,7 +117,7 @@ def test_curve_is_twice_continuously_differentiable(monkeypatch: pytest.MonkeyPa
         )
     )
     assert jump(curve, 2) > 1.6 * jump(curve, 1)  # 2 for piecewise constant third derivatives
-    assert jump(grid, 2) < 0.7 * jump(grid, 1)  # what the test would see of kinks
+    assert jump(grid, 2) < 0.7 * jump(grid, 1)  # the value for a curve with kinks
 
 
 def test_curve_stays_in_the_feasible_range() -> None:
@@ -125,7 +127,7 @@ def test_curve_stays_in_the_feasible_range() -> None:
     options = PlanOptions(weights=FREE)
     choice = best_of(path, candidates, scores, options)
     curve = smooth_rotation(path, candidates, scores, choice, VELOCITY, options)
-    # the spline is pinned to the corridor at stations to 1/20 of a step (smooth.py) and has hardly room between
+    # the corridor is enforced at stations to 1/20 of a step (smooth.py), which leaves little room between them
     assert np.degrees(curve.phi.max()) < 50 + 0.3
     assert np.degrees(curve.phi.min()) > -10 - 0.3
     band = compute_corridor(candidates, scores, choice, np.arange(len(path.stations)))
@@ -137,11 +139,11 @@ def test_curve_stays_in_the_feasible_range() -> None:
 def test_corridor_ends_at_infeasible_rotations_and_jumps() -> None:
     path = build_straight_path(11)
     candidates, scores = valley(path, np.zeros(len(path.stations)))
-    candidates.q[:, 40:, 0, 2] = 2.0  # from 20° on another posture under the same branch index
+    candidates.q[:, 40:, 0, 2] = 2.0  # from 20° on another configuration with the same branch index
     choice = best_of(path, candidates, scores, PlanOptions(weights=FREE))
     band = compute_corridor(candidates, scores, choice, np.arange(len(path.stations)))
-    np.testing.assert_allclose(np.degrees(band.phi + band.high), 15.0)  # 2 rad in joint 3 are not a step
-    np.testing.assert_allclose(np.degrees(band.low), -80.0)  # as far as a corridor spans
+    np.testing.assert_allclose(np.degrees(band.phi + band.high), 15.0)  # 2 rad in joint 3 are not one step
+    np.testing.assert_allclose(np.degrees(band.low), -80.0)  # the maximum width of a corridor
     np.testing.assert_allclose(band.slope[:, 5], 1.0)
 
 
@@ -181,7 +183,7 @@ def test_fixed_rotation_is_exact_on_a_contour(degrees: float) -> None:
     gamma = wrap_angle(curve.phi + path.offset)
     assert wrap_angle(gamma[p] - options.fixed[0].gamma) == pytest.approx(0.0, abs=1e-6)  # rad
     ends = np.degrees(curve.phi[[0, -1]])
-    assert np.abs(ends).max() < 1.0  # away from the point the valley rules
+    assert np.abs(ends).max() < 1.0  # away from the fixed point the valley dominates
 
 
 def test_fixed_rotation_is_exact_in_a_hole() -> None:
@@ -211,7 +213,7 @@ def test_hole_uses_the_minimum_of_its_valley() -> None:
     choice = best_of(path, candidates, scores, options)
     curve = smooth_rotation(path, candidates, scores, choice, VELOCITY, options)
     off = np.degrees(np.abs(curve.phi - target[np.arange(len(path.index))]))
-    assert off.max() < 5.0 / 8 / 2 + 0.05  # the fine grid of an eighth of a step
+    assert off.max() < 5.0 / 8 / 2 + 0.05  # the fine grid of 1/8 step
 
 
 def test_missing_stations_leave_a_gap_and_the_rest_is_smooth() -> None:

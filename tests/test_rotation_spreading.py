@@ -23,7 +23,7 @@ LIMITS: Any = SimpleNamespace(velocity=np.full(7, 2.0), acceleration=np.full(7, 
 @pytest.mark.parametrize("width", [0.05, 0.4, 3.0])
 def test_moving_average_equals_a_fine_sum(width: float) -> None:
     rng = np.random.default_rng(3)
-    time = np.sort(np.r_[0.0, rng.uniform(0.0, 1.3, 12), 1.3, 0.7, 0.7])  # a jump at 0.7 s
+    time = np.sort(np.r_[0.0, rng.uniform(0.0, 1.3, 12), 1.3, 0.7, 0.7])  # a discontinuity at 0.7 s
     values = rng.uniform(-1.0, 1.0, len(time))
     fine = (np.arange(40_000) + 0.5) / 40_000 - 0.5
     expected = [np.interp(t + width * fine, time, values).mean() for t in time]
@@ -51,7 +51,7 @@ def test_step_is_abrupt_where_axes_cannot_start_and_stop_in_time(seconds: float,
     ("better", "is_free", "options", "is_spread"),
     [
         (0.0, True, {}, True),
-        (0.1, True, {}, False),  # J gets worse
+        (0.1, True, {}, False),  # J increases
         (0.0, False, {}, False),  # a contact
         (0.0, True, {"fixed": ("a rotation",)}, False),
     ],

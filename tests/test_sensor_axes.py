@@ -1,4 +1,4 @@
-"""Rotated axes of force sensor or displacement: fitted, named once, absent without a cause."""
+"""Rotated axes of force sensor or displacement: fitted, named once, no false positive."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from machopt.planning.sequence_search.dynamic_programming import SequenceChoice
 
 ROTATIONS, BRANCHES = 8, 2
 LIMIT = np.radians(50.0)  # of every joint
-AHEAD = (0, 1, 7)  # rotations that a small turn from rotation 0 leads to
+AHEAD = (0, 1, 7)  # rotations that a small rotation step from rotation 0 reaches
 
 
 def build_break(
@@ -24,16 +24,16 @@ def build_break(
     pairs: dict[int, int] | None = None,
     **changes: Any,
 ) -> SequenceBreak:
-    """The one break of three stations of which the last is not reached; rotation 0 of branch 0 is, before it.
+    """Return the one break of three stations; the last is not reached, rotation 0 of branch 0 is feasible before it.
 
     Args:
-        reasons: of branch 0 at the last station, by rotation; the others lie outside the wishes.
-        joints: at the last station, by rotation: index and degrees of the joint that is not at zero.
-        pairs: bodies that a vertex was struck out for, by rotation.
-        changes: ``banned``, ``plunge``, ``other`` (rotation at which branch 1 works).
+        reasons: of branch 0 at the last station, by rotation; the others are outside the requested range.
+        joints: at the last station, by rotation: index and angle in degrees of the joint that is not at zero.
+        pairs: colliding bodies for which a vertex was removed, by rotation.
+        changes: ``banned``, ``plunge``, ``other`` (rotation at which branch 1 is feasible).
     """
     q = np.zeros((3, ROTATIONS, BRANCHES, 6))
-    q[:, :, 1, 0] = np.radians(170.0)  # another assembly mode
+    q[:, :, 1, 0] = np.radians(170.0)  # another branch
     reason = np.full((3, ROTATIONS, BRANCHES), InfeasibilityReason.BOUNDS, np.uint8)
     struck = np.full(reason.shape, -1, np.int32)
     reason[:2, 0, 0] = InfeasibilityReason.OK

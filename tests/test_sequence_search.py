@@ -1,4 +1,4 @@
-"""Global sequence search against every sequence of small problems."""
+"""Global sequence search compared with every sequence of small problems."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Rapid = tuple[int, ...]
 
 def line(n: int, rapid: tuple[int, ...] = (0,), spacing: float = 0.019) -> PlanningPath:
     rows: Rows = [((spacing * k, 0.0, 0.0), UP, R if k in rapid else C) for k in range(n)]
-    path = build_planning_path(toolpath(rows, feed=0.002))  # slow, so that the rotation may change at every station
+    path = build_planning_path(toolpath(rows, feed=0.002))  # slow enough for the rotation to change at every station
     assert len(path.index) == n
     return path
 
@@ -44,14 +44,14 @@ def line(n: int, rapid: tuple[int, ...] = (0,), spacing: float = 0.019) -> Plann
 def random_problem(
     seed: int, rapid: tuple[int, ...] = (0, 3), turning: int = 2
 ) -> tuple[PlanningPath, CandidateGrid, CandidateScores]:
-    """Five stations, four rotations, two branches, two turns of joint 6; joints wander by up to a few ten degrees."""
+    """Five stations, four rotations, two branches, two turns of joint 6; joints vary by up to some tens of degrees."""
     rng = np.random.default_rng(seed)
     S, rotations, B = 5, 4, 2
     path = line(S, rapid)
     drift = np.cumsum(rng.normal(size=(S, 1, B, 6)) * 0.15, axis=0)
     spread = np.cumsum(rng.normal(size=(1, rotations, 1, 6)) * 0.12, axis=1)
     q = rng.uniform(-1, 1, (1, 1, B, 6)) + drift + spread
-    q[..., 5] += np.pi - 0.4  # joint 6 near the cut at 180°
+    q[..., 5] += np.pi - 0.4  # joint 6 near the discontinuity at 180°
     turns = np.zeros((turning, 6))
     turns[1:, 5] = -2 * np.pi
     feasible = rng.uniform(size=(S, rotations, B, turning)) < 0.75
@@ -84,11 +84,11 @@ def transition(
     b: Vertex,
     options: PlanOptions,
 ) -> float:
-    """Price of going from vertex a at station s − 1 to b at s; infinite where the rules forbid it."""
+    """Return the cost from vertex a at station s − 1 to b at s; infinite if the rules forbid it."""
     w, share = options.weights, path.motion_share[path.stations[s]]
     dq = np.abs(get_joints(candidates, s, b) - get_joints(candidates, s - 1, a))
     travel = w.travel / np.pi * share * dq.sum()
-    if window[s] < 0:  # a rapid move; a short one should not turn the arm over
+    if window[s] < 0:  # a rapid move; a short one should not change the configuration
         way = np.linalg.norm(np.diff(path.position[path.stations[[s - 1, s]]], axis=0))
         return float(travel * (1 + NEAR / (way + NEAR / 10)))
     n = len(candidates.phi)
@@ -101,12 +101,12 @@ def transition(
 
 @dataclass(frozen=True)
 class Priced:
-    """What vertices and steps of a problem cost: each is asked for once, though a million sequences share it."""
+    """Costs of vertices and steps of a problem: each is computed once, though a million sequences share it."""
 
-    vertices: list[list[Vertex]]  # of each station
-    node: Callable[[int, Vertex], float]  # price without the worst index
+    vertices: list[list[Vertex]]  # by station
+    node: Callable[[int, Vertex], float]  # cost without the worst index
     step: Callable[[int, Vertex, Vertex], float]  # infinite where the rules forbid it
-    index: Callable[[int, Vertex], float]  # nothing where it does not count
+    index: Callable[[int, Vertex], float]  # 0 where it does not count
 
 
 def compute_costs(
@@ -142,7 +142,7 @@ def compute_costs(
 def every_sequence(
     path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
 ) -> Iterator[tuple[float, float, list[Vertex]]]:
-    """(price without the worst index, worst index, sequence) of every allowed sequence, depth first."""
+    """Return (cost without the worst index, worst index, sequence) of every allowed sequence, depth first."""
     p = compute_costs(path, candidates, scores, options)
 
     def go(s: int, before: list[Vertex], total: float, worst: float) -> Iterator[tuple[float, float, list[Vertex]]]:
@@ -161,9 +161,9 @@ def every_sequence(
 def every_price(
     path: PlanningPath, candidates: CandidateGrid, scores: CandidateScores, options: PlanOptions
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) price without the worst index and (N,) worst index of the same sequences, all of a length at a time."""
+    """Return (N,) cost without the worst index and (N,) worst index of all sequences, station by station."""
     p = compute_costs(path, candidates, scores, options)
-    last, total, worst = np.zeros(1, int), np.zeros(1), np.zeros(1)  # which vertex each sequence has come to
+    last, total, worst = np.zeros(1, int), np.zeros(1), np.zeros(1)  # vertex at which each sequence ends
     for s, here in enumerate(p.vertices):
         before = p.vertices[s - 1] if s else [(0, 0, 0)]
         steps = np.array([[p.step(s, a, b) if s else 0.0 for b in here] for a in before]).reshape(
@@ -185,7 +185,7 @@ def price_of(
     return next((t, w) for t, w, v in every_sequence(path, candidates, scores, options) if v == found)
 
 
-# --- against every sequence --------------------------------------------------------------------------------
+# --- comparison with every sequence -------------------------------------------------------------------------
 
 
 def test_single_and_batched_sequences_have_the_same_cost() -> None:
@@ -221,7 +221,8 @@ def test_no_sequence_is_below_the_bound_and_the_choice_is_within_the_gap(seed: i
     path, candidates, scores = random_problem(seed, rapid)
     weights = ObjectiveWeights(mean=1.0, worst=0.0, travel=0.3, rotation=0.4)
     found = every_sequence(path, candidates, scores, PlanOptions(weights=weights))
-    every = {tuple(v): (t, w) for t, w, v in found}  # prices beside the worst index: the same for each weight of it
+    # costs and worst index separately: the same for each weight of the worst index
+    every = {tuple(v): (t, w) for t, w, v in found}
     for worst in (0.05, 0.5, 4.0):
         options = PlanOptions(weights=replace(weights, worst=worst))
         ideal = min((t + worst * w for t, w in every.values()), default=None)
@@ -263,7 +264,7 @@ def test_no_rapid_move_joins_blocked_branches(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(30))
 def test_worst_case_search_ends_at_the_optimum(seed: int) -> None:
-    """Sequences as pairs (value, worst) alone, in numbers that no job has."""
+    """Sequences are pairs (value, worst) only, with numbers that no real job has."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 200))
     value, worst = rng.gamma(2.0, size=n), rng.gamma(2.0, size=n)
@@ -286,11 +287,11 @@ def test_worst_case_search_ends_at_the_optimum(seed: int) -> None:
 
 
 def test_unordered_branches_may_be_followed_by_continuity() -> None:
-    """Solvers without a fixed branch order: the sequence follows the joints, not the number."""
+    """Solvers without a fixed branch order: the sequence follows the joint values, not the branch number."""
     path, candidates, scores = random_problem(3, rapid=(0,), turning=1)
     q = np.broadcast_to(candidates.q[:1, :1], candidates.q.shape).copy()
-    q[:, :, 1, 1] += np.radians(90.0)  # postures so far apart that no step joins them
-    q[2] = q[2][:, ::-1]  # at station 2 the two branches have changed places
+    q[:, :, 1, 1] += np.radians(90.0)  # configurations so far apart that no step connects them
+    q[2] = q[2][:, ::-1]  # at station 2 the two branches are exchanged
     free = np.ones_like(candidates.feasible)
     cost = np.full(scores.cost.shape, 2.0)
     cost[:2, :, 0] = cost[2, :, 1] = cost[3:, :, 0] = 1.0
@@ -304,11 +305,11 @@ def test_unordered_branches_may_be_followed_by_continuity() -> None:
             assert choice.branch.tolist() == expected
 
 
-# --- what continuity means ---------------------------------------------------------------------------------
+# --- continuity ---------------------------------------------------------------------------------------------
 
 
 def winding(path: PlanningPath, limit_turns: tuple[int, ...]) -> tuple[CandidateGrid, CandidateScores]:
-    """One rotation, one branch; joint 6 walks from 150° to 210° in steps of 15°: over the cut at 180°."""
+    """One rotation, one branch; joint 6 moves from 150° to 210° in steps of 15°, across the discontinuity at 180°."""
     S = len(path.stations)
     q = np.zeros((S, 1, 1, 6))
     q[:, 0, 0, 5] = wrap_angle(np.radians(150 + 15.0 * np.arange(S)))
@@ -380,7 +381,8 @@ def test_branch_changes_only_over_a_rapid_move() -> None:
 
 
 def test_missing_branch_is_no_predecessor() -> None:
-    """NaN joints of a branch that does not exist at the station before: not a predecessor, not a crash."""
+    """The joints of a branch that does not exist at the station before are NaN:
+    it is not a predecessor and causes no error."""
     path, candidates, scores = random_problem(1, rapid=(0,))
     q = candidates.q.copy()
     feasible = np.ones_like(candidates.feasible)
@@ -453,10 +455,10 @@ def test_rotation_is_constant_in_plunges_and_limited_by_the_axes() -> None:
         turning = window > 0
         rate = window[turning] * 2 * np.pi / n / seconds[turning]
         assert (rate <= TURNING * 2.0 * 1.01).all()
-        assert turning.any() == (feed < 0.1)  # 12 mm at 0.3 m/s leave no time for 5° at 1.6 rad/s
+        assert turning.any() == (feed < 0.1)  # 12 mm at 0.3 m/s do not leave the time for 5° at 1.6 rad/s
 
 
-# --- the user's wishes -------------------------------------------------------------------------------------
+# --- requirements of the user -------------------------------------------------------------------------------
 
 
 def open_grid(path: PlanningPath, n: int = 72) -> CandidateGrid:
@@ -489,7 +491,7 @@ def test_bounds_fixed_and_preferred_rotation() -> None:
     assert fixed.feasible[[0, 1, 3, 4]].all()
     assert np.degrees(gamma[2, fixed.feasible[2, :, 0, 0]]) == pytest.approx(
         [40.0]
-    )  # the nearest step; smoothing makes it exact
+    )  # the nearest grid rotation; smoothing makes it exact
     scores = CandidateScores(np.ones((5, 72, 1)), "stiffness", 1.0)
     liked = PlanOptions(preferred_rotation=np.radians(65.0), weights=ObjectiveWeights(worst=0.0))
     choice = choose_sequence(path, open_grid(path), scores, VELOCITY, liked)
@@ -529,7 +531,7 @@ def test_segment_chosen_again_is_the_best_with_the_rest_fixed(seed: int, worst: 
 
 
 def test_choice_and_assignment_are_read_only() -> None:
-    """Whoever wants another makes another: what one step holds does not change behind it."""
+    """Code that needs another choice creates a new object: the data of other steps do not change."""
     row = np.zeros(3, np.int32)
     choice = SequenceChoice(rotation=row, branch=row.copy(), turn=row.copy(), q=np.zeros((3, 6)), broken=())
     assignment = JointAssignment(

@@ -1,4 +1,4 @@
-"""Programs of shallow holes: the motion passes a joint target twice while the joints hardly change."""
+"""Programs of shallow holes: the motion passes a joint target twice while the joints hardly move."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ ROOT = Path(__file__).resolve().parents[1]
 @pytest.mark.parametrize("depth", [0.03, 0.1, 0.2, 0.25])
 @pytest.mark.parametrize("short", [0.0, 1e-5, 5e-5])
 def test_joint_target_is_matched_at_its_first_arrival(depth: float, short: float) -> None:
-    """``depth`` in deg of joint motion; the first arrival is sampled ``short`` rad beside the target."""
+    """``depth`` is in deg of joint motion; the sample of the first arrival is ``short`` rad away from the target."""
     far, there, bottom = np.zeros(6), np.full(6, 0.5), np.full(6, 0.5) + np.radians(depth)
     first = there - short
     parts = [np.linspace(a, b, 20) for a, b in ((far, first), (first, bottom), (bottom, there), (there, far))]
     joints = np.concatenate(parts)
-    place = joints[:, :3] * 0.8  # m, any that follows the joints
+    place = joints[:, :3] * 0.8  # m, any function of the joints
     turn = np.broadcast_to(np.eye(3), (len(joints), 3, 3)).copy()
     wanted = np.array([there, bottom, there, far])
     at, _ = match_targets_in_order(
@@ -39,7 +39,7 @@ def test_joint_target_is_matched_at_its_first_arrival(depth: float, short: float
         np.zeros(4, bool),
     )
     assert np.isfinite(at).all()
-    assert at[0] == pytest.approx(19.5, abs=2.5)  # a target beside the samples lies a little farther
+    assert at[0] == pytest.approx(19.5, abs=2.5)  # a target between the samples is a little farther away
     assert at[1] == pytest.approx(39.5, abs=1.1)
     assert at[2] == pytest.approx(59.5, abs=1.1)
 

@@ -1,4 +1,4 @@
-"""Shipped cells have the published geometry and stiffness; shipped toolpaths lie on their workpieces."""
+"""Shipped cells have the published geometry and stiffness; shipped toolpaths are on their workpieces."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def script(path: str) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
+    sys.modules[spec.name] = module  # required by dataclasses, which look up their module
     spec.loader.exec_module(module)
     return module
 
@@ -123,7 +123,7 @@ def test_generator_makes_the_committed_files(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", EXTERNAL)
 def test_cells_with_external_axes(name: str, tmp_path: Path) -> None:
-    """The generator makes the committed files; nothing touches at home."""
+    """The generator makes the committed files; there is no contact at home."""
     more = script("cells/make_external_cells.py")
     more.write(more.CELLS[name](), tmp_path)
     made = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file())
@@ -147,14 +147,15 @@ def test_table_2_pair_is_one_tcp_rotated_by_the_stated_angle(kr500: tuple[Cell, 
     before, gamma_before, after, gamma_after = TAGS[tag]
     A, B = (robot.compute_fk(np.radians(q), cell.tool.T_flange_tcp) for q in (before, after))
     assert np.linalg.norm(A[:3, 3] - B[:3, 3]) < 0.1e-3
-    turn = A[:3, :3].T @ B[:3, :3]  # in the TCP frame: a turn about its z
+    turn = A[:3, :3].T @ B[:3, :3]  # in the TCP frame: a rotation about its z axis
     angle = np.degrees(np.arctan2(turn[1, 0], turn[0, 0]))
     assert angle == pytest.approx(gamma_after - gamma_before, abs=0.01)
     assert turn[2, 2] == pytest.approx(1.0, abs=1e-9)
 
 
 def test_table_2_alone_determines_the_tool_and_the_elbow_offset(kr500: tuple[Cell, Robot]) -> None:
-    """Least squares over both pairs for the TCP across the tool axis; −55 mm at the elbow cannot close them."""
+    """Least squares over both pairs for the TCP perpendicular to the tool axis;
+    −55 mm at the elbow does not fit them."""
     cell, robot = kr500
 
     def solve(lift: float) -> tuple[np.ndarray, float]:
@@ -195,7 +196,7 @@ def test_tags_lie_on_the_deck_normal_to_the_tool(kr500: tuple[Cell, Robot]) -> N
                 @ robot.compute_fk(np.radians(q), cell.tool.T_flange_tcp)
             )
             assert abs(T[2, 3]) < 0.1e-3  # m: on the deck
-            assert abs(T[1, 3]) < 0.5e-3  # on its centre line
+            assert abs(T[1, 3]) < 0.5e-3  # on the centre line of the deck
             assert abs(T[0, 3]) < 0.2
             np.testing.assert_allclose(T[:3, 2], [0, 0, -1], atol=2e-5)
 
@@ -247,7 +248,7 @@ def test_two_cell_stiffness_has_the_published_values_around_the_deck(tmp_path: P
     assert (inside < grid.origin + grid.cell * np.array(grid.shape)).all()
 
 
-# --- the other arms against the tables they come from ------------------------------------------------------
+# --- the other arms compared with their source tables ------------------------------------------------------
 
 
 def dh(theta: float, d: float, a: float, alpha: float) -> np.ndarray:
@@ -257,7 +258,7 @@ def dh(theta: float, d: float, a: float, alpha: float) -> np.ndarray:
 
 
 def modified_dh(theta: float, d: float, a: float, alpha: float) -> np.ndarray:
-    """Modified Denavit-Hartenberg: Rx(α) Tx(a) Rz(θ) Tz(d), a and α of the link before."""
+    """Modified Denavit-Hartenberg: Rx(α) Tx(a) Rz(θ) Tz(d), with a and α of the preceding link."""
     c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
     return np.array([[c, -s, 0, a], [s * ca, c * ca, -sa, -d * sa], [s * sa, c * sa, ca, d * ca], [0, 0, 0, 1]])
 
@@ -318,7 +319,7 @@ def test_s420f_matches_gora_trela_table_1() -> None:
         ):
             T = T @ dh(theta, d, a, alpha)
         np.testing.assert_allclose(robot.compute_fk(q)[:3, 3], T[:3, 3] + [0, 0, 0.900], atol=1e-9)
-    # the measured compliance 0.0059 mm/N at the paper's pose, from joints 2 and 3 alone; three digits are given
+    # the measured compliance 0.0059 mm/N at the paper's pose, from joints 2 and 3 alone; three digits are printed
     q = np.radians([-84.91, 65.00 - 90.0, -12.31, 0.00, 9.64, 0.00])
     J = robot.compute_fk_jacobian(q)[1]
     assert cell.stiffness is not None
@@ -376,7 +377,8 @@ def test_toolpath_generator_makes_the_committed_files(tmp_path: Path, monkeypatc
     monkeypatch.setattr(make, "HERE", tmp_path)
     setups = script("toolpaths/make_setup_toolpaths.py")
     monkeypatch.setattr(setups, "HERE", tmp_path)
-    for module in (make, script("toolpaths/make_external_toolpaths.py"), setups):  # the second writes through the first
+    # the second module writes through the first
+    for module in (make, script("toolpaths/make_external_toolpaths.py"), setups):
         for name in vars(module):
             if name.startswith("write_"):
                 getattr(module, name)()
@@ -448,13 +450,13 @@ def test_cam_file_and_table_have_the_same_points(cam: str, table: str) -> None:
 
 
 def test_head_face_arcs_go_round_the_corners() -> None:
-    """The wrong side of an arc would leave the rim by two corner radii."""
+    """The wrong side of an arc would deviate from the rim by two corner radii."""
     path = read_toolpath(ROOT / "toolpaths" / "cylinder_head_face.cls")
     rim = path.position[np.abs(path.position[:, 2] + 0.3e-3) < 1e-9]
     assert len(rim) > 100
     np.testing.assert_allclose(np.abs(rim[:, :2]).max(axis=0), [0.216, 0.081], atol=1e-6)
     middle = path.position[(path.operation == 0) & path.cutting & (np.abs(path.position[:, 1]) < 1e-6)]
-    assert np.ptp(middle[:, 0]) > 0.36  # the pass along y = 0 takes in both tags (335 mm apart)
+    assert np.ptp(middle[:, 0]) > 0.36  # the pass along y = 0 contains both tags (335 mm apart)
 
 
 REACH = [

@@ -45,7 +45,8 @@ def test_job_is_planned_tool_after_tool(tmp_path: Path) -> None:
     segments = split_into_tool_segments(cell, path)
     assert [(s.tool, s.cell.controller.tool_number) for s in segments] == [("1", 1), ("2", 2), ("3", 3), ("2", 2)]
     assert np.allclose(path.axis[segments[3].first :], [-1, 0, 0])
-    slot = path.position[segments[3].first :][path.cutting[segments[3].first :], 0]  # into the face towards the robot
+    # into the face that points to the robot
+    slot = path.position[segments[3].first :][path.cutting[segments[3].first :], 0]
     np.testing.assert_allclose([slot.min(), slot.max()], [-0.02, -0.017], atol=1e-9)
     options = PlanOptions(collision=False, rotation_step=np.radians(60.0), force=ProcessForce(axial=100.0), sample=0.1)
     done = plan_job(segments, path, options, StageTimings())
@@ -57,7 +58,8 @@ def test_job_is_planned_tool_after_tool(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_whole_command(tmp_path: Path) -> None:
-    """One program a tool, read back; contacts with the bodies of the tool that is on and both setups' fixtures."""
+    """One program per tool is read back; contacts include the bodies of the mounted tool
+    and the fixtures of both setups."""
     done = run_optimize(OptimizeRequest(cell=CELL, toolpath=FILE, out=tmp_path / "out", posts=POSTS))
     assert done.exit_code == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())

@@ -20,13 +20,13 @@ RADIUS, FAST = 0.12, 0.4  # m, m/s
 
 
 def circle(step: float, count: int = 200) -> Array:
-    """Points on a circle, the axis along z."""
+    """Return points on a circle with the axis along z."""
     t = np.arange(count) * step / RADIUS
     return np.column_stack([RADIUS * np.sin(t), RADIUS * (1 - np.cos(t)), 0 * t, 0 * t, 0 * t, 1 + 0 * t])
 
 
 def fill(pose: Array, feed: float = FAST) -> object:
-    """The filled polyline."""
+    """Return the filled polyline."""
     u = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1))]
     return fill_smooth_stretches(u, pose, SCALE, np.full(len(u), 0.1 * feed))
 
@@ -36,7 +36,7 @@ def test_added_points_are_on_the_curve() -> None:
     assert filled is not None
     x, y = filled.pose[:, :2].T  # type: ignore[attr-defined]
     assert len(x) > 2 * 200
-    assert np.abs(np.hypot(x, y - RADIUS) - RADIUS).max() < 1e-8  # the points themselves are on it exactly
+    assert np.abs(np.hypot(x, y - RADIUS) - RADIUS).max() < 1e-8  # the points themselves are exactly on it
 
 
 def zigzag() -> Array:

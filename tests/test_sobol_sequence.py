@@ -1,4 +1,4 @@
-"""Scrambled Sobol sequence against SciPy's."""
+"""Scrambled Sobol sequence compared with SciPy's."""
 
 from __future__ import annotations
 

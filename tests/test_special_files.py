@@ -1,4 +1,4 @@
-"""Pipes, devices, sockets and huge files in an output folder are answered in seconds and never opened."""
+"""Pipes, devices, sockets and huge files in an output folder are reported within seconds and never opened."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from output_damage.damage_case import Job, copy_job, find_single_file, update_ma
 
 from machopt.cli import main
 
-SECONDS = 20.0  # of one command on a loaded machine; a pipe would block for ever
+SECONDS = 20.0  # one command on a loaded machine; a pipe would block forever
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def _zeros(file: Path) -> None:
 def _socket(file: Path) -> None:
     file.unlink(missing_ok=True)
     here = Path.cwd()
-    os.chdir(file.parent)  # the name of a socket may have some hundred bytes only
+    os.chdir(file.parent)  # the name of a socket is limited to about one hundred bytes
     try:
         with socket.socket(socket.AF_UNIX) as made:
             made.bind(file.name)

@@ -1,4 +1,4 @@
-"""Suggestions for unknown words: typing errors only, no words of another meaning."""
+"""Suggestions for unknown words: typing errors only, no words with another meaning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``min_stability_ratio``: respected along the driven path, refused where incomputable, never lost by relaxing."""
+"""``min_stability_ratio``: respected along the executed path, refused if not computable, never lost by relaxing."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def optimize(toolpath: Path, out: Path, *overrides: str, process: Path = PROCESS
 
 
 def read_ratios(out: Path) -> np.ndarray:
-    """Ratios of the milled points; inf where no limit is stated."""
+    """Return the ratios of the milled points; inf where no limit is stated."""
     table = read_columns(out / "points.csv")
     milled = [n for n, word in enumerate(table["chatter"]) if word not in ("", "unknown")]
     return np.array([float(table["a_lim_mm"][n] or "inf") / float(table["ap_mm"][n]) for n in milled])
@@ -58,7 +58,7 @@ def test_limit_is_respected_and_verified(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_limit_holds_between_the_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All planning points of the driven path, the added ones between toolpath points included."""
+    """All planning points of the executed path are checked, including those added between toolpath points."""
     from machopt.commands.optimize import computation
 
     plans = []
@@ -85,7 +85,7 @@ def test_points_without_a_stable_configuration_name_the_best_ratio(tmp_path: Pat
     assert all("min_stability_ratio" in p["help"] for p in unstable)
     best = [p["best_stability"]["ratio"] for p in unstable]
     assert all(0.0 < ratio < 4.0 for ratio in best)
-    worst = min(best)  # a limit below it gives the points back
+    worst = min(best)  # a limit below it makes the points feasible again
     optimize(short, tmp_path / "less", f"min_stability_ratio={0.98 * worst:.3f}")
     again = read_result(tmp_path / "less")["infeasible_points"]
     assert not [p for p in again if p["status"] == "unstable"]
@@ -142,7 +142,7 @@ RATIOS = (2.0, 1.4, 1.0, 0.6, 0.2, None)
 
 
 def find_lost_ratios(seed: int, folder: Path) -> list[float | None]:
-    """Relaxed ratios at which a job is infeasible that is feasible with a stricter one."""
+    """Return relaxed ratios at which a job is infeasible although it is feasible with a stricter one."""
     rng = np.random.default_rng(seed)
     origin, axis = choose_place_above_cut(ROOT / "toolpaths" / "contour_5axis.csv", rng)
     job = write_job(folder / "job.csv", random_job(rng, ("line", "arc", "pivot", "zigzag")), origin, axis)
@@ -169,10 +169,10 @@ def test_relaxing_the_limit_keeps_jobs_feasible(seed: int, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_limits_of_a_plan_against_semi_discretization(tmp_path: Path) -> None:
-    """Modes by the verification, 24 intervals a tooth period, and collocation, whose own error is far smaller.
+    """Modes by the verification, 24 intervals per tooth period, compared with collocation, whose error is far smaller.
 
-    Where the law of second order governs, the limit is 85 to 103 % of the exact one: the highest mode of the arm has
-    ωT = 3.4 here, and the law never exceeds it only where all have ωT < 0.5. Elsewhere it is an estimate.
+    Where the law of second order determines the limit, it is 85 to 103 % of the exact one: the highest mode of the arm
+    has ωT = 3.4 here, and the law is a safe bound only if all modes have ωT < 0.5. Otherwise it is an estimate.
     """
     job = ROOT / "toolpaths" / "plain.csv"
     assert optimize(job, tmp_path / "out") == 0
@@ -191,7 +191,7 @@ def test_limits_of_a_plan_against_semi_discretization(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_modes_of_the_tool_enter_the_limit(tmp_path: Path) -> None:
-    """A soft spindle mode along the tool's x axis: the driven cut keeps the ratio of the smaller limit."""
+    """A soft spindle mode along the x axis of the tool: the executed cut respects the ratio of the smaller limit."""
     shutil.copytree(CELL, tmp_path / "cell")
     file = tmp_path / "cell" / "cell.yaml"
     text = file.read_text(encoding="utf-8")
@@ -213,7 +213,7 @@ def test_modes_of_the_tool_enter_the_limit(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_points_of_unknown_stability_are_listed(tmp_path: Path) -> None:
-    """A flat end mill and a ball cutter, whose stability is not known: the constraint holds for the first alone."""
+    """The stability of a ball cutter is unknown: the constraint applies to the flat end mill alone."""
     cell = tmp_path / "cell"
     shutil.copytree(CELL, cell)
     content = yaml.safe_load((cell / "cell.yaml").read_text(encoding="utf-8"))

@@ -16,7 +16,8 @@ TOOL_MODES = "modes: [{f_Hz: 900, zeta: 0.03, k_N_um: 20, direction: [1, 0, 0]}]
 
 
 def plan_wall(folder: Path, changes: dict[str, tuple[str, str]]) -> tuple[int, dict[str, list[str]]]:
-    """Plan a finished wall in the milling cell, with texts of its files replaced; exit code and points.csv."""
+    """Plan a finished wall in the milling cell with replaced texts in its files;
+    return the exit code and points.csv."""
     toolpath = folder / "pass.csv"
     toolpath.write_text(HEADER + "\n" + "".join(f"{x},{y},{z},0,0,1,{move},{feed}\n" for x, y, z, move, feed in PASS))
     shutil.copytree(CELLS / "kr500_milling", folder / "cell")
@@ -37,7 +38,7 @@ def plan_wall(folder: Path, changes: dict[str, tuple[str, str]]) -> tuple[int, d
 @pytest.mark.slow
 @pytest.mark.parametrize("rpm", [900, 2500])
 def test_poles_of_the_delay_are_no_limit(rpm: int, tmp_path: Path) -> None:
-    """Of the verification's own law: a correct plan at a low speed passes."""
+    """Poles of the verifier's own law: a correct plan at a low speed passes."""
     code, table = plan_wall(tmp_path, {"process.yaml": ("spindle_rpm: 12000", f"spindle_rpm: {rpm}")})
     assert code == 0
     assert any(float(v) > 0.5 for v in table["a_lim_mm"] if v)

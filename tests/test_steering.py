@@ -1,4 +1,4 @@
-"""Steering rules of single places are respected exactly, and conflicts are named."""
+"""Steering rules of individual points are respected exactly, and conflicts are named."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ from machopt.verification.check_results import VerificationCheck
 from machopt.verification.motion.checks.requested_choices import check_requested_choices
 from machopt.verification.tables.exported_tables import ExportedMotion, ExportedPoints
 
-EXACT = 1e-5  # rad; the solver's tolerance
+EXACT = 1e-5  # rad; tolerance of the solver
 C, R, A = MoveKind.CUT, MoveKind.RAPID, MoveKind.APPROACH
 
 
@@ -71,12 +71,12 @@ def job(folder: Path, before: Plan | None = None, **wishes: object) -> Plan:
 
 
 def at_points(p: Plan) -> np.ndarray:
-    """γ in degrees at the toolpath's points."""
+    """Return γ in degrees at the points of the toolpath."""
     return np.degrees(compute_gamma(p)[p.path.is_point])
 
 
 def two_operations() -> Toolpath:
-    """Approach, three points of "a", then a rapid move and two points of "b"."""
+    """Return an approach, three points of "a", then a rapid move and two points of "b"."""
     rows: Rows = [((0.0, 0.0, 0.1), UP, R), ((0.0, 0.0, 0.02), UP, A)]
     rows += [((0.01 * k, 0.0, 0.0), UP, C) for k in range(3)]
     rows += [((0.0, 0.05, 0.1), UP, R), ((0.0, 0.05, 0.0), UP, C), ((0.01, 0.05, 0.0), UP, C)]
@@ -92,7 +92,8 @@ def test_steering_rules_are_assigned_to_points() -> None:
         SteeringRule(prefer=0.25),
     )
     laid = resolve_steering(PlanOptions(fixed=(FixedRotation(3, 0.7),), steer=wishes), two_operations())
-    assert laid.fixed == (FixedRotation(3, 0.7), FixedRotation(2, 0.5), FixedRotation(4, 0.5))  # the point's own first
+    # a point's own rule has priority
+    assert laid.fixed == (FixedRotation(3, 0.7), FixedRotation(2, 0.5), FixedRotation(4, 0.5))
     b = (6, 7)
     assert laid.steer == (
         SteeringRule(points=b, forbid=(0.0, 1.0)),
@@ -122,7 +123,7 @@ def test_impossible_rules_are_refused(wish: tuple[SteeringRule, ...], parts: lis
 
 
 def test_zone_between_two_grid_rotations_is_refused() -> None:
-    refuse_narrow_zones(PlanOptions(steer=(SteeringRule(forbid=(deg(177), deg(-178))),)))  # 5° through 180°
+    refuse_narrow_zones(PlanOptions(steer=(SteeringRule(forbid=(deg(177), deg(-178))),)))  # 5° wide, across 180°
     with pytest.raises(InputError, match=r"narrower than rotation_step_deg \(5\)"):
         refuse_narrow_zones(PlanOptions(steer=(SteeringRule(forbid=(deg(1), deg(4))),)))
 
@@ -150,9 +151,10 @@ def test_pins_are_met_exactly_and_the_rest_is_free(tmp_path: Path) -> None:
     pinned = job(tmp_path, before=free, steer=(SteeringRule(points=(4, 6), gamma=deg(71.3)),))
     assert is_complete(pinned)
     assert at_points(pinned)[4:7] == pytest.approx(71.3, abs=np.degrees(EXACT))
-    assert abs(at_points(free)[5] - 71.3) > 5.0  # it was not there by itself
+    assert abs(at_points(free)[5] - 71.3) > 5.0  # without the rule the value is different
     alone = job(tmp_path, steer=(SteeringRule(points=(4, 6), gamma=deg(71.3)),))
-    np.testing.assert_array_equal(alone.chosen.assignment.q, pinned.chosen.assignment.q)  # whatever was lent
+    # independent of the reused results
+    np.testing.assert_array_equal(alone.chosen.assignment.q, pinned.chosen.assignment.q)
     certificate = compute_certificate(pinned)
     assert certificate is not None
     assert certificate.bound <= certificate.sequence
@@ -170,7 +172,7 @@ def test_zone_holds_at_every_planning_point(tmp_path: Path) -> None:
 
 def test_preferred_rotation_of_some_points_attracts_the_curve(tmp_path: Path) -> None:
     p = job(tmp_path, steer=(SteeringRule(points=(0, 9), prefer=deg(100), weight=50.0),))
-    assert at_points(p) == pytest.approx(100.0, abs=2.0)  # the index still has its say
+    assert at_points(p) == pytest.approx(100.0, abs=2.0)  # the performance index still has an influence
     everywhere = job(tmp_path, preferred_rotation=deg(100), preferred_weight=50.0)
     np.testing.assert_array_equal(p.chosen.assignment.phi, everywhere.chosen.assignment.phi)
 
@@ -183,12 +185,14 @@ def test_branch_rule_is_respected(tmp_path: Path) -> None:
     assert (p.chosen.assignment.branch == other).all()
     with pytest.raises(InputError, match=r"branch 77 at points 0 to 9: this arm has the branches 0 to 7"):
         job(tmp_path, steer=(SteeringRule(branch=77),))
-    never = job(tmp_path, steer=(SteeringRule(branch=1),))  # the shoulder turned away reaches none of it
+    # the configuration with the shoulder turned back reaches none of the points
+    never = job(tmp_path, steer=(SteeringRule(branch=1),))
     assert (never.chosen.assignment.reason != InfeasibilityReason.OK).all()
 
 
 def test_branch_without_a_stable_number_is_refused(tmp_path: Path) -> None:
-    """Axis 6 beside the wrist's centre: a general arm, whose solutions are counted anew at every pose."""
+    """Axis 6 does not pass through the wrist centre:
+    for a general arm the solutions are numbered anew at every pose."""
     cell = small_cell(tmp_path, stiffness=ArmStiffness(joints=K))
     additional = cell.urdf.read_text().replace('xyz="0.215 0.0 0.0"', 'xyz="0.215 0.0 0.02"')
     assert additional != cell.urdf.read_text()
@@ -198,7 +202,7 @@ def test_branch_without_a_stable_number_is_refused(tmp_path: Path) -> None:
 
 
 def test_conflicting_pins_are_named(tmp_path: Path) -> None:
-    """Half a turn between two neighbouring points is none of this arm's; the third pin has nothing to do with it."""
+    """This arm cannot rotate by 180° between two adjacent points; the third pin is not part of the conflict."""
     path = toolpath(pass_over_block())
     pins = (FixedRotation(1, deg(20)), FixedRotation(4, deg(10)), FixedRotation(5, deg(-170)))
     options = replace(FREE, fixed=pins)
@@ -215,7 +219,7 @@ def test_conflicting_pins_are_named(tmp_path: Path) -> None:
 
 
 def test_rules_beside_an_undrivable_place_are_reported(tmp_path: Path) -> None:
-    """The points are whole there, so nobody but the motion in time knows; wishes far away come last, three are told."""
+    """All points are feasible, so only the timed motion finds the conflict; the nearest three requests are named."""
     path = toolpath(pass_over_block())
     pins = (FixedRotation(0, deg(20)), FixedRotation(4, deg(20)), FixedRotation(5, deg(22)))
     zone = SteeringRule(points=(8, 9), forbid=(deg(100), deg(120)))
@@ -226,7 +230,7 @@ def test_rules_beside_an_undrivable_place_are_reported(tmp_path: Path) -> None:
     near = "Nearest requests: the rotation 20° at point 4, the rotation 22° at point 5, no rotation from 100°"
     assert near in conflict
     assert "point 0" not in conflict
-    assert add_undrivable_conflict(p, (stop,), path, FREE) is p  # nothing was asked
+    assert add_undrivable_conflict(p, (stop,), path, FREE) is p  # no rule is given
     assert add_undrivable_conflict(p, (), path, replace(FREE, fixed=pins)) is p
 
 
@@ -259,7 +263,7 @@ def test_preferences_are_never_in_a_conflict() -> None:
 
 
 def build_resting_motion(external: np.ndarray) -> ExportedMotion:
-    """A motion with one sample at each point of :func:`two_operations`."""
+    """Return a motion with one sample at each point of :func:`two_operations`."""
     path, n = two_operations(), len(external)
     labels = tuple(path.operations[k].label for k in path.operation)
     zero = np.zeros(n)
@@ -299,7 +303,7 @@ def test_verifier_detects_a_wrong_external_joint(tmp_path: Path) -> None:
         )
         assert message.passed
         between = at.copy()
-        between[3] += 0.0002  # on the way from one pinned point to another
+        between[3] += 0.0002  # between two points with a fixed rotation
         (message,) = (
             c
             for c in check_requested_choices(cell, path, points, np.arange(n), options, build_resting_motion(between))
@@ -351,7 +355,7 @@ def test_verifier_detects_a_violated_zone_and_branch(tmp_path: Path) -> None:
 
 
 def test_external_joint_has_the_value_of_its_operation(tmp_path: Path) -> None:
-    """Group by group; an operation without a value is left to the plan."""
+    """The value holds for each group; an operation without a value is left to the planner."""
     cell, path = external_cell(tmp_path, rail=True), two_operations()
 
     def stands(at: tuple[tuple[str, float], ...]) -> list[OperationGroup]:
@@ -369,7 +373,7 @@ def test_external_joint_has_the_value_of_its_operation(tmp_path: Path) -> None:
 
 
 def test_pinned_rotation_holds_between_its_points(tmp_path: Path) -> None:
-    """Off the grid, where planning points between two pinned ones would stand on the grid's own rotations."""
+    """Value not on the grid: planning points between two fixed points would take grid rotations."""
     p = job(tmp_path, rotation_step=deg(30), steer=(SteeringRule(points=(2, 8), gamma=deg(71.3)),))
     rows = (p.path.index >= 2) & (p.path.index <= 8)
     assert is_complete(p)
@@ -398,7 +402,7 @@ def on_rail(folder: Path, *wishes: SteeringRule, mode: ExternalMode | None = Non
 
 @pytest.mark.slow
 def test_pinned_rail_is_reached_at_its_point_and_moves_elsewhere(tmp_path: Path) -> None:
-    """Two places and a zone on one run: no one place would keep them."""
+    """Two rail positions and a zone in one run: no constant rail position satisfies them."""
     zone = SteeringRule(points=(18, 21), joint="rail", away=(0.2, 2.5), unit="mm")
     p = on_rail(tmp_path, PIN, SteeringRule(points=(12, 14), joint="e1", at=-0.2, unit="mm"), zone)
     assert is_complete(p)
@@ -409,9 +413,9 @@ def test_pinned_rail_is_reached_at_its_point_and_moves_elsewhere(tmp_path: Path)
     assert rail[between] == pytest.approx(-0.2, abs=1e-12)
     assert (rail[(p.path.index >= 18) & (p.path.index <= 21)] <= 0.2 + 1e-12).all()
     motion = build_timeline(p, long_slot(1.0)).trajectory
-    assert motion is not None  # within the limits of every axis
+    assert motion is not None  # the motion is within the limits of every axis
     on = (motion.point >= 12) & (motion.point <= 14)
-    assert np.abs(motion.external[on, 0] + 0.2).max() < 2e-5  # between the points of one wish, too
+    assert np.abs(motion.external[on, 0] + 0.2).max() < 2e-5  # also between the points of one rule
     assert np.interp(3.0, motion.point, motion.external[:, 0]) == pytest.approx(0.4, abs=1e-4)
 
 

@@ -1,7 +1,7 @@
-"""Stiffness terms written by diagnose, in the planner: each law against an independent computation.
+"""Stiffness terms written by diagnose, in the planner: each law compared with an independent computation.
 
-Nothing of machopt's Jacobian or gravity is used on the other side: torques come from pinocchio, displacements from
-turning one joint of the arm by the law's angle.
+The reference does not use the Jacobian or gravity of machopt: torques come from pinocchio, displacements from rotating
+one joint of the arm by the angle of the law.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ MODEL, TCP = _model()
 
 
 def weight_torque(q: np.ndarray) -> np.ndarray:
-    """(6,) what weight does to the joints."""
+    """Return (6,) the joint torques of the weight."""
     return -pin.computeGeneralizedGravity(MODEL, MODEL.createData(), q)
 
 
@@ -130,7 +130,7 @@ def load_torque(q: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 def compute_joint_twist(q: np.ndarray, j: int, angle: float) -> np.ndarray:
-    """(6,) twist of the TCP that turning joint j by a small angle makes, to first order: central differences."""
+    """Return (6,) the twist of the TCP for a small rotation of joint j, to first order, by central differences."""
     step, places = 1e-5, []
     for sign in (1.0, -1.0):
         data, there = MODEL.createData(), q.copy()
@@ -142,11 +142,11 @@ def compute_joint_twist(q: np.ndarray, j: int, angle: float) -> np.ndarray:
     return np.concatenate([shift, turn]) * angle / (2 * step)
 
 
-# --- each law again, a number at a time --------------------------------------------------------------------
+# --- scalar implementation of each law --------------------------------------------------------------------------
 
 
 def _step_play_operator(tau: float, threshold: float) -> float:
-    """A play operator driven up to τ in small steps."""
+    """Return the output of a play operator for a torque that increases to τ in small steps."""
     state = 0.0
     for value in np.linspace(0.0, tau, 400):
         state = min(max(state, value - threshold), value + threshold)
@@ -154,7 +154,7 @@ def _step_play_operator(tau: float, threshold: float) -> float:
 
 
 def _crept(tau: float, constant: float) -> float:
-    """T ẋ + x = τ over thirty time constants, by the implicit midpoint rule."""
+    """Integrate T ẋ + x = τ over thirty time constants by the implicit midpoint rule."""
     x, dt = 0.0, constant / 20.0
     for _ in range(600):
         x += dt / constant * (tau - x) / (1.0 + 0.5 * dt / constant)
@@ -162,14 +162,14 @@ def _crept(tau: float, constant: float) -> float:
 
 
 def _spring_energy(q2: float, p: dict[str, Any]) -> float:
-    """F₀ s + ½ k s² of a spring between pivots at 1 and at a/L, seen from joint 2."""
+    """Return F₀ s + ½ k s² of a spring between pivots at 1 and at a/L, as a function of joint 2."""
     angle = q2 + np.radians(p["angle_deg"])
     s = float(np.hypot(1.0 + p["ratio"] * np.cos(angle), p["ratio"] * np.sin(angle)))
     return float(p["force_times_length_Nm"] * s + 0.5 * p["rate_times_length2_Nm"] * s**2)
 
 
 def _extra(name: str, j: int, q: np.ndarray, w: np.ndarray) -> float:
-    """rad by which joint j turns more under the wrench, weight at work before and after."""
+    """Return the additional rotation of joint j in rad under the wrench; the weight acts before and after."""
     p, tau, g = LAWS[name][2], load_torque(q, w)[j], weight_torque(q)[j]
 
     def counted(law: Callable[[float], float]) -> float:
@@ -199,22 +199,24 @@ def _extra(name: str, j: int, q: np.ndarray, w: np.ndarray) -> float:
         away = (np.degrees(q[j]) - p["centre_deg"]) / p["width_deg"]
         return float(p["extra_rad_per_Nm"] * np.exp(-(away**2) / 2) * tau)
     assert name == "compensator"
-    step = 1e-4  # second difference of the energy: the spring's own stiffness about joint 2
+    step = 1e-4  # the second difference of the energy is the stiffness of the spring about joint 2
     bend = (_spring_energy(q[1] + step, p) - 2 * _spring_energy(q[1], p) + _spring_energy(q[1] - step, p)) / step**2
     return float(tau / (K[1] + bend) - tau / K[1])
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_each_law_against_an_independent_computation(name: str) -> None:
-    """Twist with the term less twist without it. 1e-6: differences of the second difference and of fk; the rest is
-    exact."""
+    """The difference of the twists with and without the term equals the independent value.
+
+    Tolerance 1e-6: errors of the second difference and of forward kinematics; the rest is exact.
+    """
     term = StiffnessTerm(*LAWS[name])
     q, w = postures(), wrenches(6)
     j = int(term.location.removeprefix("joint:")) - 1
     more = elasticity(term).evaluate(q).compute_twist(w) - elasticity().evaluate(q).compute_twist(w)
     expected = np.array([compute_joint_twist(a, j, _extra(name, j, a, b)) for a, b in zip(q, w, strict=True)])
     size = np.abs(expected[:, :3]).max()
-    assert size > 2e-6  # m: the cases do exercise the law
+    assert size > 2e-6  # m: the term has an effect in each case
     np.testing.assert_allclose(more, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     np.testing.assert_allclose(
         elasticity(term).evaluate(q).compute_deflection(w[:, :3])[0],
@@ -224,7 +226,7 @@ def test_each_law_against_an_independent_computation(name: str) -> None:
 
 
 def test_weight_shifts_the_operating_point_of_a_law() -> None:
-    """The same force with weight and without, for the laws on the whole torque; play and creep know no weight."""
+    """The same force with and without weight, for laws of the total torque; play and creep do not depend on weight."""
     q, w = postures(), wrenches(6)
     for name, (effect, location, parameters) in LAWS.items():
         term = StiffnessTerm(effect, location, parameters)
@@ -241,7 +243,7 @@ def test_weight_shifts_the_operating_point_of_a_law() -> None:
 
 
 def test_small_load_gives_the_tangent_under_weight() -> None:
-    """compliance() against differences of respond() about no load; of play the slope once it is taken up."""
+    """compliance() equals differences of respond() at zero load; for play, the slope after the play is taken up."""
     q = postures(4, seed=3)
     for name, case in LAWS.items():
         term = StiffnessTerm(*case)
@@ -253,7 +255,7 @@ def test_small_load_gives_the_tangent_under_weight() -> None:
             J = elastic.state.J
             expected = np.einsum("mci,i,mdi->mcd", J, soft, J)
         else:
-            step = 1e-2  # N, N·m: far from the corners of the curves, which no posture here meets
+            step = 1e-2  # N, N·m: far from the corners of the curves, which no configuration reaches here
             each = [
                 (elastic.compute_twist(np.tile(step * e, (4, 1))) - elastic.compute_twist(np.tile(-step * e, (4, 1))))
                 for e in np.eye(6)
@@ -267,11 +269,14 @@ def test_small_load_gives_the_tangent_under_weight() -> None:
         assert np.isfinite(elastic.compute_jiao_index(np.tile(e, (4, 1)))).all()
 
 
-# --- what diagnose fits is what the planner takes ----------------------------------------------------------
+# --- the fitted law of diagnose equals that of the planner ------------------------------------------------------
 
 
 def _readings() -> StaticReadings:
-    """Two load cycles a pose, each rising, an hour between states, unloaded ones too: what is slow has come to rest."""
+    """Return two increasing load cycles per pose with one hour between states, including unloaded ones.
+
+    Slow effects have reached their final value.
+    """
     n, poses = 8, 10
     q = np.repeat(postures(poses, seed=5), n, axis=0)
     direction = np.repeat(wrenches(2 * poses, seed=6), n // 2, axis=0)
@@ -319,19 +324,20 @@ def _hypotheses(r: StaticReadings) -> list[EffectHypothesis]:
 
 
 def test_every_elastic_law_of_diagnose_is_a_term_with_equal_predictions(tmp_path: Path) -> None:
-    """Through the file: column · coefficient of the hypothesis = what the term adds to the planner's twist."""
+    """With the written file, column · coefficient of the hypothesis equals the twist
+    that the term adds in the planner."""
     r = _readings()
     observed = set()
     for h in _hypotheses(r):
-        shape = h.shapes[0]  # of memory: each cycle begins relaxed, or has come to rest by the clock
+        shape = h.shapes[0]  # with memory, each cycle begins relaxed or has reached its final value by the time
         columns = h.columns(shape)
         unit = np.abs(columns[:, :3]).max(axis=(0, 1))
-        x = 2e-5 / np.where(unit > 0, unit, np.inf)  # m: each column moves the TCP so far
+        x = 2e-5 / np.where(unit > 0, unit, np.inf)  # m: each column moves the TCP by this distance
         x = x / len(x) if h.effect != "gravity_compensator" else 0.01 * x
         if h.law.startswith("round") or h.law.startswith("bends about"):
-            x[2] = 0.0  # what couples the two may be of either sign; without it the matrix is positive
+            x[2] = 0.0  # the coupling term may have either sign; without it the matrix is positive
         if h.law == "tilts and sinks":
-            x[[1, 2, 4]] *= 0.1  # what couples sinking and tilts: all of it at once, no plate has
+            x[[1, 2, 4]] *= 0.1  # coupling of sinking and tilt: no plate has its maximum value
         term = h.correction(x, shape)
         assert isinstance(term, StiffnessTerm), h.name
         assert term.location in list_effects_and_locations()[term.effect]
@@ -343,10 +349,11 @@ def test_every_elastic_law_of_diagnose_is_a_term_with_equal_predictions(tmp_path
             r.wrench
         )
         predicted = columns @ x
-        if h.effect == "gravity_compensator":  # less what the spring moves without any load, as weight does too
+        # minus the motion of the spring without any load; the weight causes a motion, too
+        if h.effect == "gravity_compensator":
             bend = joint_gravity_compensator.LINKAGE.slope(np.array(shape), r.state.q[:, 1])
             predicted = r.lift_joint_twist(1, C[1] ** 2 * r.load_torque[:, 1, None] * bend) @ x
-        # a compensator is fitted to first order in its share of joint 2's stiffness, here less than 1e-3
+        # a compensator is fitted to first order in its ratio to the stiffness of joint 2, here below 1e-3
         tolerance = 1e-3 if h.effect == "gravity_compensator" else 1e-6
         size = np.abs(predicted).max(axis=0)
         assert (np.abs(more - predicted) < tolerance * size + 1e-15).all(), f"{h.name} {h.law}"
@@ -358,7 +365,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_with_equal_predictions(tmp_path
     assert observed == elastic
 
 
-# --- what cannot be -----------------------------------------------------------------------------------------
+# --- refused terms ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -434,11 +441,11 @@ def test_law_without_its_parameters_is_refused_by_planner_and_fit(name: str) -> 
     effect, location, parameters = LAWS[name]
     for key in parameters:
         if key in ("law", "time_constant_s", "sin2_rad_per_Nm", "centre_deg", "width_deg"):
-            continue  # what has a default, or is asked for when the file is read
+            continue  # keys with a default, or required when the file is read
         lacking = {k: v for k, v in parameters.items() if k != key}
         with pytest.raises(InputError, match=f"lacks values for {key.removesuffix('_arcmin')}"):
             elasticity(StiffnessTerm(effect, location, lacking))
-    if name in ("knee", "backlash", "hysteresis", "compensator"):  # identify asks the term itself
+    if name in ("knee", "backlash", "hysteresis", "compensator"):  # identify requests the term itself
         state = ROBOT.compute_state(postures(1), TOOL, bodies=True)
         with pytest.raises(InputError, match="machopt diagnose"):
             build_fitted_term(effect, location, ROBOT, TOOL).compute_response(state, wrenches(1))
@@ -476,13 +483,13 @@ def test_springs_with_negative_stiffness_are_refused() -> None:
 
 
 def test_hardening_cubic_remains_a_spring_beyond_its_range() -> None:
-    """Torque and twist grow together at any load, and the slope is never under a tenth of the joint's own."""
+    """Torque and twist increase together at any load, and the slope is never below a tenth of the joint's own."""
     term = StiffnessTerm("joint_nonlinear_stiffness", "joint:1", {"law": "cubic", "cubic_rad_per_Nm3": -1e-6 * C[0]})
     model = elasticity(term)
     size = np.linspace(0.0, 5e3, 400)
     q = np.tile(np.radians([0, -90, 90, 0, 90, 0]), (len(size), 1))
     side = np.zeros((len(size), 6))
-    side[:, 1] = size  # N across the arm
+    side[:, 1] = size  # N perpendicular to the arm
     elastic = model.evaluate(q)
     tau = np.einsum("mci,mc->mi", elastic.state.J, side)[:, 0]
     plain = elasticity().evaluate(q).compute_twist(side)
@@ -497,13 +504,14 @@ def test_hardening_cubic_remains_a_spring_beyond_its_range() -> None:
 
 
 def test_compensator_enters_every_use_of_joint_stiffness() -> None:
-    """Grid, Jacobian, sensitivity to the gear's compliance, and its own share: all against differences."""
+    """Grid, Jacobian, sensitivity to the compliance of the gear, and the spring itself:
+    all compared with differences."""
     effect, location, p = LAWS["compensator"]
     term, q, w = StiffnessTerm(effect, location, p), postures(5), wrenches(5)
     grid = StiffnessGrid(np.array([0.5, -1.5, -0.5]), 1.5, (2, 2, 2), K * np.linspace(0.7, 1.3, 8)[:, None])
     model = elasticity(term, grid=grid)
     elastic, plain = model.evaluate(q), elasticity(grid=grid).evaluate(q)
-    assert len(np.unique(plain.k[:, 1])) > 1  # cells differ
+    assert len(np.unique(plain.k[:, 1])) > 1  # the cells differ
     np.testing.assert_allclose(model.compute_jacobian(q)[1], elastic.k, rtol=1e-12)
     more = model.terms[0].compute_response(elastic.state, w) @ model.terms[0].values
     np.testing.assert_allclose(elastic.compute_twist(w) - plain.compute_twist(w), more, rtol=1e-9, atol=1e-12)
@@ -536,7 +544,7 @@ def test_batch_of_candidates_equals_single_ones() -> None:
 
 
 def test_planner_uses_the_weight_of_the_cell() -> None:
-    """Masses of the URDF and the tool: the same twist as with pinocchio's torques above, and no warning."""
+    """With masses of the URDF and the tool: the same twist as with pinocchio's torques above, and no warning."""
     term, q, w = StiffnessTerm(*LAWS["backlash"]), postures(), wrenches(6)
     cell = replace(CELL, stiffness=ArmStiffness(joints=K, terms=(term,)))
     model = prepare_planning(cell, load_options(CELL.plan, None, ["collision=false"])).elasticity
@@ -547,7 +555,7 @@ def test_planner_uses_the_weight_of_the_cell() -> None:
 
 
 def test_optimize_applies_the_laws_and_predicts_more_deflection(tmp_path: Path) -> None:
-    """The command, with terms that all soften: the predicted deflection grows at every point of the same rotation."""
+    """Every term softens the arm: the command predicts a larger deflection at every point for the same rotation."""
     names = ("knees", "softening cubic", "hysteresis", "creep", "sector")
     toolpath = tmp_path / "holes.csv"
     rows = [

@@ -1,4 +1,4 @@
-"""Every elastic term against virtual joints in pinocchio and loaded springs."""
+"""Every elastic term compared with virtual joints in pinocchio and loaded springs."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def make(arm: tuple[Robot, np.ndarray], form: str) -> LinearTerm:
 
 
 def compliance(arm: tuple[Robot, np.ndarray], term: LinearTerm, q: np.ndarray) -> np.ndarray:
-    """(M, 6, 6) at the TCP: the response to each unit wrench."""
+    """Return (M, 6, 6) at the TCP: the response to each unit wrench."""
     state = arm[0].compute_state(q, arm[1], bodies=True)
     units = [term.compute_response(state, np.broadcast_to(e, (len(q), 6))) @ term.values for e in np.eye(6)]
     return np.stack(units, axis=-1)
@@ -99,7 +99,8 @@ def compliance(arm: tuple[Robot, np.ndarray], term: LinearTerm, q: np.ndarray) -
 
 
 def with_virtual_joint(robot: Robot, body: int, S: np.ndarray) -> Any:
-    """The arm with three slides and three hinges along and about the axes of S, behind joint ``body``."""
+    """Return the arm with three prismatic and three revolute joints along and about the axes
+    of S, after joint ``body``."""
     model, parent, frame = pin.Model(), 0, np.eye(4)
 
     def add(joint: Any, place: np.ndarray, name: str) -> None:
@@ -125,7 +126,7 @@ def tip(model: Any, frame: np.ndarray, T_base_tcp: np.ndarray, q: np.ndarray, bo
 
 
 def spring_of(arm: tuple[Robot, np.ndarray], form: str) -> tuple[int, np.ndarray, np.ndarray]:
-    """Body, frame S at q = 0 and C_S of a form, from the parameters alone."""
+    """Return body, frame S at q = 0 and C_S of a form, from the parameters alone."""
     robot, tool = arm
     effect, location, p = FORMS[form]
     T_tcp = robot.T_base_flange_zero @ tool
@@ -144,11 +145,12 @@ def spring_of(arm: tuple[Robot, np.ndarray], form: str) -> tuple[int, np.ndarray
         C = np.array(p["compliance"]) if "compliance" in p else np.diag(p["compliance_diagonal"])
         if effect == "tool_compliance":
             S[:3, :3] = make(arm, form).T_base_spring[:3, :3]  # type: ignore[attr-defined]
-            np.testing.assert_allclose(S[:3, 0], T_tcp[:3, 2], atol=1e-12)  # x out of the tool, y and z beside it
+            # x out of the tool, y and z perpendicular to it
+            np.testing.assert_allclose(S[:3, 0], T_tcp[:3, 2], atol=1e-12)
         return body, S, C
     length = p.get("length_mm", np.linalg.norm(along) * 1e3) / 1e3
     x = along / np.linalg.norm(along)
-    y = np.cross(x, [0.3, 0.5, -0.8])  # a round bar does not care
+    y = np.cross(x, [0.3, 0.5, -0.8])  # the directions have no effect for a round bar
     S[:3, :3] = np.column_stack([x, y / np.linalg.norm(y), np.cross(x, y / np.linalg.norm(y))])
     parts = [(1.0, p["EI_Nm2"], p.get("GJ_Nm2", np.inf), p.get("EA_N", np.inf))]
     return body, S, np.column_stack([slices(e, length, parts, 2000) for e in np.eye(6)])
@@ -156,7 +158,7 @@ def spring_of(arm: tuple[Robot, np.ndarray], form: str) -> tuple[int, np.ndarray
 
 @pytest.mark.parametrize("form", sorted(BODIES - {"cylinders", "cylinders and sensor"}))
 def test_body_springs_equal_virtual_joints_in_pinocchio(arm: tuple[Robot, np.ndarray], form: str) -> None:
-    """The spring's own give, C_S times the wrench carried to it, as a finite motion of six virtual joints."""
+    """The displacement of the spring, C_S times the wrench at its frame, as a finite motion of six virtual joints."""
     robot, tool = arm
     body, S, C_S = spring_of(arm, form)
     model, frame = with_virtual_joint(robot, body, S)
@@ -173,12 +175,12 @@ def test_body_springs_equal_virtual_joints_in_pinocchio(arm: tuple[Robot, np.nda
             lever = rest.translation - place.translation
             local = np.r_[place.rotation.T @ w[:3], place.rotation.T @ (w[3:] + np.cross(lever, w[:3]))]
             give = C_S @ local
-            scale = 1e-5 / max(np.abs(give).max(), 1e-300)  # 1e-5 m or rad; odd part: cubes are 1e-10 of it
+            scale = 1e-5 / max(np.abs(give).max(), 1e-300)  # 1e-5 m or rad; odd part: cubic terms are 1e-10 of it
             there, back = (tip(model, frame, T_tcp, q[i], body, s * scale * give) for s in (1.0, -1.0))
             shift = 0.5 * (there.translation - back.translation) / scale
             turn = 0.5 * pin.log3(there.rotation @ back.rotation.T) / scale
             found = mine[i, :, column]
-            # 2,000 slices miss a cubic by 6e-8 of it; FK rounds to 3e-16 m over motions of 1e-5 m
+            # 2,000 slices have a relative error of 6e-8 for a cubic; FK rounds to 3e-16 m over motions of 1e-5 m
             np.testing.assert_allclose(found[:3], shift, atol=2e-7 * np.abs(shift).max() + 1e-30)
             np.testing.assert_allclose(found[3:], turn, atol=2e-7 * np.abs(turn).max() + 1e-30)
 
@@ -202,7 +204,7 @@ def test_flange_sensor_is_a_virtual_joint_before_the_tool(arm: tuple[Robot, np.n
         np.testing.assert_allclose(both[i] - bare[i], J @ C @ J.T, rtol=1e-9, atol=1e-20)
 
 
-# --- all of them ---------------------------------------------------------------------------------------------
+# --- all terms ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -228,7 +230,7 @@ def test_compliances_add_and_scale_with_their_coefficients(arm: tuple[Robot, np.
     np.testing.assert_allclose(
         compliance(arm, beam.with_values(3 * beam.values), q), 3 * compliance(arm, beam, q), rtol=1e-12
     )
-    # one response row a coefficient: what a fit needs
+    # one response row per coefficient, as a fit needs it
     state, w = robot.compute_state(q, tool, bodies=True), np.broadcast_to([10.0, -20, 30, 1, 2, -3], (5, 6))
     for p in range(3):
         alone = np.zeros(3)
@@ -243,7 +245,8 @@ def test_compliances_add_and_scale_with_their_coefficients(arm: tuple[Robot, np.
 
 @pytest.mark.parametrize("form", FORMS)
 def test_rotating_the_tcp_frame_about_its_axis_changes_no_number(arm: tuple[Robot, np.ndarray], form: str) -> None:
-    """Wrench and twist are in base axes, so a TCP frame turned in itself is the same point; stated matrices too."""
+    """Wrench and twist are in base axes, so a TCP frame rotated
+    in itself is the same point; includes stated matrices."""
     robot, tool = arm
     turned = tool @ pin.SE3(pin.utils.rotate("z", 0.7), np.zeros(3)).homogeneous
     effect, location, p = FORMS[form]
@@ -253,7 +256,8 @@ def test_rotating_the_tcp_frame_about_its_axis_changes_no_number(arm: tuple[Robo
 
 
 def test_base_rotating_about_axis_1_only_equals_joint_1(arm: tuple[Robot, np.ndarray]) -> None:
-    """Confounded for good: no reading tells a soft joint 1 from a base turning about the same line."""
+    """The two are indistinguishable: no reading separates a soft joint 1 from a base
+    that rotates about the same line."""
     robot, tool = arm
     np.testing.assert_allclose(np.abs(robot.axis[0]), [0, 0, 1], atol=1e-12)
     c = 4e-7
@@ -280,7 +284,7 @@ def test_joint_terms_equal_loaded_springs(arm: tuple[Robot, np.ndarray]) -> None
             J = pin_jacobian(robot, tool, q[i])
             for column, w in enumerate(np.eye(6)):
                 turn = C @ J.T @ w
-                if not turn.any():  # a force through the joints' axes
+                if not turn.any():  # a force through the axes of the joints
                     assert not mine[i, :, column].any()
                     continue
                 scale = 1e-6 / np.abs(turn).max()
@@ -408,7 +412,8 @@ def test_duplicate_term_is_refused(arm: tuple[Robot, np.ndarray]) -> None:
 
 
 def test_planner_scores_candidates_with_the_terms() -> None:
-    """Every candidate's cost again from the summed compliance matrices, for both indices; terms only ever soften."""
+    """Recompute the cost of every candidate from the summed compliance matrices,
+    for both indices; terms only soften."""
     cell = load_cell(ROOT / "cells" / "irb6700_drilling")
     assert cell.stiffness is not None
     soft = replace(cell.stiffness, terms=(StiffnessTerm(*FORMS["beam"]), StiffnessTerm(*FORMS["tool"])))
@@ -440,7 +445,7 @@ def test_planner_scores_candidates_with_the_terms() -> None:
 
 
 def test_tool_beside_its_flange_has_a_compliance_without_a_length(arm: tuple[Robot, np.ndarray]) -> None:
-    """An angle head: the TCP beside the flange. A beam has no length there; a matrix needs none."""
+    """An angle head has its TCP next to the flange: a beam has no length there, a matrix needs none."""
     robot, T = arm[0], arm[1].copy()
     T[:3, 3] = T[:3, :3] @ np.array([0.15, 0.0, 0.0])
     for form in ("diagonal", "full"):

@@ -1,4 +1,4 @@
-"""Engagement from the stock in whole jobs: forces, outcomes, verification, and what is refused."""
+"""Engagement from the stock in whole jobs: forces, outcomes, verification, and refused input."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from machopt.verification.motion.process.stock_contact import check_stock_contac
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from tilted_wall_job import TiltedWall
 
-COARSE = ("--set", "rotation_step_deg=20")  # the engagement does not depend on the rotation
+COARSE = ("--set", "rotation_step_deg=20")  # the engagement is independent of the rotation
 
 
 def write_job(folder: Path, points: np.ndarray, process: str = PROCESS) -> tuple[Path, Path]:
@@ -55,7 +55,7 @@ def attach(cell_folder: Path, file: Path) -> tuple[ToolSegment, ...]:
 
 
 def build_pass(ae: float, ap: float) -> np.ndarray:
-    """Return a pass along the front of the block, the material on its left."""
+    """Return a pass along the front of the block, with the material on its left."""
     x = np.arange(-0.09, 0.09, 0.002)
     return np.column_stack([x, np.full_like(x, -0.04 - RADIUS + ae), np.full_like(x, -ap)])
 
@@ -127,7 +127,7 @@ def test_cutter_turning_along_a_wall_has_the_contact_of_its_allowance(tmp_path: 
     assert loads is not None
     steady = np.flatnonzero(segment.toolpath.cutting)[5:-5]
     bend = (wall.foot - wall.height * np.tan(wall.lean)) / np.cos(wall.lean), wall.foot / np.cos(wall.lean)
-    for radius in bend:  # of curvature of the wall across the generator, at its top and foot
+    for radius in bend:  # radius of curvature of the wall perpendicular to the generator, at its top and foot
         d = radius + wall.radius
         cosine = (d**2 + wall.radius**2 - (radius + wall.allowance) ** 2) / (2 * d * wall.radius)
         assert np.abs(np.degrees(loads.entry_angle[steady]) - 180 + np.degrees(np.arccos(cosine))).max() < 2.5
@@ -156,7 +156,7 @@ def test_arcs_off_by_10_degrees_or_a_fifth_fail_anywhere(tmp_path: Path, place: 
     found = segment.toolpath.engagement
     assert found is not None
     points = np.unique(found.point)
-    wide = points[2:-3]  # at the last points of a cut a fifth of its width is a thin chip
+    wide = points[2:-3]  # at the last points of a cut, a fifth of the width is a thin chip
     k = int(wide[round(place * (len(wide) - 1))])
     rows = found.point == k
     name = "start" if reverse else "end"
@@ -193,7 +193,7 @@ def test_small_axis_rotation_changes_the_contact_slightly(tmp_path: Path) -> Non
     assert turned is not None
     inside = slice(20, 60)
     assert turned.volume[inside] == pytest.approx(level.volume[inside], rel=3e-3)
-    for point in range(20, 60):  # the turned one may have several slices
+    for point in range(20, 60):  # the rotated one may have several slices
         for name, choose in (("low", np.min), ("high", np.max), ("start", np.min), ("end", np.max)):
             a, b = (choose(getattr(e, name)[e.point == point]) for e in (level, turned))
             assert abs(a - b) < (0.05e-3 if name in ("low", "high") else 0.03)
@@ -218,12 +218,12 @@ def test_tilted_finish_of_a_curved_wall_is_planned_and_verified(tmp_path: Path) 
     stock = json.loads((tmp_path / "out" / "result.json").read_text())["process"]["stock"]
     assert stock["removed_mm3"] > 1e9 * wall.find_removed_volume()
     assert stock["finished"]["gouge_depth_mm"] == 0
-    assert stock["finished"]["left_depth_mm"] == pytest.approx(1e3 * wall.allowance, abs=0.02)  # beside the sector
+    assert stock["finished"]["left_depth_mm"] == pytest.approx(1e3 * wall.allowance, abs=0.02)  # next to the sector
 
 
 @pytest.fixture(scope="module")
 def pocket(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
-    """A roughed pocket, planned: cell, toolpath and output."""
+    """Plan a roughed pocket; return cell, toolpath and output."""
     folder = tmp_path_factory.mktemp("pocket")
     cell, file = write_job(folder, build_pocket_path())
     assert main(["optimize", str(cell), str(file), "-o", str(folder / "out"), *COARSE]) == 0
@@ -245,7 +245,7 @@ def test_roughed_pocket_is_planned_and_verified(pocket: tuple[Path, Path, Path])
     assert max(float(row["ae_mm"] or 0) for row in cut) == pytest.approx(2e3 * RADIUS, abs=0.1)  # the first ring
     level = [a for a, b in zip(cut[1:], cut[:-1], strict=True) if a["z_mm"] == b["z_mm"] == "-6.000000"]
     assert {row["ap_mm"] for row in level} - {""} == {"6.0000"}
-    assert max(float(row["ap_mm"] or 0) for row in cut) == 6.0  # the finished wall of the layer above is no contact
+    assert max(float(row["ap_mm"] or 0) for row in cut) == 6.0  # the finished wall of the layer above has no contact
     widths = np.array([float(row["ae_mm"] or "nan") for row in cut])
     assert np.nanstd(widths) > 3  # mm: corners, rings and entries differ
     assert "Stock and finished part" in (out / "report.html").read_text()

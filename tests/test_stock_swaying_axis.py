@@ -1,7 +1,7 @@
-"""Contact of layered jobs with a swaying tool axis, against sampled cutter points; grazing plunges.
+"""Contact of layered jobs with a varying tool axis, compared with sampled cutter points; grazing plunges.
 
-The reference uses no code of the product: a point of the outline is in contact where it lies in the block and in no
-earlier pose of the cutter, poses 0.1 mm apart.
+The reference does not use code of the product: a point of the outline is in contact if it is in the block and in no
+earlier pose of the cutter, with poses 0.1 mm apart.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from machopt.verification.motion.process.stock_contact import check_stock_contac
 
 HALF = np.array([0.03, 0.02, 0.01])  # m, half the sides of the block, whose top is at z = 0
 LENGTH = 0.03  # m, of the cutter
-ANGLES, HEIGHTS, POSES = 90, 90, 1e-4  # of the reference; m between poses
+ANGLES, HEIGHTS, POSES = 90, 90, 1e-4  # of the reference; distance of poses in m
 
 
 def build_layers(seed: int, sway: float) -> tuple[np.ndarray, np.ndarray]:
@@ -49,7 +49,7 @@ def build_layers(seed: int, sway: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def list_touching(tip: np.ndarray, axis: np.ndarray, k: int, height: float) -> np.ndarray:
-    """Return (HEIGHTS, ANGLES) whether points of the outline at the end of a move are in contact."""
+    """Return (HEIGHTS, ANGLES) whether points of the outline are in contact at the end of a move."""
     step = tip[k] - tip[k - 1]
     travel = step - (step @ axis[k]) * axis[k]
     travel /= np.linalg.norm(travel)
@@ -103,7 +103,7 @@ def test_arcs_of_layers_with_a_swaying_axis_equal_sampled_points(seed: int) -> N
 
 
 def attach(folder: Path, rows: list[tuple[np.ndarray, np.ndarray, str]]) -> tuple[ToolSegment, ...]:
-    """Write a cell with the block of the tests and a toolpath of tips, axes and moves; returns its segments."""
+    """Write a cell with the block of the tests and a toolpath of tips, axes and moves; return its segments."""
     cell = write_stock_cell(folder / "cell")
     process = cell / "process.yaml"
     process.write_text(process.read_text().replace("cell_mm: 0.5", "cell_mm: 0.25"))
@@ -127,7 +127,8 @@ def attach(folder: Path, rows: list[tuple[np.ndarray, np.ndarray, str]]) -> tupl
 def test_plunge_that_touches_the_stock_differs_from_one_that_passes_it(
     tmp_path: Path, gap: float, lean: float, is_cut: bool
 ) -> None:
-    """The cutter comes down beside the block; inclined, its side reaches the upper edge as it comes to depth."""
+    """The cutter plunges next to the block; if it is inclined,
+    its side reaches the upper edge at the end of the plunge."""
     x, up, axis = -HALF[0] - RADIUS - gap, np.array([0.0, 0.0, 1.0]), np.array([lean, 0.0, 1.0])
     tips = [(x, 0.0, z) for z in (0.05, 0.003, -0.0035, -0.007)]
     rows = [(np.array(t), axis, "rapid" if n < 2 else "cut") for n, t in enumerate(tips)]
@@ -142,4 +143,5 @@ def test_plunge_that_touches_the_stock_differs_from_one_that_passes_it(
     changed = found.is_end_cut.copy()
     changed[3] = not changed[3]
     wrong = replace(segments[0], toolpath=replace(segments[0].toolpath, engagement=replace(found, is_end_cut=changed)))
-    assert not check_stock_contact((wrong,))[1].passed or abs(gap) < 0.1e-3  # within a cell either is accepted
+    # within one grid cell either result is accepted
+    assert not check_stock_contact((wrong,))[1].passed or abs(gap) < 0.1e-3

@@ -1,4 +1,4 @@
-"""Straight rapid moves checked together against each alone."""
+"""Straight rapid moves checked together, compared with single checks."""
 
 from __future__ import annotations
 

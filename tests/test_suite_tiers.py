@@ -48,7 +48,7 @@ def test_executed_modules_are_recorded_again_and_others_remain() -> None:
     longest = {
         "tests/test_suite_tiers.py::test_long": LONG,
         "tests/test_suite_tiers.py::test_was_long": LONG / 2,
-        "tests/test_output_damage_detection.py::test_long": LONG,  # its module is named already
+        "tests/test_output_damage_detection.py::test_long": LONG,  # the list already contains the module
     }
     assert slow_list(known, ran, longest) == [
         "tests/test_cli.py",
@@ -75,7 +75,7 @@ def test_long_tests_are_recorded_again_and_others_remain() -> None:
 
 
 def test_recorded_names_exist() -> None:
-    """A test that took another name would run in `make quick` again, however long it takes."""
+    """A renamed test would run in `make quick` again, however long it takes."""
     names = [name for file in (SLOW, PROOFS) for name in file.read_text(encoding="utf-8").split()]
     names += seconds_of(SECONDS.read_text(encoding="utf-8"))
     assert [name for name in names if not is_there(name)] == []
@@ -128,7 +128,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(
             "MACHOPT_KERNELS", "0"
-        )  # compiling them takes a minute; tests/test_kernel_compilation.py has its own
+        )  # compiling them takes a minute; tests/test_kernel_compilation.py tests them
         (made,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path_factory.mktemp("wheel")), versions=["standard"])
     return zipfile.Path(made)
 
@@ -138,7 +138,7 @@ def test_wheel_is_typed_and_contains_no_extra_files(wheel: zipfile.Path) -> None
     assert "machopt/py.typed" in names
     assert not [n for n in names if re.search(r"\.(orig|rej|pyc|nbi|nbc|bak)$|__pycache__|^tests/", n)]
     assert any(n.endswith("licenses/LICENSE") for n in names)
-    assert not [n for n in names if n.startswith("machopt/kernels")]  # as MACHOPT_KERNELS asks
+    assert not [n for n in names if n.startswith("machopt/kernels")]  # as MACHOPT_KERNELS requests
 
 
 def test_version_has_one_source(wheel: zipfile.Path) -> None:
@@ -151,7 +151,7 @@ def test_version_has_one_source(wheel: zipfile.Path) -> None:
 
 
 def test_classifiers_agree_with_the_required_python() -> None:
-    """That the index knows them is what the build of the wheel checks."""
+    """The build of the wheel checks that the package index accepts them."""
     lowest = re.search(r">=(3\.\d+)", PROJECT["requires-python"])
     assert lowest is not None
     assert f"Programming Language :: Python :: {lowest[1]}" in PROJECT["classifiers"]
@@ -161,7 +161,7 @@ def test_hooks_are_the_steps_of_make_lint() -> None:
     import yaml
 
     hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
-    assert [r["repo"] for r in hooks] == ["local"]  # nothing is fetched
+    assert [r["repo"] for r in hooks] == ["local"]  # no download
     entries = {h["entry"].removeprefix(".venv/bin/").replace(" .", "") for r in hooks for h in r["hooks"]}
     steps = re.search(r"^lint:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     assert steps is not None

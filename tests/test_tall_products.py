@@ -1,4 +1,4 @@
-"""Products of long matrices in blocks."""
+"""Products of long matrices, computed in blocks."""
 
 from __future__ import annotations
 

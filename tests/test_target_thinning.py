@@ -1,4 +1,4 @@
-"""Targets closer than 0.1 mm are thinned where the path does not need them."""
+"""Targets closer than 0.1 mm are removed where the path does not need them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOLERANCE = ProgramTolerance()
 
 
 def poses(place: np.ndarray, tilt: np.ndarray | None = None) -> np.ndarray:
-    """(M, 4, 4) at places (M, 3) mm, tilted about y by (M,) rad."""
+    """Return (M, 4, 4) at positions (M, 3) mm, tilted about y by (M,) rad."""
     T = np.tile(np.eye(4), (len(place), 1, 1))
     T[:, :3, 3] = 1e-3 * place
     if tilt is not None:
@@ -33,7 +33,7 @@ def find_needed(T: np.ndarray, feed: float = 0.02, fixed: tuple[int, ...] = ()) 
 
 
 def departures(T: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """(M, 4) of every target from the line past it."""
+    """Return (M, 4) the deviation of every removed target from the line."""
     rows = np.setdiff1d(np.arange(len(T)), kept)
     after = np.searchsorted(kept, rows)
     return compare_with_line(T[rows], T[kept[after - 1]], T[kept[after]])
@@ -52,7 +52,7 @@ def test_dense_points_are_thinned_within_the_tolerance(shape: str, step: float) 
     T = poses(np.column_stack([s, across, 0 * s]))
     retained = find_needed(T)
     off = departures(T, retained)
-    assert off[:, 0].max() <= 2e-5  # m, the CAM file's own points
+    assert off[:, 0].max() <= 2e-5  # m, deviation from the points of the CAM file
     if shape != "noise":
         lengths = np.linalg.norm(np.diff(T[retained, :3, 3], axis=0), axis=1)
         assert (lengths[:-1] >= 1e-4).all()  # m
@@ -61,14 +61,14 @@ def test_dense_points_are_thinned_within_the_tolerance(shape: str, step: float) 
 
 def test_targets_needed_by_the_path_remain() -> None:
     corner = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0], [0.1, 0.1, 0]])
-    assert 2 in find_needed(poses(corner))  # a corner 35 µm off any line past it
+    assert 2 in find_needed(poses(corner))  # a corner 35 µm away from any line without it
     line = poses(np.column_stack([0.01 * np.arange(100), np.zeros((100, 2))]))
     assert {30, 60} <= set(find_needed(line, fixed=(30, 60)).tolist())
     turning = poses(np.zeros((30, 3)), np.radians(3.0) * np.arange(30))
     retained = find_needed(turning)
     assert departures(turning, retained)[:, 1].max(initial=0.0) <= np.radians(0.05)
     far = poses(np.column_stack([np.arange(10.0), np.zeros((10, 2))]))
-    assert find_needed(far).tolist() == list(range(10))  # nothing is left out of a path with wide points
+    assert find_needed(far).tolist() == list(range(10))  # a path with distant points loses no target
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Compiled templates are cached, and a missing cache is no failure."""
+"""Compiled templates are cached, and a missing cache is not a failure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_template_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert build_environment(folder).get_template("a.html").render(name="you") == "hello you"
     (file,) = folder.iterdir()
     assert sys.implementation.cache_tag in file.name
-    monkeypatch.setattr(Environment, "compile", None)  # whoever compiles fails
+    monkeypatch.setattr(Environment, "compile", None)  # any compilation fails
     assert build_environment(folder).get_template("a.html").render(name="me") == "hello me"
 
 

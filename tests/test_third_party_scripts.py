@@ -1,6 +1,6 @@
 """Scripts of docs/examples/neighbours with programs of the posts.
 
-RoboDK is not here: a station of a few dozen lines stands for it, with the calls that the script makes and no others.
+RoboDK is not available here: a stand-in of a few dozen lines has only those calls that the script makes.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ def test_every_script_is_run() -> None:
 
 @dataclass
 class Item:
-    """An item of a station, with what was asked of it in order."""
+    """An item of a station, with its calls in order."""
 
     name: str = ""
     asked: list[tuple[str, Any]] = field(default_factory=list)
     moves: list[tuple[str, int, int, int, np.ndarray, None]] = field(default_factory=list)
-    turned: tuple[float, ...] = (1.0,) * 6  # how it counts its axes
+    turned: tuple[float, ...] = (1.0,) * 6  # sign convention of its axes
 
     def Valid(self) -> bool:
         return self.name != "gone"
@@ -55,7 +55,7 @@ class Item:
 
     def SolveFK(self, joints: list[float]) -> np.ndarray:
         T = ARM.compute_fk(np.radians(np.array(joints) * self.turned))
-        flange = np.diag([1.0, -1.0, -1.0, 1.0])  # another convention of the flange, as makers have
+        flange = np.diag([1.0, -1.0, -1.0, 1.0])  # another flange convention, as makers have
         return np.asarray(np.vstack([np.hstack([T[:3, :3], 1e3 * T[:3, 3:]]), [0, 0, 0, 1]]) @ flange)
 
     def AddTool(self, pose: np.ndarray, name: str) -> Item:
@@ -116,7 +116,8 @@ def test_plan_is_imported_into_a_station() -> None:
     assert "CAM: COOLNT/ON" in comments
     ((_, placed),) = station.frame.asked
     np.testing.assert_allclose(placed[:3, 3], 1e3 * WORKPIECE[:3, 3], atol=1e-5)
-    ((_, tool),) = station.robot.asked  # in the station's flange, which looks another way than the plan's
+    # in the flange frame of the station, which has another orientation than that of the plan
+    ((_, tool),) = station.robot.asked
     np.testing.assert_allclose(tool[:3, 3], 1e3 * TOOL[:3, 3] * [1, -1, -1], atol=1e-5)
 
 

@@ -42,7 +42,7 @@ FREE = "tilt_deg={lead: [-5, 5], side: [-5, 5]}"
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A cell with a ball cutter and a toolpath with a plunge and corners."""
+    """Return a cell with a ball cutter and a toolpath with a plunge and corners."""
     folder = tmp_path_factory.mktemp("tilt")
     cell = folder / "ball"
     shutil.copytree(CELL, cell)
@@ -66,7 +66,7 @@ def numbers(columns: dict[str, list[str]], *names: str) -> Array:
 
 
 def compute_tool(cell: Path, q_deg: Array) -> tuple[Array, Array]:
-    """Tip in mm and axis (tip to shank) in the workpiece, by pinocchio from URDF and cell.yaml alone."""
+    """Return the tip in mm and the axis (tip to shank) in the workpiece, by pinocchio from URDF and cell.yaml alone."""
     document = YAML(typ="safe").load((cell / "cell.yaml").read_text())
     model = pin.buildModelFromUrdf(str(cell / document["robot"]["urdf"]))
     data = model.createData()
@@ -91,7 +91,7 @@ def compute_tool(cell: Path, q_deg: Array) -> tuple[Array, Array]:
 
 
 def cam(index: Array) -> tuple[Array, Array, Array]:
-    """Point in mm, axis and direction of travel of the toolpath at fractional indices, straight from its rows."""
+    """Return point in mm, axis and direction of travel of the toolpath at fractional indices, from its rows."""
     rows = np.array([[float(v) for v in row.split(",")[:6]] for row in ROWS])
     point, axis = rows[:, :3], rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
     k = np.clip(np.floor(index + 1e-9).astype(int), 0, len(rows) - 2)
@@ -119,13 +119,13 @@ def test_samples_realise_their_stated_tilt(job: tuple[Path, Path]) -> None:
     assert angle[inside].max() < 0.05
     assert np.linalg.norm(tip - RADIUS_MM * (a - axis) - p, axis=1).max() < 0.02
     assert np.abs(np.degrees([lead, side])).max() <= 5 + 1e-6
-    assert np.abs(np.degrees([lead, side])).max() > 2  # it is used
+    assert np.abs(np.degrees([lead, side])).max() > 2  # the tilt is used
 
 
 def test_points_keep_the_axis_of_the_file_and_state_their_tilt(job: tuple[Path, Path]) -> None:
     cell, path = job
     found = table(path.parent / "tilted" / "points.csv")
-    rows = slice(2, 6)  # from the first cut on; at the others no move goes across the axis
+    rows = slice(2, 6)  # from the first cut on; the moves at the other points are along the axis
     p, a, t = cam(numbers(found, "point")[rows, 0])
     assert np.allclose(numbers(found, "x_mm", "y_mm", "z_mm")[rows], p, atol=1e-6)
     assert np.allclose(numbers(found, "i", "j", "k")[rows], a, atol=1e-8)
@@ -204,7 +204,7 @@ def test_other_cutters_are_refused(
         "tilt_deg={lead: [5, -5]}",
         "tilt_deg={lead: [-60, 5]}",
         "tilt_deg={lean: [0, 5]}",
-        "tilt_deg={lead: [3, 8]}",  # no tilt keeps it at the corner
+        "tilt_deg={lead: [3, 8]}",  # no tilt satisfies it at the corner
         "operations={wal: {tilt_deg: {lead: [0, 5]}}}",
     ],
 )

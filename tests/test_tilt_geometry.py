@@ -1,4 +1,4 @@
-"""Tilt of a ball cutter: equations, ranges at corners, steps, and the joint search against other implementations."""
+"""Tilt of a ball cutter: equations, ranges at corners, steps; the joint search compared with other implementations."""
 
 from __future__ import annotations
 
@@ -147,10 +147,11 @@ def test_corner_respects_both_ranges(corner: tuple[Toolpath, PlanningPath]) -> N
     wild -= np.sum(wild * path.axis, axis=1, keepdims=True) * path.axis
     w = limits.project(wild)
     assert limits.find_excess(w).max() < 1e-9
-    p = int(np.flatnonzero(path.index == 2.0)[0])  # leaves along y, where it came along x
+    p = int(np.flatnonzero(path.index == 2.0)[0])  # leaves along y and arrives along x
     lead, side = measure_lead_and_side(path.axis[p], np.array([1.0, 0.0, 0.0]), normalise_vectors(path.axis[p] + w[p]))
     assert -1e-9 <= lead <= 0.08 + 1e-9
-    assert -0.02 - 1e-3 <= side <= 0.06 + 1e-3  # the axis is inclined by 5.7° there, against the x of the frame
+    # the axis is inclined by 5.7° there, relative to the x axis of the frame
+    assert -0.02 - 1e-3 <= side <= 0.06 + 1e-3
 
 
 def test_range_without_zero_is_refused_at_a_sharp_corner(corner: tuple[Toolpath, PlanningPath]) -> None:
@@ -199,7 +200,7 @@ def test_steps_are_limited_inside_the_ranges(corner: tuple[Toolpath, PlanningPat
 
 
 def make_search(seed: int) -> tuple[dict[str, Array], int]:
-    """A small random search: stations, vertices with rotation and branch, prices and joints."""
+    """Return a small random search: stations, vertices with rotation and branch, costs and joints."""
     rng = np.random.default_rng(seed)
     S, R, B, K = 5, 6, 2, 2
     cells = [(s, r, k, b) for s in range(S) for r in range(R) for k in range(K) for b in range(B)]
@@ -224,7 +225,7 @@ def make_search(seed: int) -> tuple[dict[str, Array], int]:
 
 
 def price_sequence(given: dict[str, Array], chosen: tuple[int, ...]) -> float:
-    """J of a sequence of vertices, written down independently of the kernel."""
+    """Return J of a sequence of vertices, implemented independently of the kernel."""
     total = 0.0
     count, window, angle, stable, jump, broken = given["rule"]
     for s, n in enumerate(chosen):
@@ -259,7 +260,7 @@ def test_joint_search_finds_the_cheapest_sequence(seed: int) -> None:
 
 
 def _price_step(given: dict[str, Array], s: int, m: int, n: int) -> float:
-    """Price of the step to station s and of its vertex."""
+    """Return the cost of the step to station s and of its vertex."""
     alone = {**given, "joined": np.array([False, given["joined"][s]]), "step": given["step"][[0, s]]}
     return price_sequence(alone, (m, n)) - float(given["price"][m])
 
@@ -291,7 +292,7 @@ def test_smoothing_finds_the_cheap_end_of_a_range(corner: tuple[Toolpath, Planni
     toolpath, path = corner
     limits = compute_tilt_limits(path, toolpath, replace(FREE, tilt=TiltRange((radians(-5), radians(5)))))
     nodes = build_tilt_nodes(path, limits)
-    cost = np.tile([1.2, 1.0, 0.8], (len(path.stations), 1))  # falls with the lead
+    cost = np.tile([1.2, 1.0, 0.8], (len(path.stations), 1))  # decreases with the lead angle
     costs = build_local_costs(nodes, limits, path.stations.astype(np.intp), cost)
     flat = np.zeros_like(path.axis)
     w = smooth_tilts(path, costs, limits, FREE, flat)

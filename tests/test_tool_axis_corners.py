@@ -14,7 +14,8 @@ from machopt.commands.optimize.run import run_optimize
 
 
 def corner_job(number: int) -> list[Row]:
-    """The n-th of 25 corners of the tool axis: on the spot, in one to four moves, over a radius of 0.02 to 1 mm."""
+    """Return the n-th of 25 corners of the tool axis: at a point, in one to four moves,
+    over a radius of 0.02 to 1 mm."""
     rng = np.random.default_rng(number)
     angle, steps = np.radians([5, 10, 15, 20, 30, 45][number % 6]), 1 + number % 4
     radius = [0.0, 0.0, 0.02, 0.1, 1.0][number % 5]
@@ -25,7 +26,7 @@ def corner_job(number: int) -> list[Row]:
     feed = float(rng.choice([600.0, 1500.0, 3000.0]))
     rows = [Row(start + 40 * UP, UP, "rapid", None), Row(start, UP, "cut", feed)]
     rows += [Row(p, a, "cut", feed) for p, a in axis_corner(np.zeros(3), angle, steps, radius, direction, leave)]
-    if number % 3 == 1:  # after a move along the axis another across it
+    if number % 3 == 1:  # after a move along the axis, another one perpendicular to it
         rows.append(Row(rows[-1].place + np.array([30.0, 0.0, 0.0]), end, "cut", feed))
     return [*rows, Row(rows[-1].place + 40 * end, end, "rapid", None)]
 
@@ -54,11 +55,12 @@ def test_points_of_a_rotation_on_the_spot_are_found_between_samples(number: int,
 @pytest.mark.parametrize("cell", ["kr500_milling", "cutting_cobot", "irb6700_drilling"])
 def test_corners_of_the_tool_axis_are_verified_in_every_post(cell: str, tmp_path: Path) -> None:
     codes = {}
-    each = [(7 * n + 3) % 25 for n in range(25 if NIGHTLY else 12)]  # each angle, radius and way to leave the corner
+    # each angle, radius and kind of departure from the corner
+    each = [(7 * n + 3) % 25 for n in range(25 if NIGHTLY else 12)]
     for number in each if cell == "kr500_milling" else range(0, 25, 3):
         folder = tmp_path / str(number)
         folder.mkdir()
         codes[number] = run_corner(cell, number, folder)
     wrong = {n: code for n, code in codes.items() if code not in (0, 3)}
     assert wrong == {}
-    assert sum(code == 0 for code in codes.values()) >= 0.8 * len(codes)  # a few lie beyond an arm's joint limits
+    assert sum(code == 0 for code in codes.values()) >= 0.8 * len(codes)  # a few exceed the joint limits of an arm

@@ -38,7 +38,7 @@ def test_equal_axes_remain_unchanged(interpolate: object) -> None:
 @pytest.mark.parametrize("angle", [5.0, 45.0, 90.0, 170.0])
 @pytest.mark.parametrize("length", [0.0, 1e-4, 0.1])
 def test_planned_path_rotates_the_axis_uniformly(angle: float, length: float) -> None:
-    """Linear interpolation of the vector would be 0.46° off in the middle of a move of 45°."""
+    """Linear interpolation of the vector would deviate by 0.46° in the middle of a move of 45°."""
     end = np.radians(angle)
     toolpath = Toolpath(
         position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [length, 0.0, 0.0]]),

@@ -1,4 +1,4 @@
-"""Jobs with tool changes: divided, planned, driven, verified and combined."""
+"""Jobs with tool changes: divided, planned, executed, verified and combined."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def table(folder: Path) -> Cell:
 
 
 def job(*tools: str, rows: Rows | None = None) -> Toolpath:
-    """A slot for each tool, each an operation."""
+    """Return one slot per tool, each in its own operation."""
     path = toolpath(rows or slots(*np.linspace(0.1, -0.1, len(tools))))
     operation = np.minimum(np.cumsum(path.move == MoveKind.RAPID) - 1, len(tools) - 1).astype(np.int32)
     labels = tuple(ToolpathOperation(f"op{k}", "trajectory", tool) for k, tool in enumerate(tools))
@@ -63,7 +63,7 @@ def test_job_is_divided_at_tool_changes(tmp_path: Path) -> None:
         ("3", 15, 20, 3),
     ]
     events = [[(e.index, e.text) for e in s.toolpath.events] for s in segments]
-    assert events == [[(10, "M5")], [(0, "T2"), (0, "S900 M3")], []]  # the spindle stops before its tool comes off
+    assert events == [[(10, "M5")], [(0, "T2"), (0, "S900 M3")], []]  # the spindle stops before its tool is removed
     for s, begin, end in zip(segments, (cell.home, CHANGE, CHANGE), (CHANGE, CHANGE, cell.home), strict=True):
         np.testing.assert_array_equal(np.array([s.begin, s.end]), np.array([begin, end]))
         assert s.cell.tool is cell.tools[s.tool]
@@ -125,7 +125,7 @@ def test_each_tool_has_the_plan_of_its_own_job(done: tuple[Cell, Toolpath, tuple
     assert found is not None
     assert found.bound <= found.sequence
     assert found.bound <= found.grid * (1 + 1e-6)
-    assert found.bound * (1 - 2e-3) <= o.total  # the curve lies between the steps of the grid
+    assert found.bound * (1 - 2e-3) <= o.total  # the curve is between the steps of the grid
     assert found.gap < 5e-3
     gain = compute_gains(whole.plan)[0]
     np.testing.assert_allclose(gain.mean, 1.0 - o.mean / whole.plan.cam_default.objective.mean)
@@ -173,13 +173,13 @@ def test_verifier_detects_a_wrong_tool_and_a_misplaced_change(
     out = write_output(done, tmp_path)
     lines = (out / "trajectory.csv").read_text().splitlines()
     n = next(k for k, line in enumerate(lines) if line.endswith(",BALL"))
-    lines[n - 3 : n] = [line.removesuffix("3") + "BALL" for line in lines[n - 3 : n]]  # while the arm still moves
+    lines[n - 3 : n] = [line.removesuffix("3") + "BALL" for line in lines[n - 3 : n]]  # during the motion of the arm
     (out / "trajectory.csv").write_text("\n".join(lines) + "\n")
     (check,) = verify_output(done, out).failed
     assert "BALL comes on" in check.where
     assert "from where tools are changed" in check.where
     cell, path, segments, whole = done
-    longer = replace(segments[1].cell.tool, T_flange_tcp=pose(0, 0, 0.451))  # a millimetre
+    longer = replace(segments[1].cell.tool, T_flange_tcp=pose(0, 0, 0.451))  # 1 mm longer
     other = (segments[0], replace(segments[1], cell=replace(segments[1].cell, tool=longer)), segments[2])
     failed = {c.name: c for c in verify_output((cell, path, other, whole), write_output(done, tmp_path)).failed}
     assert {"path", "points.csv on the toolpath"} <= set(failed)
@@ -213,7 +213,7 @@ def test_picture_shows_the_active_tool(done: tuple[Cell, Toolpath, tuple[ToolSeg
         view.motion.tool[np.isfinite(view.motion.point) & (view.motion.point > 10) & (view.motion.point < 14)]
     ) == {1}
     assert view.stations is not None
-    bent = np.linalg.norm(np.array(view.stations.bend), axis=1)  # by the elasticity of the tool that is on
+    bent = np.linalg.norm(np.array(view.stations.bend), axis=1)  # with the elasticity of the mounted tool
     at = plan.path.index[plan.path.stations[find_cut_stations(plan)]]
     whole_points = at == np.round(at)
     table = whole.points.table.deflection[np.round(at[whole_points]).astype(int)]
@@ -223,7 +223,7 @@ def test_picture_shows_the_active_tool(done: tuple[Cell, Toolpath, tuple[ToolSeg
 
 
 def test_repeated_place_has_a_sample_for_each_point(tmp_path: Path) -> None:
-    """G0 X Y, then G0 Z where the tool is already: a rapid move without a way."""
+    """G0 X Y, then G0 Z at the current position: a rapid move of zero length."""
     rows = slots(0.0)
     path = toolpath([rows[0], *rows])
     cell = small_cell(tmp_path, stiffness=K, obstacles=())

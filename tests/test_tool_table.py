@@ -1,4 +1,4 @@
-"""Tool table of a cell: read, chosen by the words of the CAM file, exported and verified."""
+"""Tool table of a cell: read, selected by the words of the CAM file, exported and verified."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def cell(folder: Path) -> Cell:  # noqa: F811
 
 
 def job(*tools: str, named: str = "") -> Toolpath:
-    """One operation for each word."""
+    """Return a toolpath with one operation per word."""
     one = toolpath()
     operation = np.minimum(np.arange(len(one)), len(tools) - 1).astype(np.int32)
     labels = tuple(ToolpathOperation(f"op{k}", "trajectory", t, "", named) for k, t in enumerate(tools))
@@ -76,7 +76,7 @@ def test_invalid_table_is_refused(folder: Path) -> None:  # noqa: F811
         (job("T03"), "3"),
         (job("ball_d6"), "BALL_D6"),
         (job("7", named="BALL_D6"), "BALL_D6"),  # NX: the name in TOOL PATH, then LOADTL with another number
-        (job("3", "", ""), "3"),  # it holds until another one is named
+        (job("3", "", ""), "3"),  # applies until another tool is named
     ],
 )
 def test_tool_is_chosen_by_the_words_of_the_file(cell: Cell, path: Toolpath, name: str) -> None:
@@ -102,13 +102,13 @@ def test_unchoosable_tool_is_reported(cell: Cell) -> None:
 
 
 def test_column_of_tools(tmp_path: Path) -> None:
-    """Modal, with or without operations; a change of tool begins an operation."""
+    """The column is modal, with or without operations; a change of tool begins an operation."""
     rows = [(0, "a", "3"), (1, "a", ""), (2, "a", "5"), (3, "b", "")]
     for header, cells, labels in (
         ("operation,tool", [f"{o},{t}" for _, o, t in rows], [("a", "3"), ("a", "5"), ("b", "5")]),
         ("tool", [t for _, _, t in rows], [("T3", "3"), ("T5", "5")]),
         ("tool", ["3", "", "", ""], [("main", "3")]),
-        ("tool", ["", "", "5", ""], [("main", ""), ("T5", "5")]),  # what is on before is not said, so asked for
+        ("tool", ["", "", "5", ""], [("main", ""), ("T5", "5")]),  # the first tool is not stated, so it is requested
         ("operation,tool", ["a,", "a,", "b,5", "b,"], [("a", ""), ("b", "5")]),
     ):
         file = tmp_path / "path.csv"
@@ -146,6 +146,7 @@ def test_unknown_word_is_the_number_in_the_controller(tmp_path: Path) -> None:
     tools = {"MILL": replace(cell.tool, number=5), "DRILL": replace(cell.tool, number=7)}
     assert match_tool(ToolpathOperation("a", "trajectory", "5"), tools) == "MILL"
     assert match_tool(ToolpathOperation("a", "trajectory", "T07"), tools) == "DRILL"
-    assert match_tool(ToolpathOperation("a", "trajectory", "5"), {"5": cell.tool, **tools}) == "5"  # a name comes first
+    # a name has priority
+    assert match_tool(ToolpathOperation("a", "trajectory", "5"), {"5": cell.tool, **tools}) == "5"
     both = {**tools, "MILL2": replace(cell.tool, number=5)}
     assert match_tool(ToolpathOperation("a", "trajectory", "5"), both) is None

@@ -24,7 +24,7 @@ def read(tmp_path: Path, sample: Sample, text: str | None = None) -> Toolpath:
 
 
 class _Balanced(HTMLParser):
-    """Counts tags that must close."""
+    """Count tags that must be closed."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,7 +75,7 @@ def test_problems_are_at_the_top(tmp_path: Path) -> None:
 def test_views_have_the_named_direction(tmp_path: Path) -> None:
     t = read(tmp_path, TABLE)  # from (0, 0, 10) to (60, 0, 0)
     top, front, _, slanted = (build_view_svg(t, v) for v in VIEWS)
-    assert "tool axis" in top  # the last point's tool is tilted
+    assert "tool axis" in top  # the tool is tilted at the last point
 
     def cut(svg: str) -> list[list[float]]:
         d = re.search(r'd="M([^"]*)"[^>]*><title>cut<', svg)
@@ -85,14 +85,14 @@ def test_views_have_the_named_direction(tmp_path: Path) -> None:
     first, second = cut(front)[:2]  # the plunge
     assert first[0] == second[0]
     assert second[1] > first[1]  # downwards on the screen
-    assert len({round(p[1], 1) for p in cut(top)}) == 1  # y is zero throughout
+    assert len({round(p[1], 1) for p in cut(top)}) == 1  # y is zero at all points
     assert slanted.count("<path") >= 2
     for view in VIEWS:
         right, up = np.array(view.right), np.array(view.up)
         assert right @ up == pytest.approx(0.0, abs=1e-12)
         assert np.linalg.norm(right) == pytest.approx(1.0)
         assert np.linalg.norm(up) == pytest.approx(1.0)
-        assert np.cross(right, up)[2] >= -1e-12  # nothing is looked at from below
+        assert np.cross(right, up)[2] >= -1e-12  # no view is from below
 
 
 def test_long_path_makes_a_small_page(tmp_path: Path) -> None:
@@ -101,10 +101,10 @@ def test_long_path_makes_a_small_page(tmp_path: Path) -> None:
     body = "\n".join(f"{x:.4f},{y:.4f},{z:.4f},600" for x, y, z in rows.tolist())
     t = read(tmp_path, TABLE, "x_mm,y_mm,z_mm,feed_mm_min\n" + body + "\n")
     html = build_toolpath_html(t, summarise_toolpath(t))
-    assert len(html) < 2_000_000  # 60,000 points would be 5 MB one by one in four views
+    assert len(html) < 2_000_000  # 60,000 points in four views would be 5 MB
     top = build_view_svg(t, VIEWS[0])
     xs = [float(v) for v in re.findall(r"[ML]([\d.]+) ", top)]
-    assert max(xs) - min(xs) > 400.0  # pixels: the whole width is still drawn
+    assert max(xs) - min(xs) > 400.0  # pixels: the whole width is drawn
 
 
 def test_numbers_of_a_flat_view_do_not_overlap(tmp_path: Path) -> None:

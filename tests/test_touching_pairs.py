@@ -1,4 +1,4 @@
-"""Pairs of bodies that touch by construction: excluded by the planner, confirmed by the verifier."""
+"""Pairs of bodies in contact by construction: excluded by the planner, confirmed by the verifier."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CLEARANCE = 0.002
 
 
 def cell_with(folder: Path, size: float, offset: float) -> Cell:
-    """The small cell with a box on the flange that meets the forearm in a share of all poses."""
+    """Return the small cell with a box on the flange that touches the forearm in a fraction of all poses."""
     cell = small_cell(folder)
     box = CollisionShape(
         name="box", kind="box", size=(size, size, 0.3), mesh=None, T_parent_shape=pose(offset, 0, -0.1)
@@ -35,7 +35,7 @@ def excluded_by_planner(cell: Cell) -> list[tuple[str, str]]:
 
 
 def list_checked_and_unconfirmed(cell: Cell, listed: list[tuple[str, str]]) -> tuple[set[frozenset[str]], list[str]]:
-    """The pairs that the verifier checks, and listed ones that it does not confirm."""
+    """Return the pairs that the verifier checks, and the listed ones that it does not confirm."""
     arm = UrdfKinematics(cell)
     found, unfounded = list_checked_pairs(cell, arm, build_bodies(cell, arm), CLEARANCE, listed)
     return {frozenset((a.name, b.name)) for a, b in found}, unfounded

@@ -78,10 +78,10 @@ def test_unmeasurable_differences_count_as_equal() -> None:
         replace(A, mean_index=0.4 * 1.002, joint_travel_deg=998.0),
     ):
         assert not any(p.dominated for p in mark_dominated_plans([A, other]))
-    # alike pair by pair, each better than the one before it and worse in nothing: the last stays, as verify asks
+    # equal in pairs, each better than the one before it and worse in nothing: the last one remains, as verify requires
     steps = [replace(A, plan=str(k), cycle_time_s=10.0 - 0.06 * k) for k in range(3)]
     assert [p.dominated for p in mark_dominated_plans(steps)] == [True, True, False]
-    # each better than the next in one thing: in a ring, not all may go
+    # each is better than the next one in one criterion: in a cycle, not all may be removed
     ring = [(0.0, 0.6, 1.2), (1.2, 0.0, 0.6), (0.6, 1.2, 0.0)]
     round_about = [
         replace(A, cycle_time_s=10 + 0.1 * a, joint_travel_deg=1e3 + b, clearance_mm=20 - 0.01 * c) for a, b, c in ring
@@ -97,7 +97,7 @@ def test_clearance_is_a_criterion_only_where_checked() -> None:
 def test_file_contains_the_nondominated_plans(tmp_path: Path) -> None:
     write_trade_off_front(tmp_path / "front.csv", mark_dominated_plans([A, replace(A, plan="b", clearance_mm=10.0)]))
     assert (tmp_path / "front.csv").read_text("utf-8").splitlines() == [
-        ",".join(name for name in FRONT_COLUMNS if name not in PROCESS_COLUMNS),  # no tolerance, no column
+        ",".join(name for name in FRONT_COLUMNS if name not in PROCESS_COLUMNS),  # without tolerance no column
         "a,,0.4,0.5,10,1000,20,0,",
     ]
 
@@ -106,18 +106,18 @@ def test_undrivable_plan_is_reported() -> None:
     names = [name for name, _, _ in list_front_variants(PlanOptions())]
     every = [A, *(replace(A, plan=name) for name in names)]
     assert describe_missing_plans(every, PlanOptions()) == ()
-    assert describe_missing_plans([], PlanOptions()) == ()  # no front was asked for
+    assert describe_missing_plans([], PlanOptions()) == ()  # no front was requested
     (message,) = describe_missing_plans(every[:-1], PlanOptions())
     assert names[-1] in message
     assert names[0] not in message
 
 
 def test_better_plan_of_other_weights_is_reported() -> None:
-    """The objective of other weights' plans, found where the plan asked for is only the best near by."""
+    """The plans for other weights have a better objective if the requested plan is only a local optimum."""
     own, better = replace(A, objective=1.41884), replace(A, plan="travel", changed="× 4", objective=1.41414)
     (output,) = describe_better_plans([own, replace(A, plan="worse", objective=1.5), better])
     assert all(word in output for word in ("'travel'", "× 4", "1.4141", "0.33 %"))
-    assert describe_better_plans([own, replace(better, objective=1.4184)]) == ()  # within what the choice claims
+    assert describe_better_plans([own, replace(better, objective=1.4184)]) == ()  # within the tolerance of the search
     assert describe_better_plans([]) == describe_better_plans([A, better]) == ()
 
 
@@ -145,7 +145,7 @@ def test_picture_of_the_front_has_axes_where_all_plans_are_equal() -> None:
 
 @pytest.mark.parametrize(("kind", "width"), [("broad", 640), ("narrow", 372)])
 def test_labels_of_the_picture_do_not_overlap(kind: str, width: int) -> None:
-    """Plans of nearly one time and mean: their dots are apart, and so are the lines of their names."""
+    """Plans with nearly the same time and mean: their points are separate, and so are the lines of their names."""
     one = TradeOffPoint(
         name="requested, and a little more of it",
         changed="",

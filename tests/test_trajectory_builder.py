@@ -50,13 +50,13 @@ def test_run_without_room_at_an_end_loses_that_point(made: Plan) -> None:
     assert b._shorten_stretch(no_room(b, 0, first), first, last) == (points[1], last)
     at_end = replace(no_room(b, last, 0), after=float("nan"))
     assert b._shorten_stretch(at_end, first, last) == (first, points[-2])
-    assert b._shorten_stretch(no_room(b, 0, first), first, int(points[1])) is None  # one point left is no cut
+    assert b._shorten_stretch(no_room(b, 0, first), first, int(points[1])) is None  # one remaining point is not a cut
     other = replace(no_room(b, 0, first), code="rapid_blocked")
     assert b._shorten_stretch(other, first, last) is None
 
 
 def test_gap_without_room_stops_the_job_or_omits_adjacent_cuts(made: Plan) -> None:
-    """At the second half of a run, as behind a gap: no lift is found at all."""
+    """In the second half of a run, as after a gap, no lift is found."""
     ((first, last),) = [run for run in made.path.runs if run[1] > run[0]]
     middle = int(np.flatnonzero(made.path.is_point)[5])
     b = builder(made)
@@ -114,7 +114,7 @@ def test_blocked_rapid_move_reports_a_remedy(
 
 
 def test_job_of_gaps_only_is_no_motion(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With gaps allowed each stretch may be left out, not all of them: what was in the way is said."""
+    """With gaps allowed each run may be omitted, but not all of them: the reason is reported."""
     blocked = BlockedRapid("spindle ~ post", np.zeros(6), 0.5, "way")
     own = segment_planner.plan_rapid
     monkeypatch.setattr(
@@ -147,4 +147,4 @@ def test_file_of_rapid_moves_only_uses_the_approach_feed(tmp_path_factory: pytes
     assert (builder(p, path=toolpath(rows)).made.feed_after == p.options.approach_feed).all()
     cut = small_job(tmp_path_factory.mktemp("cut"), [*rows, ((0.1, -0.1, 0.08), UP, C)], FREE)
     feed = builder(cut).made.feed_after
-    assert (feed == feed[-1]).all()  # rapid moves have that of the cut they lead to
+    assert (feed == feed[-1]).all()  # rapid moves have the feed of the following cut

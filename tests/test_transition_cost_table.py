@@ -17,7 +17,7 @@ OPTIONS = PlanOptions(weights=ObjectiveWeights(mean=1.0, worst=0.7, travel=0.3, 
 
 
 def is_equal(a: SequenceChoice, b: SequenceChoice) -> bool:
-    """To the bit."""
+    """Check equality to the last bit."""
     return (
         all(np.array_equal(x, y) for x, y in ((a.rotation, b.rotation), (a.branch, b.branch), (a.turn, b.turn)))
         and (a.total, a.bound, a.broken) == (b.total, b.bound, b.broken)
@@ -31,7 +31,7 @@ def test_repeated_search_over_a_grid_gives_the_same_choice(seed: int, stable: bo
     path, candidates, scores = random_problem(seed)
     candidates = replace(candidates, stable=stable)
     used = SequenceGrid.build(path, candidates, scores, VELOCITY, OPTIONS)
-    for k in range(4):  # each round loses vertices, in the last ones whole stations: the one before is then another
+    for k in range(4):  # each round removes vertices, later whole stations, which changes the predecessor
         fresh = TransitionCostTable.none_yet(used.window, *candidates.q.shape[1:3], stable)
         assert is_equal(used.choose(), replace(used, priced=fresh).choose())
         assert used.priced.turns.any()

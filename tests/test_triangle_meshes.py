@@ -1,4 +1,4 @@
-"""Binary STL, boxes and cylinders against trimesh."""
+"""Binary STL, boxes and cylinders compared with trimesh."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ def test_binary_stl_is_read_as_by_trimesh(solid: trimesh.Trimesh, tmp_path: Path
 def test_nonfinite_corners_are_left_out_with_their_triangles(tmp_path: Path) -> None:
     solid = trimesh.creation.box((1.0, 2.0, 3.0))
     raw = merge_equal_vertices(TriangleMesh(np.array(solid.vertices), np.array(solid.faces)))
-    vertices = np.vstack([raw.vertices, raw.vertices[:2], [[np.nan] * 3]])  # two corners twice, one that is none
+    vertices = np.vstack([raw.vertices, raw.vertices[:2], [[np.nan] * 3]])  # two corners twice, one invalid
     faces = np.vstack([raw.faces, [[8, 9, 10], [8, 9, 3]]])
     found = merge_equal_vertices(TriangleMesh(vertices, faces))
     retained = [
         *raw.vertices[raw.faces].tolist(),
         raw.vertices[[0, 1, 3]].tolist(),
-    ]  # trimesh's versions differ in this
+    ]  # versions of trimesh differ in this
     assert sorted(found.vertices[found.faces].tolist()) == sorted(retained)
     assert len(found.faces) == len(raw.faces) + 1
 
@@ -70,12 +70,12 @@ def test_boxes_and_cylinders_equal_trimesh() -> None:
 
 
 def test_thin_cutter_keeps_its_end_faces() -> None:
-    """trimesh leaves out triangles below 1e-8 m²: those of a cutter of 0.5 mm."""
+    """trimesh omits triangles below 1e-8 m²: those of a cutter of 0.5 mm."""
     assert is_closed_surface(build_cylinder(0.25e-3, 5e-3, 48).faces)
 
 
 def test_body_with_hard_edges_is_closed(tmp_path: Path) -> None:
-    """Its corners stand in an OBJ once for every normal."""
+    """In an OBJ, its corners occur once for every normal."""
     solid = trimesh.creation.box((0.1, 0.2, 0.3))
     solid.unmerge_vertices()
     lines = [f"v {' '.join(map(str, v))}" for v in solid.vertices.tolist()]
@@ -95,7 +95,7 @@ def test_corners_with_equal_hash_are_distinguished(monkeypatch: pytest.MonkeyPat
     apart = TriangleMesh(solid.vertices[solid.faces].reshape(-1, 3), np.arange(3 * len(solid.faces)).reshape(-1, 3))
     whole = merge_equal_vertices(apart)
     assert len(whole.vertices) == len(solid.vertices)
-    monkeypatch.setattr(mesh_construction, "MIXED", np.array([2, 0, 0]))  # corners of one x share it
+    monkeypatch.setattr(mesh_construction, "MIXED", np.array([2, 0, 0]))  # corners with the same x have the same hash
     assert all(np.array_equal(a, b) for a, b in zip(merge_equal_vertices(apart), whole, strict=True))
 
 

@@ -1,4 +1,4 @@
-"""Turn-resolved grid: consistent whole turns against every sequence with every permitted turn."""
+"""Turn-resolved grid: consistent whole turns compared with every sequence with every permitted turn."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MANY = 10**6
 def build_small_grid(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> ValueGridSequences:
-    """Three stations, of six joints two that have turns to choose from."""
+    """Three stations; two of six joints have whole turns to choose from."""
     x = random_lattice(seed, priced, flags, stable)
     more = np.minimum(x.more, np.array([1, 0, 0, 0, 0, 2], np.int8))
     few = {name: getattr(x, name)[:3] for name in ("node", "raw", "q", "e", "phi", "held", "kind", "priced")}
@@ -30,7 +30,7 @@ def build_small_grid(
 
 
 def every_price_with_turns(x: ValueGridSequences) -> dict[tuple[int, ...], float]:
-    """Least J of each sequence of vertices that exist, over all turns that the limits leave, one by one."""
+    """Return the minimum J of each sequence of existing vertices over all turns within the limits, one by one."""
     R, B = x.phi.shape[1], x.branches
 
     def poses(s: int) -> list[tuple[int, np.ndarray]]:
@@ -89,7 +89,7 @@ def test_bound_and_best_equal_those_of_every_sequence_with_every_turn(
     turns = (apart.lattice.q[at, vertex] - problem.q[at, apart.vertex[vertex]]) / TURN
     assert turns == pytest.approx(np.round(turns), abs=1e-9)
     assert ((turns > -0.5) & (turns < problem.more[at, apart.vertex[vertex]] + 0.5)).all()
-    # what is known to be no part of a sequence as good as one that is known leads to the same
+    # without vertices that cannot be part of an equally good sequence, the result is the same
     known = ideal * (1 + EXACT)
     fewer = resolve_turns(problem, problem.through(problem.onward(known), known), MANY)
     assert fewer is not None
@@ -104,7 +104,7 @@ def test_bound_and_best_equal_those_of_every_sequence_with_every_turn(
 def test_turns_are_consistent_where_the_best_steps_can_be_driven(
     seed: int, priced: tuple[float, float, float, float], flags: int, stable: bool
 ) -> None:
-    """No bound that lets each step choose is above the truth, and it is the truth where they fit."""
+    """The bound with free choice of turns in each step is never above the true J, and equals it if the turns agree."""
     problem = build_small_grid(seed, priced, flags, stable)
     found = problem.best()
     if found is None:
@@ -117,7 +117,7 @@ def test_turns_are_consistent_where_the_best_steps_can_be_driven(
 
 
 def test_winding_joint_has_to_unwind() -> None:
-    """Three steps of a third of a turn each lead beyond what limits of little more than a turn leave."""
+    """Three steps of 1/3 turn each exceed limits of little more than one turn."""
     x = build_small_grid(0, (1.0, 0.3, 0.0, 0.0), 0, False)
     third = TURN / 3.0
     q = np.zeros((3, 1, 6))
@@ -136,12 +136,12 @@ def test_winding_joint_has_to_unwind() -> None:
     vertex = np.zeros(3, np.int64)
     assert not is_turn_consistent(
         one, vertex
-    )  # up by 1.1 thirds to the second turn of the middle, and on from the first
+    )  # 1.1 thirds up to the second turn of the middle station, and on from its first turn
     apart = resolve_turns(one, np.zeros((3, 1)), MANY)
     assert apart is not None
     found, loose = apart.lattice.best(), one.best()
     assert found is not None
     assert loose is not None
     assert found[0] > loose[0] + 0.1
-    assert resolve_turns(one, np.zeros((3, 1)), 5) is None  # three stations with two turns each are more
-    assert resolve_turns(one, np.full((3, 1), np.inf), MANY) is None  # nothing is as good as the plan
+    assert resolve_turns(one, np.zeros((3, 1)), 5) is None  # three stations with two turns each exceed the number
+    assert resolve_turns(one, np.full((3, 1), np.inf), MANY) is None  # no sequence is as good as the plan

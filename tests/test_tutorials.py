@@ -54,7 +54,8 @@ def test_every_tutorial_has_a_picture() -> None:
 
 @pytest.mark.proof
 def test_pictures_are_current(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawn anew, each has the same kinds of shapes, as many within two percent, and the same words but numbers."""
+    """A redrawn picture has the same kinds of shapes, their number within two percent,
+    and the same words except numbers."""
     monkeypatch.syspath_prepend(str(DOCS))
     spec = importlib.util.spec_from_file_location("make_pictures", DOCS / "make_pictures.py")
     assert spec is not None

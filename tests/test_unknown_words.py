@@ -32,7 +32,7 @@ WORDS_TRIED = 24  # for each dialect and form
 
 
 def build_unknown_words(rng: random.Random, count: int) -> list[str]:
-    """Words that look like those of frames and motions, and that no dialect has."""
+    """Return words that resemble those of frames and motions but exist in no dialect."""
     letters = "BDFHJKQVWXZ"
     return [f"{rng.choice(letters)}{rng.choice(STEMS)}{rng.choice(letters)}{rng.choice(letters)}" for _ in range(count)]
 
@@ -94,7 +94,7 @@ VAL3 = Sample(
 
 @dataclass(frozen=True)
 class Dialect:
-    """A good file, statements that hold an unknown word, lines to put them before, and statements that are reviewed."""
+    """A valid file, statements with an unknown word, lines before which they are inserted, and reviewed statements."""
 
     sample: Sample
     forms: tuple[Callable[[str], str], ...]
@@ -103,7 +103,7 @@ class Dialect:
 
 
 def apt_words() -> tuple[str, ...]:
-    ending = ("FINI", "END", "END-OF-PATH", "UNIT", "UNITS", "TLDATA")  # end the path, or say what the file is
+    ending = ("FINI", "END", "END-OF-PATH", "UNIT", "UNITS", "TLDATA")  # these end the path or define the kind of file
     return tuple(f"{w}/1" for w in sorted(harmless_words.APT) if w not in ending and not w.startswith("CSI_"))
 
 
@@ -229,7 +229,7 @@ DIALECTS = {
 NOT_UNKNOWN = {"urscript": 1}  # forms that assign
 
 
-REAL_WORDS: dict[str, tuple[str, ...]] = {  # words of frames and motion that the dialects do have
+REAL_WORDS: dict[str, tuple[str, ...]] = {  # words of frames and motion that exist in the dialects
     "apt": (
         "MCSYS/NUM,1,POINT,0,0,0",
         "LOCALCS/1",
@@ -314,7 +314,8 @@ def test_words_of_frames_and_motion_are_refused_with_their_line(tmp_path: Path, 
 
 
 def put_in(sample: Sample, statement: str, before: str, nth: int) -> tuple[str, int]:
-    """The sample with a statement before the nth line that begins so, and the statement's line (1-based)."""
+    """Return the sample with a statement before the nth line with this beginning,
+    and the statement's line (1-based)."""
     lines = sample.text.split("\n")
     places = [k for k, t in enumerate(lines) if t.startswith(before)]
     at = places[nth % len(places)]
@@ -330,7 +331,7 @@ def write(folder: Path, sample: Sample, text: str) -> Path:
 
 
 def refused_at(path: Path, options: dict[str, object]) -> str | None:
-    """Where a plan from the file is refused, None where it is not."""
+    """Return where a plan from the file is refused; None if it is not."""
     try:
         refuse_unknown_words(read_toolpath(path, **options), path)  # type: ignore[arg-type]
     except InputError as problem:
@@ -414,8 +415,10 @@ def test_inspect_shows_the_file_and_optimize_refuses_it(tmp_path: Path, capsys: 
 
 
 def test_every_planner_of_a_file_checks_unknown_words() -> None:
-    """Every module outside of the readers that reads a toolpath refuses unknown words; ``inspect`` and the API's
-    reading show them."""
+    """Every module outside the readers that reads a toolpath refuses unknown words.
+
+    ``inspect`` and the reading function of the API show them.
+    """
     shows = {"cli/toolpath_commands.py", "api/toolpath.py"}
     for file in PACKAGE.rglob("*.py"):
         name = file.relative_to(PACKAGE).as_posix()

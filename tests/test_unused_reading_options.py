@@ -57,13 +57,14 @@ def test_option_has_an_effect_or_is_refused_or_reported(tmp_path: Path, sample: 
     except InputError:
         return
     if sample is HSM and option == "--cycle-order":
-        return  # RAPTO names its clearance, so both orders mean the same
+        return  # RAPTO states its clearance, so both orders are equivalent
     changed = not (found.position.shape == plain.position.shape and (found.position == plain.position).all())
     changed |= (
         not (found.axis == plain.axis).all() or not (found.feed[found.cutting] == plain.feed[plain.cutting]).all()
     )
     reported = any(w.startswith(option) for w in found.warnings)
-    assert changed or reported or option in ("--decimals", "--offset", "--machine")  # G-code says itself what these do
+    # G-code readers report these themselves
+    assert changed or reported or option in ("--decimals", "--offset", "--machine")
 
 
 def test_options_with_effect_are_not_reported(tmp_path: Path) -> None:

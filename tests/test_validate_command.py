@@ -38,7 +38,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def changed(good: Path, tmp_path: Path) -> Make:
-    """The good cell with texts of cell.yaml replaced."""
+    """Return the valid cell with replaced texts in cell.yaml."""
 
     def make(*pairs: tuple[str, str], file: str = "cell.yaml") -> Path:
         folder = tmp_path / "cell"
@@ -55,7 +55,7 @@ def changed(good: Path, tmp_path: Path) -> Make:
 
 
 def line_of(folder: Path, start: str) -> str:
-    """The line of cell.yaml that begins with this."""
+    """Return the number of the line of cell.yaml that begins with this."""
     return next(x for x in (folder / "cell.yaml").read_text().splitlines() if x.lstrip().startswith(start))
 
 
@@ -80,7 +80,7 @@ def test_cells_written_by_init_are_valid(good: Path) -> None:
 
 
 def test_sideways_tool_is_reported(good: Path, changed: Make) -> None:
-    """flange against tool0: the planner verifies what such a cell says, and the spindle hits the arm's side."""
+    """flange instead of tool0: the planner accepts such a cell, and the spindle collides with the side of the arm."""
     tcp = line_of(good, "tcp:")
     folder = changed((tcp, "  tcp: {xyz_mm: [200, 0, 0], rpy_deg: [0, 90, 0]}"))
     assert "warning tool.tcp: the TCP lies 200 mm from the flange axis and 0 mm out of it" in texts(folder)
@@ -143,7 +143,7 @@ def test_every_mistake_is_reported_at_once(changed: Make, capsys: pytest.Capture
 
 
 def test_mistakes_in_the_robot_are_reported_with_all_others(good: Path, changed: Make) -> None:
-    """Each is read on as what it seems to mean."""
+    """After each mistake, reading continues with the probable meaning."""
     home, jerk = line_of(good, "home_deg:"), line_of(good, "jerk_deg_s3:")
     folder = changed(
         ("base_link: base_link", "base_link: base_lnk"),

@@ -1,4 +1,4 @@
-"""Costs of the search over external joint values against a plain search over all pairs of vertices."""
+"""Costs of the search over external joint values compared with a plain search over all pairs of vertices."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def compute_plain_costs(
     priced: np.ndarray,
     slowness: np.ndarray,
 ) -> np.ndarray:
-    """Return (S, V) prices by trying every source of every vertex; joints without further whole turns."""
+    """Return (S, V) costs by testing every source of every vertex; the joints have no further whole turns."""
     (S, V), B, R = node.shape, branches, phi.shape[1]
     b, r, g = np.arange(V) % B, np.arange(V) // B % R, np.arange(V) // (B * R)
     none, own = np.zeros((V, 6), np.int8), np.zeros((V, 6), np.int8)
@@ -64,7 +64,7 @@ def compute_plain_costs(
 @pytest.mark.slow
 @pytest.mark.parametrize("stable", [True, False])
 def test_costs_equal_those_of_a_plain_search(*, stable: bool) -> None:
-    """Grids with up to four of five vertices infeasible, with runs, rapid moves and plunges in any order."""
+    """Up to four of five vertices of the grid are infeasible; runs, rapid moves and plunges are in any order."""
     rng = np.random.default_rng(7)
     for _ in range(GRIDS):
         G, R, B = (int(rng.integers(1, n)) for n in (4, 5, 4))

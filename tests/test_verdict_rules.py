@@ -1,4 +1,4 @@
-"""The verdict never contradicts the figures: random results, and every document of the tests."""
+"""The verdict never contradicts the values: random results, and every document of the tests."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def units() -> Finding:
 
 
 def uncertain(f: Finding) -> Finding:
-    """A finding of which no size is sure to differ from zero."""
+    """A finding whose parameters do not differ significantly from zero."""
     wide = {n: EstimatedValue(e.value, e.unit, (-9e9, 9e9), (-9e9, 9e9)) for n, e in f.parameters.items()}
     return replace(f, parameters=wide)
 
@@ -68,7 +68,7 @@ def test_no_result_contradicts_itself(
     repeats: bool,
 ) -> None:
     findings = [EVERY[k] for k in sorted(chosen)]
-    if verdict == "consistent":  # the search names nothing of the arm then
+    if verdict == "consistent":  # the search finds no effect of the arm then
         findings = [f for f in findings if f.record]
     d = replace(
         explained(),
@@ -88,7 +88,7 @@ def test_no_result_contradicts_itself(
 
 
 def test_violated_rules_are_detected() -> None:
-    """A document that claims too much has a contradiction, whatever the claim."""
+    """A document with an unjustified claim has a contradiction, for any claim."""
     right = replace(explained(), measured_noise=0.024, heldout_after=0.025, heldout_before=0.06, explained=0.8)
     right = apply_verdict_rules(right)
     assert right.verdict == "explained"
@@ -128,7 +128,7 @@ def test_unnamed_correction_is_written_but_not_listed(change) -> None:
     ("after", "noise", "named"), [(0.025, 0.024, True), (0.04, 0.024, False), (0.025, np.nan, False)]
 )
 def test_torque_over_the_angle_is_named_only_where_it_leaves_noise(after: float, noise: float, named: bool) -> None:
-    """Any smooth error of joint 2 looks like a gravity compensator, of which kinematics.yaml states the rotation."""
+    """Any smooth error of joint 2 resembles a gravity compensator, whose rotation kinematics.yaml states."""
     slow = KinematicCorrection(
         "transmission_error",
         "joint:2",

@@ -1,4 +1,4 @@
-"""Correct plans verify: a small job for each former false alarm; all: benchmarks/verification_false_alarms.py."""
+"""Correct plans verify: one small job per former false positive; all: benchmarks/verification_false_alarms.py."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ JOBS = {job.name: job for job in fixed_jobs()}
 @pytest.mark.parametrize(
     "name",
     [
-        "bare",  # drawn out of the cut along the line on which the rapid move leaves it
-        "one point between rapids",  # and along the plunge that came to it
+        "bare",  # retracts from the cut along the line of the following rapid move
+        "one point between rapids",  # and along the line of the plunge
         "one point",  # no feed move at all
-        "tilts default",  # the direction of travel where the axis turns; bits of an axis near zero; dwelling at corners
-        "doubled points",  # the file's own doubled moves
+        # the direction of travel where the axis rotates; bits of an axis near zero; dwelling at corners
+        "tilts default",
+        "doubled points",  # repeated moves in the file
         "compensate plunge",  # a target between two samples of a fast move
         "compensate circle",  # the gain of a shifted path
         "zero offsets",  # the tool axis by nominal kinematics

@@ -31,12 +31,12 @@ from machopt.verification.tables.exported_tables import read_motion
 PATHS = Path(__file__).resolve().parents[1] / "toolpaths"
 KR500 = CELLS / "kr500_milling"
 NOT_CHECKED = "collisions NOT checked"
-SAMPLED = ("time", "point", "move", "q", "external", "gamma", "feed")  # arrays of a motion, a row a sample
+SAMPLED = ("time", "point", "move", "q", "external", "gamma", "feed")  # arrays of a motion with one row per sample
 
 
 @pytest.fixture(scope="module")
 def without_collision(tmp_path_factory: pytest.TempPathFactory) -> Job:
-    """A plan with most things switched off."""
+    """A plan with wide tolerances, without collision checks and with gaps allowed."""
     wide = ("collision=false", "path_tolerance_mm=0.5", "axis_tolerance_deg=0.2", "allow_gaps=true")
     return plan_table(tmp_path_factory.mktemp("off"), KR500, PASS, overrides=wide)
 
@@ -97,7 +97,7 @@ def test_check_that_could_not_run_is_part_of_the_verdict() -> None:
 
 
 def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The table has no feed of its own and tolerances are wide: without the manifest the check could not pass."""
+    """The table has no feed and the tolerances are wide: without the manifest the verification would fail."""
     toolpath = tmp_path / "pass.csv"
     toolpath.write_text("x_mm,y_mm,z_mm,i,j,k,move\n" + "".join(f"{x},{y},{z},0,0,1,{m}\n" for x, y, z, m, _ in PASS))
     wide = ("path_tolerance_mm=0.4", "rotation_step_deg=15")
@@ -111,7 +111,7 @@ def test_options_and_reading_come_from_the_manifest(tmp_path: Path, capsys: pyte
     message = capsys.readouterr().out
     assert "note:" not in message
     assert message.splitlines()[-1] == "verification passed, path tolerance 0.4 mm instead of 0.02 mm"
-    assert run_verify(job, "--set", "collision=false", "--feed", "500") == 4  # driven faster than that
+    assert run_verify(job, "--set", "collision=false", "--feed", "500") == 4  # the motion is faster than that feed
     message = capsys.readouterr().out
     assert "note: collision = False here, but the folder was made with True" in message
     assert "note: feed_mm_min = 500.0 here, but the folder was made with 1100.0" in message
@@ -143,7 +143,7 @@ def test_folder_without_manifest_is_checked_and_fails_by_name(
     assert run_verify(job, "--set", "rotation_step_deg=15") == 4
     message = capsys.readouterr()
     assert "was written by a version before manifests, or the file was removed" in message.err
-    assert "ok   path" in message.out  # what the tables say is checked all the same
+    assert "ok   path" in message.out  # the checks of the tables are executed nevertheless
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_folders_of_other_commands_are_refused_by_name(
 
 
 def test_every_part_of_a_result_is_checked(plain: Job, tmp_path: Path) -> None:
-    """Every key of result.json that is taken away fails a check."""
+    """If any key is removed from result.json, a check fails."""
     message: Callable[[Path], list[str]] = lambda out: [  # noqa: E731
         c.name
         for c in check_result_document(out, cell, toolpath, options, manifest.inputs, manifest, contents)
@@ -269,7 +269,7 @@ def test_every_part_of_a_result_is_checked(plain: Job, tmp_path: Path) -> None:
     whole = json.loads((job.out / "result.json").read_text())
     for key in whole:
         if key in {"tilt", "joint", "reentry"} and whole[key] is None:
-            continue  # older results lack it, and an absent one says the same
+            continue  # older results do not contain the key; a missing key is equivalent to null
         (job.out / "result.json").write_text(json.dumps({k: v for k, v in whole.items() if k != key}))
         assert message(job.out), key
 
@@ -284,7 +284,7 @@ def test_verdict_does_not_depend_on_cores_or_length(plain: Job, monkeypatch: pyt
     options = load_options(dict(manifest.options))
     monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
     first = found()
-    assert any(".src" in check for check in first)  # a program is among what is checked
+    assert any(".src" in check for check in first)  # at least one check concerns a program
     monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 1)
     assert found() == first
     monkeypatch.setattr("machopt.numerics.parallel_map.count_threads", lambda: 2)
@@ -302,7 +302,8 @@ LONG: tuple[tuple[float, float, float, str, str], ...] = (
 
 
 def test_impossible_worst_index_is_detected(tmp_path: Path) -> None:
-    """What lies between two points 0.6 m apart is recomputed: 5 % more than the softest place is too much."""
+    """The index between two points 0.6 m apart is recomputed;
+    a stated worst index 5 % above the true one is detected."""
     job = plan_table(tmp_path, KR500, LONG)
     cell, toolpath = load_cell(job.cell), read_toolpath(job.toolpath)
     manifest, _ = read_manifest(job.out)
@@ -312,7 +313,8 @@ def test_impossible_worst_index_is_detected(tmp_path: Path) -> None:
     motion = read_motion(job.out / "trajectory.csv", cell)
     along = find_worst_index(cell, toolpath, motion, "deflection", options)
     own = message["objective"]["chosen"]
-    assert along == pytest.approx(own["worst"] * message["index_scale"], rel=0.01)  # an end is the softest place here
+    # here the worst index is at an end point
+    assert along == pytest.approx(own["worst"] * message["index_scale"], rel=0.01)
     middle = np.abs(motion.point - 2.5) < 0.1
     rows = {f.name: getattr(motion, f.name)[middle] for f in fields(motion) if f.name in SAMPLED}
     assert find_worst_index(cell, toolpath, replace(motion, **rows), "deflection", options) < along

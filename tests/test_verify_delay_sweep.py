@@ -1,4 +1,4 @@
-"""Verification of the depth limit over the whole delay: correct limits pass, wrong ones fail, for any ωT."""
+"""Verification of the depth limit over the whole delay: correct limits pass and wrong ones fail for any ωT."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class RandomCut:
     """Modes, directions and delay, and the limit that a plan states."""
 
     law: DelayLaw
-    stated: float  # m; the depth above which none is stated where there is no limit
+    stated: float  # m; without a limit: the depth above which no limit is stated
     is_limited: bool
 
 
 def draw_cuts(count: int, seed: int) -> list[RandomCut]:
-    """Two to six modes of 6 to 300 Hz, a quarter with two close ones; 300 to 24,000 rev/min; any side and ae."""
+    """Draw two to six modes of 6 to 300 Hz, a quarter with two close ones; 300 to 24,000 rev/min; any side and ae."""
     rng, out = np.random.default_rng(seed), []
     for k in range(count):
         n = int(rng.integers(2, 7))
@@ -76,7 +76,7 @@ def test_correct_limits_pass_at_all_spindle_speeds(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_wrong_limits_are_found_at_all_spindle_speeds(seed: int) -> None:
-    """Fast modes too: the first one turns by more than 1 rad in a tooth period in a third of the sets."""
+    """Includes fast modes: in a third of the sets, the first mode rotates by more than 1 rad in a tooth period."""
     cuts = [cut for cut in draw_cuts(150, seed) if cut.is_limited]
     assert sum(cut.law.omega[0] * cut.law.T > 1.0 for cut in cuts) > 0.25 * len(cuts)
     assert [cut for cut in cuts if compute_excess(cut.law, 1.05 * cut.stated) <= LIMIT_SHARE] == []
@@ -84,14 +84,14 @@ def test_wrong_limits_are_found_at_all_spindle_speeds(seed: int) -> None:
 
 
 def test_limit_of_one_mode_equals_that_of_the_real_part() -> None:
-    """b = −1 / (2 G Re Φ), at the worst lobe 2 k ζ (1 + ζ) / G, for one mode; Altıntaş (2012), eq. 3.44."""
+    """For one mode b = −1 / (2 G Re Φ), at the worst lobe 2 k ζ (1 + ζ) / G; Altıntaş (2012), eq. 3.44."""
     omega, zeta, gain = 2.0 * math.pi * 20.0, 0.03, -0.05e6
     least = 2.0 * omega**2 * zeta * (1.0 + zeta) / abs(gain)
     found = []
     for T in np.linspace(0.5, 3.0, 60) * 2.0 * math.pi / omega:
         law = DelayLaw(np.array([zeta]), np.array([omega]), np.array([[gain]]), float(T))
         sweep = DelaySweep(law, 10.0 * least)
-        sweep.doubling = math.inf  # of an interrupted cut alone
+        sweep.doubling = math.inf  # period doubling occurs only in interrupted cuts
         found.append(sweep.find_limit())
     assert min(found) == pytest.approx(least, rel=0.01)
     assert min(found) >= least * 0.999

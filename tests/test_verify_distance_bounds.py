@@ -1,4 +1,4 @@
-"""Distance bounds of the verifier against exact distances of coal in every row, and their use."""
+"""Distance bounds of the verifier compared with exact distances of coal in every row, and their use."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from machopt.verification.motion.collision.convex_parts import ConvexParts, buil
 from machopt.verification.motion.collision.distance_bounds import BOUND_GAP_M, CLAIM_MARGIN_M, bound_distances
 from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematics
 
-EXACT = 2e-9  # m, what coal's distances of triangles are off
-ROUND = 1e-5  # m, by which its walk around a cylinder ends too early, so too far
+EXACT = 2e-9  # m, error of coal's distances of triangles
+ROUND = 1e-5  # m, coal's iteration for cylinders ends too early and gives distances that are too large by this
 SIZE = (0.3, 0.2, 0.5)  # m
 
 
@@ -43,7 +43,7 @@ def box_mesh() -> tuple[np.ndarray, np.ndarray]:
 
 
 def bowl() -> tuple[np.ndarray, np.ndarray]:
-    """A surface that is not convex: a paraboloid over a grid."""
+    """A non-convex surface: a paraboloid over a grid."""
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(-0.3, 0.3, 9), np.linspace(-0.3, 0.3, 9)))
     k = np.array([9 * i + j for i in range(8) for j in range(8)])
     return np.column_stack([x, y, 2.0 * (x * x + y * y)]), np.concatenate(
@@ -68,7 +68,7 @@ def build_known_parts(shape: Any) -> ConvexParts:
 
 
 def poses(count: int, far: float, seed: int) -> np.ndarray:
-    """(count, 4, 4) of a body that goes around the origin and turns."""
+    """Return (count, 4, 4) poses of a body that moves around the origin and rotates."""
     rng = np.random.default_rng(seed)
     turn, wander = rng.normal(size=3), rng.normal(size=(2, 3))
     t = np.linspace(0.0, 3.0, count)
@@ -81,7 +81,7 @@ def poses(count: int, far: float, seed: int) -> np.ndarray:
 
 
 def measure_distance(a: Any, b: Any, T: np.ndarray) -> np.ndarray:
-    """(K,) m by coal, 0 in contact."""
+    """Return (K,) distances in m by coal, 0 in contact."""
     still = coal.Transform3s(np.eye(3), np.zeros(3))
     return np.array(
         [
@@ -103,7 +103,7 @@ def test_distance_lies_between_the_bounds_in_every_row(first: str) -> None:
         T = np.concatenate([poses(40, far, 10 * n + k) for k, far in enumerate((0.35, 0.6, 2.0))])
         below, above = bound_distances(build_known_parts(a), build_known_parts(b), T)
         d = measure_distance(a, b, T)
-        apart = d > 0.0  # of a shell inside another coal tells how far its surface is
+        apart = d > 0.0  # for a shell inside another one, coal returns the distance of the surfaces
         apart &= ~((above == 0.0) & ({first, second} <= {"shell", "bowl"}))
         off = ROUND if "cylinder" in (first, second) else EXACT
         assert apart.sum() > 40
@@ -118,15 +118,15 @@ def test_no_false_claim_is_proven() -> None:
     T = poses(300, 0.6, 5)
     corners = box_mesh()[0]
     moved = np.einsum("nij,kj->nki", T[:, :3, :3], corners) + T[:, None, :3, 3]
-    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(moved, axis=0), axis=2).max(axis=1)))  # a shell's corners
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(moved, axis=0), axis=2).max(axis=1)))  # corners of the shell
     d = measure_distance(SHAPES["bowl"](), SHAPES["shell"](), T)
-    claim = d + np.where(np.arange(300) % 7 == 0, 1e-6, -2e-2)  # one in seven is not what it claims to be
+    claim = d + np.where(np.arange(300) % 7 == 0, 1e-6, -2e-2)  # one in seven claims is wrong
     rows = np.flatnonzero(np.arange(300) % 5 != 2)
     below, above = bound_distances(a, b, T, rows, way, claim)
     assert ((below < claim)[rows] == (claim > d)[rows]).all()
     assert (below <= d + EXACT).all()
     assert (above >= d - EXACT).all()
-    assert np.isinf(above).sum() > 60 + 10  # those not asked, and some that the bound before them proves
+    assert np.isinf(above).sum() > 60 + 10  # rows not requested, and some that the bound of the preceding row proves
     far, _ = bound_distances(a, b, poses(20, 3.0, 1), claim=np.full(20, 0.1))
     assert (far >= 0.1 + CLAIM_MARGIN_M - EXACT).all()
 
@@ -136,8 +136,8 @@ def test_closed_convex_shells_are_one_part() -> None:
     assert split_convex_shells(corners, faces)[1] == [8]
     assert split_convex_shells(corners[faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))[1] == [
         8
-    ]  # corners told face by face
-    assert split_convex_shells(corners, faces[1:])[1] == [3] * 11  # open
+    ]  # each face has its own corners
+    assert split_convex_shells(corners, faces[1:])[1] == [3] * 11  # open surface
     additional = np.concatenate([corners, corners + 2.0, bowl()[0] - 3.0])
     assert split_convex_shells(additional, np.concatenate([faces, faces + 8, bowl()[1] + 16]))[1] == [8, 8, *[3] * 128]
     dent = corners.copy()
@@ -182,7 +182,7 @@ def test_exact_distance_is_computed_only_for_unproven_claims(tmp_path: Any, monk
 def test_no_row_is_assumed_free_without_motion() -> None:
     a = build_known_parts(coal.Box(*SIZE))
     T = np.tile(np.eye(4), (2, 1, 1))
-    T[0, 0, 3], T[1, 0, 3] = 2.0, 0.5  # far away, then near
+    T[0, 0, 3], T[1, 0, 3] = 2.0, 0.5  # first far, then near
     below, _ = bound_distances(a, a, T, claim=np.full(2, 0.5))
     assert below[0] >= 0.5
     assert below[1] == pytest.approx(0.5 - SIZE[0], abs=2 * BOUND_GAP_M)

@@ -11,7 +11,7 @@ from machopt.verification.motion.checks.empty_cells import INTERVALS, OWNERS, ch
 from machopt.verification.tables.csv_columns import TEXT_COLUMNS
 from machopt.verification.tables.exported_tables import OPTIONAL_COLUMNS, POINT_COLUMNS, ExportedPoints
 
-FREE = {  # columns that every row may fill, or that other checks compare cell by cell
+FREE = {  # columns that may have values in every row, or that other checks compare cell by cell
     *("outcome", "stiffness_from", "status", "reason", "operation", "move", "point", "gamma_deg", "dwell_s", "f1_Hz"),
     *("x_mm", "y_mm", "z_mm", "i", "j", "k", "feed_mm_min", "feed_advised_mm_min"),
     *("f_travel_N", "f_normal_N", "f_axial_N", *(f"q{n}_deg" for n in range(1, 7))),
@@ -53,7 +53,8 @@ def test_filled_cell_without_its_owner_fails(name: str) -> None:
 def test_unknown_stability_needs_no_modes_of_the_arm() -> None:
     points = build_points()
     numbers = {name: column.copy() for name, column in points.numbers.items()}
-    numbers["ap_mm"][1], numbers["a_lim_mm"][1] = 2.0, 1.0  # tool and spindle limit the depth at an unreached point
+    # tool and spindle limit the depth, also at an unreached point
+    numbers["ap_mm"][1], numbers["a_lim_mm"][1] = 2.0, 1.0
     words = {**points.words, "chatter": ("stable", "spindle")}
     assert np.isnan(numbers.setdefault("f1_Hz", np.full(2, np.nan))).any()
     assert check_empty_cells(replace(points, numbers=numbers, words=words)).passed

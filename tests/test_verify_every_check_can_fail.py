@@ -1,6 +1,6 @@
-"""Checks fail where their condition is removed; information never fails.
+"""Checks fail if their condition is removed; information never fails.
 
-That every other check has a damage which makes it fail: tests/test_output_damage_detection.py.
+tests/test_output_damage_detection.py shows for every other check a damage that makes it fail.
 """
 
 from __future__ import annotations

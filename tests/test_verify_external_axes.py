@@ -1,4 +1,4 @@
-"""Verification of handmade motions with moving rail and table."""
+"""Verification of motions with moving rail and table that were generated without the planner."""
 
 from __future__ import annotations
 
@@ -30,14 +30,16 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 from machopt.verification.motion.motion_verification import verify_motion
 from machopt.verification.tables.exported_tables import ExportedMotion, read_motion
 
-WAY = {"rail": 0.25, "tilt": 0.08, "turn": 0.3}  # m or rad, while the tool cuts 0.2 m
+WAY = {"rail": 0.25, "tilt": 0.08, "turn": 0.3}  # m or rad, during a cut of 0.2 m
 KINDS = {"rail": {"rail": True}, "table": {"table": True, "tilt": True}, "both": {"rail": True, "table": True}}
 Columns = dict[str, list[object]]
 
 
 def solve(m: Machine, cell: Cell, tips: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(N, 6 + E) by Newton in the arm's columns to the TCP at ``tips`` (N, 3) in the part, pointing down, x against the
-    part's, from (N, 6 + E)."""
+    """Return (N, 6 + E) by Newton's method in the arm's columns, starting from (N, 6 + E).
+
+    The TCP is at ``tips`` (N, 3) in the part and points down; its x axis is opposite to that of the part.
+    """
     R = np.diag([-1.0, 1.0, -1.0])
     for _ in range(30):
         now, J = m.compute_fk_jacobian(x, cell.tool.T_flange_tcp)
@@ -50,7 +52,7 @@ def solve(m: Machine, cell: Cell, tips: np.ndarray, x: np.ndarray) -> np.ndarray
 
 
 def build_correct_columns(cell: Cell) -> tuple[Columns, np.ndarray]:
-    """Columns of a sound trajectory, and (P, 6 + E) where the points are."""
+    """Return the columns of a correct trajectory, and (P, 6 + E) at the points."""
     m = load_machine(cell, load_robot(cell))
     home = np.append(cell.home, cell.external_home)
     way = np.array([WAY[name] for name in cell.external_joints])
@@ -101,7 +103,7 @@ def joints(cell: Cell, X: np.ndarray) -> Columns:
 
 
 def points_table(cell: Cell, X: np.ndarray) -> Columns:
-    """What the planner's own model says of the points."""
+    """Return the values of the planner's own model at the points."""
     robot, shapes = load_chain(cell)
     model = CollisionModel(cell, robot, shapes, 0.002)
     near = model.find_nearest_pair(X, np.ones(len(X), bool))
@@ -164,7 +166,7 @@ def test_correct_motion_passes(made: Made, tmp_path: Path) -> None:
     assert result.ok, result.failed
     by_name = {check.name: check for check in result.checks}
     assert by_name["path"].value < 1e-4
-    assert 0.85 < by_name["feed"].value <= 0.95  # of the tool in the part; in the hall it is another
+    assert 0.85 < by_name["feed"].value <= 0.95  # feed of the tool relative to the part; relative to world it differs
     assert by_name["points.csv on the toolpath"].passed
 
 
@@ -192,7 +194,10 @@ def test_damages_are_detected(made: Made, tmp_path: Path) -> None:
 
 
 def program(cell: Cell, motion: ExportedMotion, tolerance: ProgramTolerance) -> RobotProgram:
-    """Home, the first point, a line to each point and to what lies between where the axes go unevenly, home."""
+    """Return a program: home, the first point, lines to each point and to inserted targets, home.
+
+    Targets are inserted where the motion of the axes is not uniform.
+    """
     arm, x = UrdfKinematics(cell), np.hstack([motion.q, motion.external])
     T = arm.compute_tcp_in_workpiece(motion.q, motion.external)
     known = np.flatnonzero(np.isfinite(motion.point))
@@ -221,7 +226,7 @@ def program(cell: Cell, motion: ExportedMotion, tolerance: ProgramTolerance) -> 
 
 
 def test_program_with_uniform_axis_motion_between_targets(made: Made, tmp_path: Path) -> None:
-    """Enough targets and it is the motion; without what lies between, the axes go another way than the motion's."""
+    """With enough inserted targets the program follows the motion; without them, the external axes deviate from it."""
     cell = made[0]
     verify_damaged(made, tmp_path)
     motion = read_motion(tmp_path / "trajectory.csv", cell)

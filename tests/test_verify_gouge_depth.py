@@ -1,4 +1,4 @@
-"""Cutter depth of the verifier: by hand, and against the independent planner."""
+"""Cutter depth of the verifier: computed by hand, and compared with the independent planner."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def mesh(folder: Path, made: trimesh.Trimesh) -> tuple[CollisionShape, CoalBody]
 def build_pose(x: float, y: float, z: float, tilt: float = 0.0) -> np.ndarray:
     T = np.eye(4)
     c, s = np.cos(tilt), np.sin(tilt)
-    T[:3, :3] = [[1, 0, 0], [0, -c, s], [0, -s, -c]]  # the TCP looks down
+    T[:3, :3] = [[1, 0, 0], [0, -c, s], [0, -s, -c]]  # the TCP points down
     T[:3, 3] = x, y, z
     return T
 
@@ -54,7 +54,7 @@ def test_points_cover_the_cutter(corner: float) -> None:
     r, h = np.hypot(x[:, 0], x[:, 1]), -x[:, 2]
     off = np.hypot(np.maximum(r - (0.006 - corner), 0.0), np.maximum(corner - h, 0.0)) - corner
     assert ((np.abs(off) < 1e-6) | (np.abs(r - 0.006) < 1e-9)).all()
-    # every point of the planner's rings has one near by
+    # every point of the planner's rings has a verifier point nearby
     rings = build_cutter_points(CutterGeometry(0.012, 0.03, corner))
     gap = np.array([np.linalg.norm(x - p, axis=1).min() for p in rings])
     assert gap.max() < 0.0016  # 1.5 steps of 1 mm
@@ -85,7 +85,7 @@ def test_depth_agrees_with_the_planner_on_a_part_with_a_pocket(tmp_path: Path) -
         [find_deepest_point(part, verification_build_cutter_points(cutter), row[None], LIMIT)[0] for row in T]
     )
     assert 5 < (ours > 0).sum() < 25
-    np.testing.assert_allclose(theirs, ours, atol=0.0011)  # points 1 and 1.25 mm apart
+    np.testing.assert_allclose(theirs, ours, atol=0.0011)  # the points are 1 and 1.25 mm apart
     np.testing.assert_array_equal(theirs[ours > 0.0012] > 0, True)
     np.testing.assert_array_equal(theirs[ours == 0] < 0.0012, True)
 
@@ -97,7 +97,7 @@ def test_only_cutting_moves_count_and_the_place_is_named() -> None:
     part: Any = body(coal.Box(0.2, 0.2, 0.05), build_pose(0, 0, -0.025))
     arm: Any = SimpleNamespace(cell=SimpleNamespace(tool=SimpleNamespace(cutter=cutter)))
     motion: Any = SimpleNamespace(describe_row=lambda n: f"sample {n}", point=np.linspace(0.0, 1.0, 40))
-    line: Any = SimpleNamespace()  # asked only where the path is shifted
+    line: Any = SimpleNamespace()  # used only if the path is shifted
 
     def found(fed: np.ndarray, gouge: float | None) -> list[VerificationCheck]:
         ride: Any = SimpleNamespace(tcp=tcp, tool=tcp, on_feed_move=fed, path_limit=2e-5)

@@ -1,4 +1,4 @@
-"""Batched kinematics of the verifier against pinocchio."""
+"""Batched kinematics of the verifier compared with pinocchio."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from machopt.verification.motion.kinematics.urdf_kinematics import UrdfKinematic
 
 CELLS = Path(__file__).resolve().parents[1] / "cells"
 SHIPPED = sorted(folder.name for folder in CELLS.iterdir() if (folder / "cell.yaml").is_file())
-ROUNDING = 1e-12  # m and entries of rotations: some dozens of products of size one, over metres
+ROUNDING = 1e-12  # m and entries of rotation matrices: some tens of products of size 1, over metres
 AROUND = """<link name="floor"/><link name="carriage"/><link name="turntable"/><link name="plate"/><link name="lamp"/>
 <joint name="rail" type="prismatic"><parent link="floor"/><child link="carriage"/><origin xyz="0.3 -0.2 0.1"
  rpy="0.4 -0.2 0.7"/><axis xyz="0.6 0 0.8"/><limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
@@ -35,8 +35,10 @@ AROUND = """<link name="floor"/><link name="carriage"/><link name="turntable"/><
 
 
 def one_by_one(cell: Cell, q: np.ndarray, external: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(S, J + 2, 4, 4) in world as Arm.placements has them, (S, 6, 3) axes in base_link, (S, 4, 4) base_link in world,
-    by pinocchio."""
+    """Compute with pinocchio what Arm.placements returns.
+
+    Return (S, J + 2, 4, 4) placements in world, (S, 6, 3) axes in base_link and (S, 4, 4) base_link in world.
+    """
     model = pin.buildModelFromUrdf(str(cell.urdf))
     data = model.createData()
     names = (*cell.arm_joints, *cell.external_joints)
@@ -119,7 +121,7 @@ def test_constant_pose_is_marked_or_refused(tmp_path: Path) -> None:
 
 
 def test_weight_of_a_tilting_gantry_follows_from_energy(tmp_path: Path) -> None:
-    """By the energy: m g times the height of the tool, the only mass, and its slope in each joint."""
+    """The torques equal the slope of m g times the height of the tool, the only mass, in each joint."""
     cell = external_cell(tmp_path, rail=True)
     text = cell.urdf.read_text().replace('name="rail" type="prismatic"', 'name="rail" type="revolute"')
     cell.urdf.write_text(text)
@@ -132,7 +134,7 @@ def test_weight_of_a_tilting_gantry_follows_from_energy(tmp_path: Path) -> None:
 
     steps = h * np.eye(6)
     slope = np.column_stack([(energy(q + step) - energy(q - step)) / (2 * h) for step in steps])
-    np.testing.assert_allclose(arm.compute_gravity_torque(q, e), -slope, atol=1e-4)  # 1 kJ to 15 digits over 2 h
+    np.testing.assert_allclose(arm.compute_gravity_torque(q, e), -slope, atol=1e-4)  # 1 kJ to 15 digits, divided by 2 h
     assert np.abs(arm.compute_gravity_torque(q, e) - arm.compute_gravity_torque(q, 0 * e)).max() > 10.0
 
 
@@ -149,7 +151,7 @@ def test_pairs_depend_on_the_joints_between_bodies(tmp_path: Path) -> None:
     cell = replace(external_cell(tmp_path, rail=True, table=True), obstacles=(post, clamp))
     found = names(cell)
     for pair in (
-        ("carriage_0", "post"),  # the rail drives it there
+        ("carriage_0", "post"),  # the rail moves the carriage into the post
         ("base_link_0", "post"),
         ("clamp", "post"),
         ("block", "post"),
@@ -163,14 +165,14 @@ def test_pairs_depend_on_the_joints_between_bodies(tmp_path: Path) -> None:
         assert frozenset(pair) in found, pair
     for pair in (("carriage_0", "base_link_0"), ("plate_0", "block"), ("plate_0", "clamp"), ("clamp", "block")):
         assert frozenset(pair) not in found, pair
-    hung = names(external_cell(tmp_path, table=True))  # the table is a child of base_link there
+    hung = names(external_cell(tmp_path, table=True))  # here the table is a child of base_link
     assert {frozenset(("plate_0", "link_1_0")), frozenset(("plate_0", "cutter"))} <= hung
     still = names(replace(external_cell(tmp_path), obstacles=(post,)))
     assert frozenset(("base_link_0", "post")) not in still
 
 
 def test_contacts_of_bodies_on_rail_and_table(tmp_path: Path) -> None:
-    """The carriage runs through a post between two samples; a clamp on the table through another."""
+    """The carriage passes through a post between two samples; a clamp on the table passes through another one."""
     post = CollisionShape(
         name="post", kind="box", size=(0.02, 0.02, 1.0), mesh=None, T_parent_shape=pose(0.1, 1.0, -0.3)
     )

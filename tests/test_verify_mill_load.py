@@ -1,4 +1,4 @@
-"""Mean milling load of the verifier against the closed form of the planner."""
+"""Mean milling load of the verifier compared with the closed form of the planner."""
 
 from __future__ import annotations
 

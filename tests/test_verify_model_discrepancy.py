@@ -42,7 +42,7 @@ LOOPS = tuple(f"{LOOP_COLUMN} {j}" for j in range(1, 7))
 
 
 def stiffness(*, counted: bool, geometric: bool = False) -> ArmStiffness:
-    """A file with a little of everything missing; ``geometric``: that counts what the load does to levers."""
+    """Return a file with every kind of discrepancy; ``geometric`` includes the effect of the load on the lever arms."""
     rng = np.random.default_rng(4)
     own = [f"term {n} {p}" for n, (_, count) in enumerate(TERMS) for p in range(count)]
     names = (*(f"joint {j}" for j in range(1, 7)), *own, *list_elastic_columns(), *list_gear_columns(), *LOOPS, LOADED)
@@ -105,7 +105,7 @@ ALONE = (
 
 @pytest.fixture(scope="module")
 def tilted_cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
-    """A spindle at an angle to the flange."""
+    """A cell with a spindle at an angle to the flange."""
     cell = small_job(tmp_path_factory.mktemp("tilted"), corner(), FREE).setup.cell
     T = build_transform(convert_vector_to_rotation(np.array([0.3, -0.5, 0.2])), np.array([0.05, 0.02, 0.25]))
     return replace(cell, tool=replace(cell.tool, T_flange_tcp=T))

@@ -1,4 +1,4 @@
-"""Peak force of a revolution, summed layer by layer, against exact integrals."""
+"""Peak force in a revolution, summed layer by layer, compared with exact integrals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from machopt.verification.motion.process.peak_load import GIVEN_SHARE, _cut_into
 
 @pytest.mark.parametrize("seed", range(12))
 def test_random_cutters_and_cuts(seed: int) -> None:
-    """Flat, bull-nose and ball; helix of both hands or none; run-out; up, down, slot; both spindle directions."""
+    """Flat, bull-nose and ball cutters; helix of either hand or none; run-out;
+    up, down, slot; both spindle directions."""
     rng = np.random.default_rng(seed)
     D, teeth = rng.uniform(6e-3, 25e-3), int(rng.integers(1, 6))
     corner = float(rng.choice([0.0, 0.1, 0.5])) * D

@@ -1,4 +1,4 @@
-"""Position error of measured poses in result.json against cell file and joint angles."""
+"""Position error of measured poses in result.json, recomputed from cell file and joint angles."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RIGHT: dict[str, Any] = {
 
 
 class Columns:
-    """points.csv of four points, joint 3 beyond at two of them; the last has no configuration."""
+    """points.csv of four points; joint 3 is outside its range at two of them, and the last has no configuration."""
 
     def __contains__(self, name: str) -> bool:
         return True

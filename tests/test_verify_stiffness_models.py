@@ -1,4 +1,4 @@
-"""Stiffness models of the verifier against those of the planner on any arm."""
+"""Stiffness models of the verifier compared with those of the planner on any arm."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ TERMS = {
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
-    """The small cell with a weight in every link, and base_link turned and tilted in the world."""
+    """The small cell with a mass in every link, and with base_link rotated and tilted in world."""
     made = small_cell(tmp_path_factory.mktemp("cell"))
     text = made.urdf.read_text()
     inertial = (
@@ -146,7 +146,7 @@ def poses(cell: Cell, n: int = 12) -> np.ndarray:
 
 @pytest.mark.parametrize("name", [*TERMS, "everything"])
 def test_every_term_of_a_stiffness_file_is_recomputed(cell: Cell, name: str) -> None:
-    """Small-load compliance, displacement under load and the paper's index, to rounding of 1e-9 of themselves."""
+    """Small-load compliance, displacement under load and the paper's index agree to a relative rounding of 1e-9."""
     terms = (
         (TERMS[name],)
         if name != "everything"
@@ -195,8 +195,8 @@ def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
     stiffness = ArmStiffness(joints=K, covariance=A @ A.T, grid=grid)
     arm, q = UrdfKinematics(cell), poses(cell, 20)
     position = rng.uniform(-1.5, 4.5, (20, 3))
-    position[3] = [2.0, 0.0, 1.0]  # a corner of all eight
-    position[4] = [2.0, 0.5, 0.3]  # a face of two
+    position[3] = [2.0, 0.0, 1.0]  # a corner of all eight cells
+    position[4] = [2.0, 0.5, 0.3]  # a face of two cells
     law = ComplianceModel(cell, arm, stiffness)
     soft = law.evaluate(arm.compute_configuration(q), position)
     theirs = ComplianceCovariance.build(stiffness, position)
@@ -208,14 +208,14 @@ def test_grid_and_uncertainty_are_recomputed(cell: Cell) -> None:
 
 @pytest.mark.parametrize("name", ["kr500_milling", "cutting_cobot", "irb6700_drilling"])
 def test_configuration_class_equals_that_of_the_solver(name: str) -> None:
-    """Branch and distance from the singularities of 200 random configurations."""
+    """The branch and the distance from the singularities agree for 200 random configurations."""
     cell = load_cell(CELLS / name)
     robot, arm = load_robot(cell), UrdfKinematics(cell)
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, 6))
     found = build_solver(robot).solve(robot.compute_fk(q))
     off = np.abs(np.angle(np.exp(1j * (found.q - q[:, None])))).max(axis=2)
     branch = np.where(np.isfinite(off), off, np.inf).argmin(axis=1)
-    rows = np.flatnonzero(off[np.arange(200), branch] < 1e-6)  # near a singularity some are found less exactly
+    rows = np.flatnonzero(off[np.arange(200), branch] < 1e-6)  # near a singularity some solutions are less exact
     assert len(rows) > 190
     placed = posture.compute_posture(arm.compute_configuration(q[rows]))
     assert placed.branch is not None
@@ -226,7 +226,7 @@ def test_configuration_class_equals_that_of_the_solver(name: str) -> None:
 
 
 def some_path(kind: str) -> Toolpath:
-    """A path that plunges, ramps, turns its axis, stops, drills; rapid moves in between."""
+    """Return a path that plunges, ramps, rotates its axis, stops and drills, with rapid moves in between."""
     rng = np.random.default_rng(11)
     n = 40
     position = np.cumsum(rng.normal(scale=0.01, size=(n, 3)), axis=0)
@@ -234,7 +234,7 @@ def some_path(kind: str) -> Toolpath:
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     axis[20:26] = axis[20]
     position[22] = position[21] - 0.02 * axis[21]  # a plunge
-    position[30] = position[29]  # a point twice
+    position[30] = position[29]  # a repeated point
     move = np.full(n, MoveKind.CUT, np.int8)
     move[[0, 8, 19, 33]] = MoveKind.RAPID
     move[[1, 34]] = MoveKind.APPROACH
@@ -260,7 +260,7 @@ def some_path(kind: str) -> Toolpath:
 
 @pytest.mark.parametrize("kind", ["travel", "given", "drilling"])
 def test_reference_direction_equals_that_of_the_planner(kind: str) -> None:
-    """gamma = 0 and the direction of travel at every point of a path."""
+    """gamma = 0 and the direction of travel agree at every point of a path."""
     toolpath = some_path(kind)
     path = build_planning_path(toolpath)
     known = reference_direction_module.compute_directions_at_points(toolpath)
@@ -269,17 +269,20 @@ def test_reference_direction_equals_that_of_the_planner(kind: str) -> None:
     tcp[:, :3, 0], tcp[:, :3, 2] = path.reference[at], -toolpath.axis
     apart = np.abs((known.compute_rotation_angle(tcp) - path.offset[at][:, None] + np.pi) % (2 * np.pi) - np.pi)
     assert np.nanmin(apart, axis=1).max() < 1e-9
-    for travel in (known.travel, path.travel[at]):  # else a stiffness across is not that along a unit vector
+    for travel in (known.travel, path.travel[at]):  # otherwise a lateral stiffness would not refer to a unit vector
         assert np.abs(np.einsum("ij,ij->i", travel, toolpath.axis)).max() < 1e-12
         np.testing.assert_allclose(np.linalg.norm(travel, axis=1), 1.0, atol=1e-12)
     cross = np.linalg.norm(np.cross(known.travel, path.travel[at]), axis=1)
     plain = np.isnan(known.second[:, 0])
-    assert cross[plain].max() < 0.02  # a plunge's travel is that of the next cut, seen along another axis
+    assert cross[plain].max() < 0.02  # the travel of a plunge is that of the next cut, projected along another axis
     assert (cross[plain] < 1e-12).mean() > 0.9
 
 
 def test_plunge_with_a_rotating_axis_agrees_with_the_planner() -> None:
-    """Straight down the axis, which tips sideways on the way: past its first degree the move says where it goes."""
+    """The tool plunges while its axis tilts sideways.
+
+    After the first degree of tilt, the move itself defines the direction of travel.
+    """
     corners = np.array([[0, 0, 0.04], [0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.2, 0, 0.04]])
     lean = np.array([[0, 0, 1], [0, 0.1, 1], [0.02, 0.1, 1], [0, 0.1, 1], [0, 0, 1.0]])
     toolpath = replace(
@@ -293,17 +296,18 @@ def test_plunge_with_a_rotating_axis_agrees_with_the_planner() -> None:
     path, known = build_planning_path(toolpath), reference_direction_module.compute_directions_at_points(toolpath)
     at = np.flatnonzero(path.is_point)
     across = np.abs(np.stack([np.einsum("ij,ij->i", v, path.travel[at]) for v in (known.travel, known.other)]))
-    assert np.nanmax(across, axis=0).min() > 1 - 1e-12  # one of the two is the planner's, at every point
+    assert np.nanmax(across, axis=0).min() > 1 - 1e-12  # at every point one of the two equals that of the planner
     low = np.maximum(np.ceil(path.index - 1e-9).astype(int) - 1, 0)
     there = reference_direction_module.interpolate_directions(toolpath, known, path.index, leaving=False)
     tcp = np.zeros((len(path.index), 4, 4))
     tcp[:, :3, 0], tcp[:, :3, 2] = path.reference, -path.axis
     apart = np.abs((there.compute_rotation_angle(tcp) - path.offset[at][low][:, None] + np.pi) % (2 * np.pi) - np.pi)
-    assert np.degrees(np.nanmin(apart, axis=1)[path.index > 0].max()) < 1.0  # the rest is the axis' own turn sideways
+    # the remaining difference is the sideways rotation of the axis
+    assert np.degrees(np.nanmin(apart, axis=1)[path.index > 0].max()) < 1.0
 
 
 def test_reference_between_points_is_that_of_the_previous_point() -> None:
-    """A long move between two rows with directions of their own, as robot programs give them."""
+    """A long move between two rows with different reference directions, as robot programs contain them."""
     base = some_path("travel")
     toolpath = replace(
         base,
@@ -325,7 +329,7 @@ def test_reference_between_points_is_that_of_the_previous_point() -> None:
 
 
 def test_missing_body_or_mass_is_named(cell: Cell, tmp_path: Path) -> None:
-    """Whatever a parser drops: the file itself is counted."""
+    """The elements of the file are counted, so an element that a parser drops is detected."""
 
     def told(old: str, new: str) -> list[str]:
         text = cell.urdf.read_text()

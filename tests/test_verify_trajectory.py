@@ -34,8 +34,8 @@ from machopt.verification.tables.exported_tables import read_motion
 
 CYCLE = 0.012
 FEED = 0.05  # m/s
-GAMMA = 180.0  # deg: TCP x looks against the travel, see solve()
-# A slot 10 mm deep, in over 40 mm and out again (m, in the workpiece frame on the block's top).
+GAMMA = 180.0  # deg: the x axis of the TCP is opposite to the travel, see solve()
+# A slot 10 mm deep: entry over 40 mm and retract (m, in the workpiece frame on top of the block).
 POINTS = np.array([[-0.1, 0, 0.04], [-0.1, 0, -0.01], [0, 0, -0.01], [0.1, 0, -0.01], [0.1, 0, 0.04]])
 MOVES = [MoveKind.RAPID, MoveKind.APPROACH, MoveKind.CUT, MoveKind.CUT, MoveKind.RETRACT]
 
@@ -60,7 +60,8 @@ def toolpath() -> Toolpath:
 
 
 def solve(robot: Robot, cell: Cell, tip: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Newton to the TCP at ``tip`` in the workpiece frame, pointing down, x along x of the workpiece mirrored."""
+    """Solve for the TCP at ``tip`` in the workpiece frame by Newton's method:
+    pointing down, x opposite to the workpiece's."""
     T = cell.workpiece.T_link_workpiece @ np.vstack([np.column_stack([np.diag([-1.0, 1, -1]), tip]), [0, 0, 0, 1]])
     for _ in range(30):
         now, J = robot.compute_fk_jacobian(q, cell.tool.T_flange_tcp)
@@ -73,7 +74,7 @@ def solve(robot: Robot, cell: Cell, tip: np.ndarray, q: np.ndarray) -> np.ndarra
 
 
 def build_correct_columns(cell: Cell) -> dict[str, list[object]]:
-    """Columns of a sound trajectory: home, rapid, down, cut, up, home."""
+    """Return the columns of a correct trajectory: home, rapid, down, cut, up, home."""
     robot = load_robot(cell)
     q = solve(robot, cell, POINTS[0], np.deg2rad([0, -60, 100, 0, 50, 0]))
     rapid = retime_straight_segments(np.array([cell.home, q]), cell.limits, 0.8, CYCLE)
@@ -109,7 +110,7 @@ def build_correct_columns(cell: Cell) -> dict[str, list[object]]:
 
 
 def points_table(table: dict[str, list[object]], cell: Cell) -> dict[str, list[object]]:
-    """What the planner's own model says of the points, in the words of its exporter."""
+    """Return the values of the planner's own model at the points, with the words of its exporter."""
     q = np.array([table[f"q{i}_deg"] for i in range(1, 7)], float).T
     s = np.array(table["point"], float)
     known = np.flatnonzero(np.isfinite(s))
@@ -228,7 +229,7 @@ def test_each_damage_is_detected(cell: Cell, table: dict[str, list[object]], tmp
     def failed(damage: Damage, **more: object) -> set[str]:
         return names(verify_damaged(cell, table, tmp_path, damage, **more))  # type: ignore[arg-type]
 
-    # 0.002° of joint 1 at 1.5 m radius is 52 µm of path.
+    # 0.002° of joint 1 at a radius of 1.5 m is 52 µm along the path.
     assert {"path", "joint jerk"} <= failed(shift("q1_deg", here, 0.002))
     assert {"tool axis"} <= failed(shift("q4_deg", slice(None), 0.1))
     assert failed(shift("time_s", here, 0.0001)) == {"uniform time"}
@@ -252,7 +253,7 @@ def test_each_damage_is_detected(cell: Cell, table: dict[str, list[object]], tmp
             if 2.2 < float(t["point"][n]) < 2.8:  # type: ignore[arg-type]
                 t["move"][n] = "link"
 
-    # both its ends are visited, the middle is not; and the file cuts there
+    # both end points are visited, the middle is not, although the file cuts there
     assert failed(lifted) == {"cut throughout", "moves of the samples"}
 
     def swapped(t: dict[str, list[object]]) -> None:
@@ -304,7 +305,7 @@ def test_gaps_are_accepted_only_where_allowed(cell: Cell, table: dict[str, list[
             t[f"q{i}_deg"][3] = np.nan
 
     assert "cutting points visited" in names(verify_damaged(cell, table, tmp_path, stop_early, given_up))
-    # the gap itself is allowed; that the tool goes there all the same, under another name, is not
+    # the gap itself is allowed; a motion to the omitted point, labelled as another kind of move, is not
     gap = PlanOptions(allow_gaps=True)
     failed = names(verify_damaged(cell, table, tmp_path, stop_early, given_up, gap))
     assert {"points given up are not driven", "moves of the samples", "points.csv status"} <= failed
@@ -328,12 +329,12 @@ def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_p
         kind="box",
         size=(0.02, 0.02, 0.08),
         mesh=None,
-        T_parent_shape=pose(0.05, 0.05, 0.04),  # beside the cutter, under the spindle
+        T_parent_shape=pose(0.05, 0.05, 0.04),  # next to the cutter, below the spindle
     )
     assert "boss ~ spindle" in hits(replace(cell, workpiece=replace(part, geometry=(*part.geometry, boss))))
     wall = CollisionShape(
         name="wall", kind="box", size=(0.02, 2.0, 2.0), mesh=None, T_parent_shape=pose(-0.5, 0.0, 1.5)
-    )  # behind: nothing moves there
+    )  # behind the robot, where nothing moves
     assert verify_damaged(replace(cell, obstacles=(*cell.obstacles, wall)), table, tmp_path).ok
     bulky = Tool(
         T_flange_tcp=cell.tool.T_flange_tcp,
@@ -346,7 +347,8 @@ def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_p
     assert "cabinet" in hits(replace(cell, tool=bulky))
 
     def rapid(t: dict[str, list[object]]) -> None:
-        t["move"] = ["rapid" if word == "retract" else word for word in t["move"]]  # the file leaves the slot at a feed
+        # the file leaves the slot with a feed move
+        t["move"] = ["rapid" if word == "retract" else word for word in t["move"]]
 
     assert {"moves of the samples", "in order"} <= names(verify_damaged(cell, table, tmp_path, rapid))
 
@@ -366,7 +368,7 @@ def test_contacts_are_detected(cell: Cell, table: dict[str, list[object]], tmp_p
 
 
 def test_contact_between_samples_is_detected(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
-    """A sheet thinner than one sample's way, placed between two samples of the rapid move."""
+    """A sheet thinner than one sample step is placed between two samples of the rapid move."""
     tcp = UrdfKinematics(cell).compute_tcp_in_workpiece(
         np.deg2rad(np.array([table[f"q{i}_deg"] for i in range(1, 7)], float).T), np.zeros((len(table["q1_deg"]), 0))
     )
@@ -407,7 +409,7 @@ def coal_distance(cell: Cell, arm: UrdfKinematics, q: np.ndarray, pair: Collisio
 
 @pytest.mark.parametrize("name", ["small", "kr210l150", "kr500_r2800_2"])
 def test_contacts_agree_with_the_collision_model_of_the_planner(tmp_path: Path, name: str) -> None:
-    """Two libraries, two bounds, one answer: random motions, the contacting pairs by name."""
+    """Two libraries and two bounds give the same contacting pairs for random motions."""
     cell = small_cell(tmp_path) if name == "small" else real_cell(tmp_path, name, meshes=True)
     robot, shapes = load_chain(cell)
     cell = replace(cell, limits=replace(cell.limits, lower=robot.lower, upper=robot.upper))
@@ -422,7 +424,8 @@ def test_contacts_agree_with_the_collision_model_of_the_planner(tmp_path: Path, 
         ours = model.check_motion(q, ~rapid, np.deg2rad(1))
         named = {c.pair for c in theirs}
         for n in np.flatnonzero(ours.hit):
-            if model.pairs[ours.pair[n]].name not in named:  # then it only grazes: our spheres are up to 0.7 % larger
+            # then the contact is marginal: the spheres of the planner are up to 0.7 % too large
+            if model.pairs[ours.pair[n]].name not in named:
                 where = q[0] + ours.row[n] / 7 * (q[7] - q[0])
                 assert coal_distance(cell, arm, where, model.pairs[ours.pair[n]]) < 0.09 * 0.007
         assert ours.any or not theirs
@@ -452,7 +455,7 @@ def test_unreadable_tables_are_refused(cell: Cell, table: dict[str, list[object]
 def test_cuts_give_the_material_level_without_a_mesh(
     cell: Cell, table: dict[str, list[object]], tmp_path: Path
 ) -> None:
-    """Right under a cut is material; beside it nobody knows, and that is said; over it is air."""
+    """Below a cut is material, above it is air; next to it the level is unknown, which is reported."""
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
     motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
@@ -471,13 +474,13 @@ def test_cuts_give_the_material_level_without_a_mesh(
     assert told((0.05, 0.0, -0.07)) == [("level of the cuts", False)]
     assert told((0.05, 0.1, -0.07)) == [("level of the cuts", True), ("level beside the cuts", None)]
     on = locate_samples(motion, path, every, path.position, tcp, PlanOptions())
-    assert check_cut_level(motion, path, on, cell) == []  # the mesh tells it
+    assert check_cut_level(motion, path, on, cell) == []  # the mesh defines the material
 
 
 def test_moves_from_and_to_home_remain_over_the_cuts(
     cell: Cell, table: dict[str, list[object]], tmp_path: Path
 ) -> None:
-    """They were not held at all; where the tip rests under a cut nothing can be held, which is told."""
+    """These moves were not checked; a tip at rest below a cut cannot be checked, which is reported."""
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
     motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()
@@ -497,14 +500,15 @@ def test_moves_from_and_to_home_remain_over_the_cuts(
     for row in (1, on_path[0] - 1, on_path[-1] + 1, last - 1):
         assert told(int(row), (0.05, 0.0, -0.07)) == [("level of the cuts", False)]
         assert told(int(row), (0.05, 0.0, 0.03)) == [("level of the cuts", True)]
-        assert told(int(row), (0.05, 0.1, -0.07)) == [("level of the cuts", True)]  # beside it nobody knows
+        # next to the cut the level is unknown
+        assert told(int(row), (0.05, 0.1, -0.07)) == [("level of the cuts", True)]
     for row in (0, last):
         expected = [("level of the cuts", True), ("level of moves from and to rest", None)]
         assert told(row, (0.05, 0.0, -0.07)) == expected
 
 
 def test_shifted_cut_is_left_at_its_end(cell: Cell, table: dict[str, list[object]], tmp_path: Path) -> None:
-    """Compensated by 0.6 mm downwards, a path without a mesh failed at the first sample of the way out."""
+    """A path without a mesh, compensated by 0.6 mm downwards, failed at the first sample of the retract."""
     bare = replace(cell, workpiece=replace(cell.workpiece, geometry=()))
     write(tmp_path / "trajectory.csv", table)
     motion, path = read_motion(tmp_path / "trajectory.csv", cell), toolpath()

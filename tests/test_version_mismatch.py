@@ -1,4 +1,4 @@
-"""A folder of another version is named as such when it fails."""
+"""A folder of another version is reported as such when it fails."""
 
 from __future__ import annotations
 

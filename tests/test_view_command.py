@@ -1,4 +1,4 @@
-"""``machopt view`` from the planner to the pointer: pins of the page equal those of a plan file."""
+"""``machopt view`` from the planner to the pointer: pins set on the page equal those of a plan file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.slow
 
 
 def ignore_progress(_: str) -> None:
-    """No progress."""
+    """Ignore the progress."""
 
 
 def job(folder: Path, *overrides: str) -> OptimizeRequest:
@@ -58,7 +58,7 @@ def test_session_pins_compares_restores_and_saves(tmp_path: Path) -> None:
         {"fixed": [{"point": 6, "gamma_deg": want}], "steer": [], "external": {}}, ignore_progress
     )
     assert (shown, message.startswith("Planned in")) == (True, True)
-    assert gammas(session)[6] == pytest.approx(want, abs=0.25)  # deg; as verify holds it
+    assert gammas(session)[6] == pytest.approx(want, abs=0.25)  # deg; tolerance of verify
     assert session.list_wishes()["fixed"] == [{"point": 6, "gamma_deg": want}]
     assert '"name":"before"' in session.build_html()
     session.save_plan_file()
@@ -66,7 +66,7 @@ def test_session_pins_compares_restores_and_saves(tmp_path: Path) -> None:
         load_optimize_inputs(OptimizeRequest(**{**vars(job(tmp_path)), "plan_file": session.file})),
         session.current.timings,
     )
-    for name in ("phi", "q", "branch"):  # to the bit, whatever the session lent its plans
+    for name in ("phi", "q", "branch"):  # equal to the last bit, whatever results the session reused
         mine, own = (getattr(m.plan.chosen.assignment, name) for m in (session.current.job_result, again.job_result))
         np.testing.assert_array_equal(mine, own)
     session.swap_plans()
@@ -100,7 +100,7 @@ def test_verified_state_remains_until_another_plan_is_shown(tmp_path: Path) -> N
     retained = session.current
     assert '"verified":{' in session.build_html()
     assert session.replan(nothing, ignore_progress)[1]
-    assert session.current is retained  # nothing was planned again
+    assert session.current is retained  # nothing is planned again
     assert session.previous is None
     pin = {**nothing, "fixed": [{"point": 6, "gamma_deg": round(gammas(session)[6] + 15, 1)}]}
     assert session.replan(pin, ignore_progress)[1]
@@ -121,7 +121,7 @@ def test_dragging_a_handle_shows_angle_deflection_and_state(tmp_path: Path) -> N
         browser.script("document.getElementById('rotation').scrollIntoView()")
         dots = browser.script(DOTS)
         points = browser.script("DATA.map.point.filter(p => Math.abs(p - Math.round(p)) < 1e-6).length")
-        assert len(dots) == points  # a handle each
+        assert len(dots) == points  # one handle per point
         x, y, point = dots[len(dots) // 2]
         mouse, observed = browser.page.mouse, []
         mouse.move(x, y)
@@ -140,7 +140,7 @@ def test_dragging_a_handle_shows_angle_deflection_and_state(tmp_path: Path) -> N
         assert len(set(observed)) == 3
         mouse.up()
         assert browser.script("document.getElementById('save').disabled")
-        browser.page.click(".wish + button")  # taken away again: the plan shown is the one wished for
+        browser.page.click(".wish + button")  # removed again: the displayed plan is the requested one
         assert not browser.script("document.getElementById('save').disabled")
         assert browser.script("document.getElementById('status-message').textContent").startswith("Planned in")
         assert browser.complaints == []
@@ -183,7 +183,7 @@ def test_optimize_first_reports_contradicting_pins(tmp_path: Path, capsys: pytes
 
 
 def drive_page(server: PageServer, drive: Callable[[Browser], None]) -> None:
-    """Do what the page asks while ``drive`` plays the user in a browser; what it found wrong is raised here."""
+    """Execute the requests of the page while ``drive`` acts as the user in a browser; its errors are raised here."""
     failed: list[BaseException] = []
     over = threading.Event()
 
@@ -232,7 +232,8 @@ def test_point_dragged_on_the_map_is_pinned_planned_and_saved(tmp_path: Path) ->
         browser.drag((x, y), (x, y + 24))
         message = browser.script("document.querySelector('.wish').textContent")
         assert message.startswith(f"point {point}: γ ")
-        assert browser.script("document.getElementById('save').disabled")  # it would not be what is shown
+        # the saved plan would differ from the displayed one
+        assert browser.script("document.getElementById('save').disabled")
         before = browser.script(CURVE)
         with browser.loading():
             browser.page.click("#replan")
@@ -307,7 +308,7 @@ def test_command_ends_with_ctrl_c() -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # a shell starts background jobs with SIGINT ignored, and children inherit that
+        # a shell starts background jobs with SIGINT ignored, and child processes inherit that
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL) and None,  # noqa: PLW1509
     ) as process:
         try:
@@ -320,7 +321,7 @@ def test_command_ends_with_ctrl_c() -> None:
             assert process.wait(timeout=30) == 0
             assert "Traceback" not in process.stderr.read()
         finally:
-            process.kill()  # one that does not end would be waited for, without end
+            process.kill()  # a process that does not end would block the test
 
 
 def test_invalid_port_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,7 +38,7 @@ def test_cell_and_toolpath_are_found_after_moving_the_folders(job: tuple[Path, F
 
 def test_file_with_the_same_name_and_other_content_is_rejected(job: tuple[Path, FolderManifest]) -> None:
     out, manifest = job
-    (out.parents[1] / "part.csv").write_text("x_mm\n2\n")  # as long as it was
+    (out.parents[1] / "part.csv").write_text("x_mm\n2\n")  # same length as before
     found = locate_inputs(out, manifest)
     assert found.toolpath is None
     assert found.missing == ("toolpath part.csv",)

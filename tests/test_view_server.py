@@ -1,4 +1,4 @@
-"""Server of ``machopt view``: local, and only with the token."""
+"""Server of ``machopt view``: local access only, and only with the token."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def serve_page(
 def ask(
     server: PageServer, method: str, path: str, body: str | None = None, **headers: str
 ) -> tuple[int, str, dict[str, str]]:
-    """Status, text and headers of an answer; ``path`` behind the token unless it begins with a slash."""
+    """Return status, text and headers of a response; the token precedes ``path`` unless it begins with a slash."""
     connection = http.client.HTTPConnection(HOST, server.port, timeout=10)
     try:
         where = path if path.startswith("/") else f"/{server.token}/{path}"
@@ -66,7 +66,8 @@ def test_nothing_is_served_without_the_token(path: str) -> None:
 
 
 def test_other_hosts_and_origins_are_refused() -> None:
-    """A name that leads to 127.0.0.1 brings a page of others here, with its own name as host (DNS rebinding)."""
+    """A host name that resolves to 127.0.0.1 lets a foreign page send requests
+    with its own host name (DNS rebinding)."""
     with serve_page(lambda *_: DONE) as server:
         for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1", f"127.0.0.1:{server.port + 1}", ""):
             assert ask(server, "GET", "", Host=host)[0] == 403
@@ -83,13 +84,15 @@ def test_invalid_requests_are_refused() -> None:
         assert ask(server, "POST", "plan", "[1]", Content_Type=json_)[0] == 400
         assert ask(server, "POST", "plan", "{", Content_Type=json_)[0] == 400
         assert ask(server, "POST", "plan", "[" * 100_000, Content_Type=json_)[0] == 400
-        assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length="\xb2")[0] == 413  # a digit to str
+        # str.isdigit() accepts this character
+        assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length="\xb2")[0] == 413
         assert ask(server, "POST", "other", "{}", Content_Type=json_)[0] == 404
         assert ask(server, "POST", "plan", "", Content_Type=json_, Content_Length=str(MAX_REQUEST_BYTES + 1))[0] == 413
 
 
 def test_requests_are_executed_one_at_a_time() -> None:
-    """One thing at a time; the page is made anew where what it shows has changed."""
+    """A second request during execution is refused with status 409;
+    the page is rebuilt after a change of its content."""
     pages = iter(["first", "second", "third"])
     doers: list[int] = []
 
@@ -124,6 +127,6 @@ def test_waiting_requests_are_released_at_the_end() -> None:
             target=lambda: found.append(ask(server, "POST", "plan", "{}", Content_Type="application/json")[0])
         )
         page.start()
-        server.wait_for_action()  # it is waiting for its answer now
+        server.wait_for_action()  # the page waits for the response now
     page.join()
     assert found == [409]

@@ -1,4 +1,4 @@
-"""Search that first ignores whole turns, against the turn-resolved search."""
+"""Search that first ignores whole turns, compared with the turn-resolved search."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ RANGES = (100.0, 185.0, 300.0, 350.0, 400.0, 540.0, 720.0)  # ± deg
 
 
 def random_grid(rng: np.random.Generator) -> SequenceGrid:
-    """Joints that wander across their turns, ranges of all kinds, rapid moves, some turns gone by themselves."""
+    """Return joints that vary across their turns, all kinds of ranges, rapid moves, and some infeasible turns."""
     S, R, B = (int(n) for n in (rng.integers(2, 8), rng.integers(3, 6), rng.integers(1, 3)))
     half = np.radians(rng.choice(RANGES, 6))
-    half[[0, 3, 4]] = np.radians(170.0)  # else there are too many turns for a quick test
+    half[[0, 3, 4]] = np.radians(170.0)  # otherwise there are too many turns for a quick test
     origin, turns = choose_angle_origin(-half, half)
     drift = np.cumsum(rng.normal(0, 0.7, (S, 1, 1, 6)), axis=0)
     q = np.array(wrap_angle(drift + rng.uniform(-3, 3, (1, 1, B, 6)) + rng.normal(0, 0.3, (S, R, B, 6))))
@@ -69,7 +69,7 @@ def grid_of(
 
 
 def forbid_motion(edges: ForbiddenTransitions, s: int, u: int, v: int, T: int) -> ForbiddenTransitions:
-    """The way from vertex u to every turn of v, as the search strikes ways out."""
+    """Forbid the transition from vertex u to every turn of v, as the search does."""
     rows = np.full(T, s), np.full(T, u), v * T + np.arange(T)
     return edges.plus(*(x.astype(np.int32) for x in rows))
 
@@ -92,7 +92,7 @@ def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
         mask = c.feasible.copy()
         for end in (0, -1):
             left = np.argwhere(mask[end])
-            if len(left) and rng.random() < 0.5:  # as where the rest of the path keeps its vertices
+            if len(left) and rng.random() < 0.5:  # as where the rest of the path has fixed vertices
                 mask[end] = False
                 mask[(end, *left[rng.integers(len(left))])] = True
         some = mask.any(axis=3)
@@ -105,7 +105,7 @@ def test_answer_equals_the_search_with_separate_turns(seed: int) -> None:
         assert (broken == told_apart[3]).all()
         assert free.value == pytest.approx(told_apart[1], abs=1e-9)
         assert ((free.vertex[:, 0] >= 0) == (told_apart[0][:, 0] >= 0)).all()
-        assert reached is not None or not broken.any()  # what is behind a break is told from it
+        assert reached is not None or not broken.any()  # the part after a break is determined from it
         unbroken += reached is None
         vertex, value, stop, *_ = part.solve(whole, 1e300)
         got = part.below(mask, some, allowed, 1e300)
@@ -124,7 +124,7 @@ def test_motion_is_forbidden_in_every_turn_only_if_no_turn_remains() -> None:
     one = forbid_motion(ForbiddenTransitions.none(), 1, 0, 0, 2)  # turn 0 to both turns
     assert not len(one.in_every_turn(feasible))
     assert len(forbid_motion(one, 1, 1, 0, 2).in_every_turn(feasible)) == 1
-    feasible[0, 0, 0, 0] = False  # the forbidden turn is gone by itself, the other one still leads on
+    feasible[0, 0, 0, 0] = False  # the forbidden turn is infeasible anyway; the other one is still usable
     assert not len(one.in_every_turn(feasible))
 
 
@@ -151,7 +151,7 @@ def test_closed_motion_is_forbidden_turn_by_turn(seed: int) -> None:
 
 
 def test_equal_sequences_use_no_unnecessary_turns() -> None:
-    """Free travel: only the turns tell the sequences apart."""
+    """Travel has no cost: only the turns distinguish the sequences."""
     half = np.radians(np.full(6, 100.0))
     half[3] = np.radians(350.0)
     origin, turns = choose_angle_origin(-half, half)

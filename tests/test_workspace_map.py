@@ -1,4 +1,4 @@
-"""Maps against pinocchio and finite differences, symmetry, structure of the papers, refusals."""
+"""Maps compared with pinocchio and finite differences; symmetry, structure of published figures, refusals."""
 
 from __future__ import annotations
 
@@ -97,7 +97,8 @@ def postures(n: int, seed: int = 0) -> np.ndarray:
 
 
 def numeric_jacobian(cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
-    """Pose in base_link and Jacobian of the TCP, by central differences of pinocchio's forward kinematics."""
+    """Return the pose in base_link and the Jacobian of the TCP, by central differences
+    of pinocchio's forward kinematics."""
     arm, step = PinocchioArm(cell), 1e-5
     T_base_world = invert_transform(cell.T_world_base)
 
@@ -113,7 +114,7 @@ def numeric_jacobian(cell, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # t
     return T, J
 
 
-# --- the table against independent computation ---------------------------------------------------------------
+# --- the table compared with an independent computation ------------------------------------------------------
 
 
 def test_slice_agrees_with_pinocchio(tmp_path: Path, cell) -> None:  # type: ignore[no-untyped-def]
@@ -126,7 +127,7 @@ def test_slice_agrees_with_pinocchio(tmp_path: Path, cell) -> None:  # type: ign
     for row in found[::7]:
         value = {name: float(text) for name, text in row.items() if re.fullmatch(r"-?\d+(\.\d+)?(e-?\d+)?", text)}
         T, J = numeric_jacobian(cell, np.radians([value[f"q{i}_deg"] for i in range(1, 7)]))
-        # joints carry six decimals of a degree: 2e-8 rad over 3 m
+        # joints have six decimals of a degree: 2e-8 rad over 3 m
         np.testing.assert_allclose(T[:3, 3] * 1e3, [value[f"{c}_mm"] for c in "xyz"], atol=2e-4)
         np.testing.assert_allclose(-T[:3, 2], np.array([0.2, 0, 1]) / np.hypot(0.2, 1), atol=1e-6)
         np.testing.assert_allclose(-T[:3, 2], [value[c] for c in "ijk"], atol=2e-6)
@@ -146,7 +147,8 @@ def test_slice_agrees_with_pinocchio(tmp_path: Path, cell) -> None:  # type: ign
         }
         N = np.diag([1 / 0.6] * 3 + [1.0] * 3) @ J
         expected["dexterity"] = 6 / np.sqrt(np.trace(N.T @ N) * np.trace(np.linalg.inv(N.T @ N)))
-        for name, number in expected.items():  # differences with 1e-5 rad err by about 1e-9 of J, times its condition
+        # differences with 1e-5 rad have an error of about 1e-9 of J, times its condition number
+        for name, number in expected.items():
             assert value[name] == pytest.approx(number, rel=2e-5), name
         soft = np.array([value[f"soft_{c}"] for c in "ijk"])
         assert soft @ tt @ soft == pytest.approx(np.linalg.eigvalsh(tt)[2], rel=1e-5)
@@ -187,12 +189,12 @@ def test_additional_terms_are_included(cell, setting: MapSettings) -> None:  # t
     v, bare = evaluate_quantities(soft, q).value, evaluate_quantities(setting, q).value
     np.testing.assert_allclose(v["k_y"], 1 / C[:, 1, 1], rtol=1e-9)
     np.testing.assert_allclose(v["k_min"], 1 / np.linalg.eigvalsh(C[:, :3, :3])[:, 2], rtol=1e-6)
-    np.testing.assert_allclose(v["held_y"], np.linalg.inv(C)[:, 1, 1], rtol=1e-5)  # condition of C, 1e8
+    np.testing.assert_allclose(v["held_y"], np.linalg.inv(C)[:, 1, 1], rtol=1e-5)  # condition number of C: 1e8
     assert (v["k_min"] < bare["k_min"]).all()
 
 
 def test_workpiece_frame_gives_equivalent_fields(tmp_path: Path) -> None:
-    """The KR500's workpiece frame is turned by 90° about z: its x is the base's y."""
+    """The workpiece frame of the KR500 is rotated by 90° about z: its x axis is the y axis of the base."""
     kr500 = CELLS / "kr500_milling"
     cell = load_cell(kr500)
     common = {"length": 600.0, "collision": "none", "fixed_rotation": True, "steps": ("100",)}
@@ -214,7 +216,11 @@ def test_workpiece_frame_gives_equivalent_fields(tmp_path: Path) -> None:
 
 
 def test_dexterity_has_the_two_dark_lines_of_dumas2011_figure_3b(tmp_path: Path, arm: ReachingArm) -> None:
-    """Stretched or folded arm: a horizontal line; wrist centre on axis 1: an oblique one. Zero there, better beside."""
+    """Dexterity is zero on two lines: horizontal for the stretched or folded arm, oblique for the wrist centre on axis
+    1.
+
+    It is larger on either side of them.
+    """
     make_map(tmp_path / "j", joints="a2,a3", q="a1=0,a4=45,a5=45,a6=45", steps=("2",), length=600.0, collision="none")
     table = rows(tmp_path / "j" / "map.csv")
     a2, a3 = np.unique([float(r["q2_deg"]) for r in table]), np.unique([float(r["q3_deg"]) for r in table])
@@ -226,20 +232,21 @@ def test_dexterity_has_the_two_dark_lines_of_dumas2011_figure_3b(tmp_path: Path,
     centre = np.einsum("mij,j->mi", poses[:, 3, :3, :3], wrist) + poses[:, 3, :3, 3]
     shoulder, elbow = (np.einsum("mij,j->mi", poses[:, i, :3, :3], r.point[i]) + poses[:, i, :3, 3] for i in (1, 2))
     upper, fore = elbow - shoulder, centre - elbow
-    fold = np.cross(upper, fore)[:, 1].reshape(dexterity.shape)  # zero: stretched or folded
-    off = centre[:, 0].reshape(dexterity.shape)  # zero: on axis 1 (q1 = 0, everything in the xz plane)
+    fold = np.cross(upper, fore)[:, 1].reshape(dexterity.shape)  # zero: arm stretched or folded
+    off = centre[:, 0].reshape(dexterity.shape)  # zero: wrist centre on axis 1 (q1 = 0, all points in the xz plane)
     for signed in (fold, off):
         change = np.argwhere(np.sign(signed[:, 1:]) != np.sign(signed[:, :-1]))
         assert len(change) > 20
         near = np.minimum(dexterity[change[:, 0], change[:, 1]], dexterity[change[:, 0], change[:, 1] + 1])
-        # at most one step of 2° from the line, where the index grows linearly with slope of about 1 per rad
+        # at most one step of 2° from the line; the index increases linearly with a slope of about 1 per rad
         assert near.max() < 0.035
     assert np.ptp(a3[np.argwhere(np.sign(fold[:, 1:]) != np.sign(fold[:, :-1]))[:, 1]]) == 0.0  # horizontal
     assert np.median(dexterity) > 0.15
 
 
 def test_load_influence_is_as_small_as_in_dumas2011_section_3_2(setting: MapSettings) -> None:
-    """ν_p ≤ 0.016 and ν_r ≤ 0.025° under its wrench, wrist at 45°; our cell has another tool, hence the factor 2."""
+    """ν_p ≤ 0.016 and ν_r ≤ 0.025° for the paper's wrench, wrist at 45°;
+    our cell has another tool, hence the factor 2."""
     load = MapLoad(np.array([0, 0, -2000.0, 200.0, 200.0, 0]), "frame")
     a2, a3 = np.meshgrid(np.radians(np.arange(-140, 1, 10.0)), np.radians(np.arange(-120, 156, 10.0)))
     wrist = np.broadcast_to(np.radians([45.0] * 3), (a2.size, 3))
@@ -249,7 +256,7 @@ def test_load_influence_is_as_small_as_in_dumas2011_section_3_2(setting: MapSett
     assert np.degrees(v["nu_r"]).max() < 2 * 0.025
 
 
-# --- choosing postures ---------------------------------------------------------------------------------------
+# --- choice of configurations -------------------------------------------------------------------------------
 
 
 def test_turns_joint_by_joint_equal_all_combinations(arm: ReachingArm) -> None:
@@ -292,7 +299,7 @@ def test_every_pick_equals_brute_force_over_all_configurations(arm: ReachingArm,
                         {"best": v.max(), "worst": v.min(), "home": v[np.argmin(far[m, r, known])]}.get(str(pick), v[0])
                     )
             assert p.ok[m] == bool(per_rotation)
-            if per_rotation:  # equal within 1e-6 counts as equal, so the choice may be worse by that
+            if per_rotation:  # values within 1e-6 count as equal, so the choice may be worse by that
                 assert goodness(p.q[m : m + 1])[0] == pytest.approx(max(per_rotation), rel=2e-6)
         if pick == 3:
             assert set(p.branch[p.ok].tolist()) == {3}
@@ -331,7 +338,7 @@ def test_shown_configurations_are_free_and_collides_means_none_is(cell, arm: Rea
     both = free.ok & blind.ok
     assert (goodness(free.q[both]) <= goodness(blind.q[both]) * (1 + 2e-6)).all()
     moved = np.flatnonzero(both & (np.abs(free.q - blind.q).max(axis=1) > 1e-9))
-    assert len(moved)  # some places were saved by their second best
+    assert len(moved)  # some positions use their second-best configuration
     assert collides(blind.q[moved]).all()
 
 
@@ -379,7 +386,8 @@ def test_line_has_gaps_outside_the_reach_and_marks_jumps(arm: ReachingArm, setti
     assert p.ok[0]
     assert p.reason[-1] == InfeasibilityReason.UNREACHABLE
     assert p.shortfall[-1] > 0.3
-    coarse = build_tool_poses(np.array([[1.4, -1.4, 0.8], [1.4, 1.4, 0.8]]), DOWN, np.zeros(1))  # joint 1 turns by 90°
+    # joint 1 rotates by 90°
+    coarse = build_tool_poses(np.array([[1.4, -1.4, 0.8], [1.4, 1.4, 0.8]]), DOWN, np.zeros(1))
     jumped = track_branches(arm, coarse, np.zeros(1), goodness, "best")
     assert jumped.reason.tolist() == [InfeasibilityReason.OK, InfeasibilityReason.NO_PATH]
     assert np.nanmin(np.abs(np.diff(compute_candidates(arm, coarse).q[:, :, 0], axis=0))) > MAX_JOINT_STEP
@@ -401,7 +409,7 @@ def test_idw_is_exact_at_its_data_and_bounded_by_them() -> None:
         assert (away.value <= values.max(axis=0) + 1e-12).all()
     nearest = np.argmin(np.linalg.norm(query[:, None] - points, axis=2), axis=1)
     np.testing.assert_allclose(interpolate_idw(points, values, query, 2.0, 1).value, values[nearest])
-    # by hand: distances 1 and 3 with power 2 weigh 9 : 1
+    # by hand: the weights for the distances 1 and 3 with power 2 are 9 : 1
     two = interpolate_idw(np.array([[0.0, 0, 0], [4.0, 0, 0]]), np.array([[10.0], [20.0]]), np.array([[1.0, 0, 0]]))
     assert two.value[0, 0] == pytest.approx(11.0, rel=1e-14)
     twice = interpolate_idw(np.zeros((2, 3)), np.array([[1.0], [3.0]]), np.zeros((1, 3)))
@@ -434,12 +442,13 @@ def test_leave_one_out_predicts_each_reading_from_the_others() -> None:
 
 
 def joint_from_tip_stiffness(J: np.ndarray, K_e: np.ndarray) -> np.ndarray:
-    """K_θ = Jᵀ K_e J, the stiffness of the tip seen from the joints.
+    """K_θ = Jᵀ K_e J, the stiffness of the tip in joint coordinates.
 
-    With the whole 6×6 stiffness of an arm with joint springs this gives those springs back on the diagonal. With
-    measured directional stiffness only, K_e = diag(k_x, k_y, k_z, 0, 0, 0), it does not: force over displacement
-    along an axis is 1/C_xx and no entry of K, the rank is at most three, and the result is a full matrix that changes
-    with the posture. Use it to compare, never as joint stiffness for planning (``machopt identify`` finds that).
+    For the full 6×6 stiffness of an arm with joint springs, the diagonal contains these springs. For measured
+    directional stiffness only, K_e = diag(k_x, k_y, k_z, 0, 0, 0), it does not: force over displacement along an axis
+    is 1/C_xx and not an entry of K, the rank is at most three, and the result is a full matrix that changes with the
+    configuration. Use it for comparison only, never as joint stiffness for planning (``machopt identify`` determines
+    that).
 
     Args:
         J: (..., 6, 6), linear part first.
@@ -459,7 +468,8 @@ def test_joint_stiffness_from_the_tcp_requires_the_whole_matrix(setting: MapSett
     at = setting.evaluate_states(q)
     J, k = at.state.J, at.elasticity.k
     whole = np.linalg.inv(at.compliance)
-    np.testing.assert_allclose(joint_from_tip_stiffness(J, whole), k[..., None] * np.eye(6), atol=1e-3)  # of 1e6
+    # of 1e6 N·m/rad
+    np.testing.assert_allclose(joint_from_tip_stiffness(J, whole), k[..., None] * np.eye(6), atol=1e-3)
     measured = np.stack([1.0 / at.elasticity.compute_compliance_along(at.compute_axis(c)) for c in range(3)], axis=-1)[
         ..., None
     ] * np.eye(3)
@@ -492,8 +502,9 @@ def test_measured_table_is_shown_beside_the_model(tmp_path: Path, arm: ReachingA
     )
     message = json.loads((tmp_path / "m" / "map.json").read_text(encoding="utf-8"))["measured"]
     assert message["readings"] == 12
-    assert message["relative_error"]["kx"]["model_rms"] < 1e-6  # the readings are the model's own, to printed digits
-    assert message["relative_error"]["kx"]["left_out_rms"] > 0.01  # postures differ: places alone cannot tell
+    assert message["relative_error"]["kx"]["model_rms"] < 1e-6  # the readings are those of the model, to printed digits
+    # the configurations differ: interpolation by position alone cannot predict the readings
+    assert message["relative_error"]["kx"]["left_out_rms"] > 0.01
     found = rows(tmp_path / "m" / "map.csv")
     assert {r["measured_hull"] for r in found} == {"inside", "outside"}
     least, most = v["k_x"].min() * 1e-3, v["k_x"].max() * 1e-3
@@ -527,7 +538,7 @@ def test_even_steps_and_trimmed_ranges() -> None:
 
 @pytest.mark.proof
 def test_default_range_contains_everything_reachable(tmp_path: Path) -> None:
-    """A much larger slice, at the same spacing, finds nothing outside."""
+    """A much larger slice with the same spacing contains no reachable point outside the default range."""
     common = {"steps": ("100",), "length": 600.0, "collision": "none", "rotation_step": 60.0}
     usual = make_map(tmp_path / "d", **common)
     x, z = usual.result.to_json_types()["axes"]
@@ -738,7 +749,7 @@ def test_earlier_map_is_replaced_completely(tmp_path: Path) -> None:
 
 
 def test_discrepancies_of_the_stiffness_file_are_reported(tmp_path: Path) -> None:
-    """A misfit, and axes beside the arm that give: in map.json and on the page."""
+    """A misfit and compliant axes in addition to the arm are reported in map.json and on the page."""
     folder = external_folder(tmp_path, rail=True)
     file = folder / "stiffness.yaml"
     file.write_text(
@@ -760,4 +771,4 @@ def test_discrepancies_of_the_stiffness_file_are_reported(tmp_path: Path) -> Non
     rigid = replace(setting, external_compliance=None)
     q = np.array([[0.2, -1.0, 1.1, 0.1, 0.8, 0.0]])
     more = setting.evaluate_states(q).translational_compliance[0] - rigid.evaluate_states(q).translational_compliance[0]
-    assert np.allclose(more, np.diag([0.0, 1.0 / 2e6, 0.0]), rtol=1e-9, atol=1e-15)  # the rail slides along y
+    assert np.allclose(more, np.diag([0.0, 1.0 / 2e6, 0.0]), rtol=1e-9, atol=1e-15)  # the rail moves along y

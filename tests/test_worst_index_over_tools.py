@@ -1,4 +1,4 @@
-"""Worst index of a job with tool changes: against every limit, and against separate choices."""
+"""Worst index of a job with tool changes: compared with every limit, and with separate choices."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _groove(folder: Path, name: str, y: float, length: float) -> Path:
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Plan]:
-    """A long groove with a short tool, and a short one at the table's end with a long tool, each for itself."""
+    """A long groove with a short tool, and a short one at the end of the table with a long tool, planned separately."""
     folder = tmp_path_factory.mktemp("together")
     cell = replace(small_cell(folder), stiffness=ArmStiffness(joints=np.array([2.0, 2.0, 1.5, 0.5, 0.4, 0.3]) * 1e6))
     far = cell.tool.T_flange_tcp.copy()
@@ -58,7 +58,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Plan]:
 
 
 def _values(one: Plan, cap: float) -> float:
-    """The rest of the objective of the cheapest sequence under a cap."""
+    """Return the rest of the objective of the cheapest sequence under a cap."""
     assert one.found is not None
     grid = SequenceGrid.build(one.path, one.candidates, one.scores, one.setup.cell.limits.velocity[:6], one.options)
     found = grid.capped(one.found.edges)
@@ -99,7 +99,7 @@ def test_combined_choice_is_never_worse_than_separate_ones(alone: list[Plan]) ->
     assert new.gap < old.gap
     assert all(p.options == q.options for p, q in zip(plans, alone, strict=True))
     w = alone[0].options.weights.worst
-    for p in plans:  # told in the user's prices
+    for p in plans:  # expressed in the user's weights
         o, assignment = p.chosen.objective, p.chosen.assignment
         own = rescore_plan(p, assignment).chosen.objective
         assert (own.total, own.worst) == pytest.approx((o.total, o.worst))
@@ -136,7 +136,7 @@ def test_break_of_a_segment_names_its_ends(alone: list[Plan]) -> None:
 
 
 def build_segment_plan(total: float, worst: float) -> Plan:
-    """As much of a plan as its price."""
+    """Return the part of a plan that its cost needs."""
     objective = SimpleNamespace(total=total, worst=worst)
     return cast(Plan, SimpleNamespace(chosen=SimpleNamespace(objective=objective)))
 
@@ -163,8 +163,8 @@ def test_segment_under_a_limit_is_solved_once() -> None:
 
     one = module._Stretch(WorstLimitedSequence(np.empty((0, 3), np.int32), 5.0, 2.0), 0.5, solve)
     assert one.under(2.5, 6.0) is one.free
-    assert one.under(2.5, 5.0) is None  # no better than what is known
-    assert one.under(0.4, 99.0) is None  # below what any sequence has
+    assert one.under(2.5, 5.0) is None  # not better than the known sequence
+    assert one.under(0.4, 99.0) is None  # below the minimum of any sequence
     assert one.under(1.0, 6.0) is None
     found = one.under(1.0, 8.0)
     assert found is not None

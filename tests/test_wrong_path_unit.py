@@ -1,4 +1,4 @@
-"""A path read in the wrong unit is refused with the option that says the right one."""
+"""A path read in the wrong unit is refused with the option for the correct one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ROWS = ((-0.1, 0.0, 0.04, "rapid"), (-0.1, 0.0, 0.0, "cut"), (0.1, 0.0, 0.0, "cu
 
 
 def table(folder: Path, per_metre: float) -> Path:
-    """The same corner of 200 mm × 100 mm, its numbers in any unit."""
+    """The same corner of 200 mm × 100 mm, with numbers in any unit."""
     lines = ["x,y,z,i,j,k,move"]
     for x, y, z, move in ROWS:
         numbers = ",".join(f"{v * per_metre:.9f}" for v in (x, y, z))
@@ -40,7 +40,7 @@ def test_other_unit_is_suggested(
 
 
 def test_path_partly_in_reach_is_planned_with_a_question(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A large part may well be meant: 5 m here, of which the arm reaches some."""
+    """A large part is possible: here 5 m, of which the arm reaches a part."""
     options = ("--unit", "inch", "--feed", "1000", "--set", "rotation_step_deg=45", "--set", "collision=false")
     assert optimize(KR500, table(tmp_path, 1e3), tmp_path / "out", *options) == 3
     assert "is another --unit needed?" in capsys.readouterr().err
@@ -63,7 +63,7 @@ def test_path_of_a_fifth_of_a_millimetre_is_questioned(tmp_path: Path, capsys: p
 def test_far_part_in_a_stated_unit_is_out_of_reach_with_its_distance(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In inches it would lie in reach; who says mm means a part that is far off."""
+    """In inches it would be within reach; with the option mm the part is far away."""
     file = table(tmp_path, 1e3)
     rows = file.read_text().replace("-100.000000000,", "20000,").replace("\n100.000000000,", "\n20200,")
     file.write_text(rows)
@@ -72,6 +72,6 @@ def test_far_part_in_a_stated_unit_is_out_of_reach_with_its_distance(
     message = capsys.readouterr().err
     assert "out of reach" in message
     assert "mm outside the workspace" in message
-    file.write_text(rows.replace("x,y,z", "x_mm,y_mm,z_mm"))  # the file itself says mm, which may be wrong
+    file.write_text(rows.replace("x,y,z", "x_mm,y_mm,z_mm"))  # the file itself states mm, which may be wrong
     assert optimize(KR500, file, tmp_path / "again", *options) == 2
     assert "--unit" in capsys.readouterr().err

@@ -141,7 +141,7 @@ def test_included_files_outside_need_permission(folder: Path) -> None:
 
 
 def test_comments_are_not_executed(folder: Path) -> None:
-    """Robots of ROS-Industrial often keep the macro they came from, as a comment."""
+    """Robots of ROS-Industrial often contain their former macro as a comment."""
     plain = folder / "plain.urdf"
     plain.write_text("<robot name='r'>\n<!-- was <xacro:arm_macro a='$(env HOME)'/>\n -->\n<link name='l'/></robot>")
     assert not is_xacro(plain)

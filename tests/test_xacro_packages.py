@@ -1,6 +1,7 @@
 """Packages in the layout of ROS-Industrial: macros, robot, meshes and limits in separate files.
 
-Every variant is the same small arm, so its kinematics must be that of the plain URDF; each becomes a cell unedited.
+Every variant is the same small arm, so its kinematics must equal that of the plain URDF; each becomes a cell without
+changes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Files = dict[str, str]
 
 
 def body(prefix: str = "${prefix}") -> str:
-    """The arm's links and joints, with a prefix before every name."""
+    """Return the links and joints of the arm, with a prefix before every name."""
     text = urdf_text().removeprefix('<robot name="small">').removesuffix("</robot>")
     return re.sub(r'(<(?:link|joint) name="|(?:parent|child) link=")', rf"\g<1>{prefix}", text)
 
@@ -194,7 +195,7 @@ def other_package() -> Files:
 
 
 def build_forwarded_package() -> Files:
-    """Values of a YAML file, passed through macros and put into the caller's scope, and a package named by one."""
+    """Values of a YAML file are passed through macros into the caller's scope; one value names a package."""
     head = (
         '<xacro:macro name="read" params="file"><xacro:property name="config" value="${xacro.load_yaml(file)}"/>'
         '<xacro:property name="arm" value="${config[\'arm\']}" scope="parent"/></xacro:macro>'

@@ -1,7 +1,7 @@
 """Expressions of robot files are safe: no Python evaluation, no other files, bounded memory.
 
-Every escape below is tried in three routes: a file that ends in ``.urdf``, one that ends in ``.xacro``, and a cell
-folder. A refusal is exit 2; nothing is run, which a marker file would show.
+Every attack below is tested in three routes: a file with the suffix ``.urdf``, one with ``.xacro``, and a cell folder.
+A refusal is exit code 2; no code is executed, which a marker file would show.
 """
 
 from __future__ import annotations
@@ -292,7 +292,7 @@ def test_other_files_and_the_environment_are_not_read(wanted: str, tmp_path: Pat
     (pkg / "r.xacro").write_text(f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">{text}</robot>')
     with pytest.raises(InputError):
         read_robot(pkg / "r.xacro")
-    if "o.xacro" in wanted and "*" not in wanted and "find" not in wanted:  # what the message advises works
+    if "o.xacro" in wanted and "*" not in wanted and "find" not in wanted:  # the advice of the message works
         text = text.replace('<link name="k"/>', "")
         (pkg / "r.xacro").write_text(f'<robot name="r" xmlns:xacro="http://ros.org/wiki/xacro">{text}</robot>')
         assert read_standalone_description(pkg / "r.xacro", allow_external=True).urdf.links == ("l",)

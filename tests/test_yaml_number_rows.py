@@ -65,7 +65,7 @@ def read(text: str) -> YamlDocument | str:
 
 
 def read_whole(text: str, monkeypatch: pytest.MonkeyPatch) -> YamlDocument | str:
-    """With every token by ruamel.yaml."""
+    """Read every token with ruamel.yaml."""
 
     def compose(text: str) -> ComposedText:
         return ComposedText(yaml_composition._compose_nodes(text, yaml_composition.MAX_DEPTH))
@@ -106,7 +106,7 @@ def test_rows_equal_those_of_the_library(text: str) -> None:
     marked = read(text)
     if isinstance(whole, YamlDocument):
         assert isinstance(marked, YamlDocument)
-        assert repr(marked.value) == repr(whole.value)  # also 1 and 1.0 apart
+        assert repr(marked.value) == repr(whole.value)  # also distinguishes 1 and 1.0
         assert marked.lines == whole.lines
     else:
         assert marked == whole

@@ -12,7 +12,7 @@ QUICK = ("--set", "rotation_step_deg=45", "--set", "collision=false")
 
 
 def table(folder: Path, *rows: tuple[float, float], feed: float = 1000.0) -> Path:
-    """Cuts to (x, y) mm, the tool upright; the file begins with one."""
+    """Return cuts to (x, y) mm with an upright tool; the first row is a cut."""
     lines = ["x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min", *(f"{x},{y},0,0,0,1,cut,{feed}" for x, y in rows)]
     file = folder / "cuts.csv"
     file.write_text("\n".join(lines) + "\n")

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Sample:
-    """A file's text, how it is called, and what the user would have to say to read it."""
+    """The text of a file, its name, and the options that a user needs to read it."""
 
     name: str
     text: str
     options: dict[str, object] = field(default_factory=dict)
-    end: str = ""  # the first line that says the file is whole; none: the format has no such line
+    end: str = ""  # the first line that shows that the file is complete; none: the format has no such line
 
 
 NX = Sample(
