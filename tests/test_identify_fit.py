@@ -1,4 +1,4 @@
-"""Compliances from load tests, against NumPy least squares, dense matrices, explicit likelihoods, known truth."""
+"""Compliances from load tests, compared with NumPy least squares, dense matrices, explicit likelihoods, true values."""
 
 from __future__ import annotations
 

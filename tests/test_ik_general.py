@@ -121,8 +121,8 @@ def random_poses(arm: Robot, count: int, seed: int) -> tuple[Array, Array]:
 
 
 def gaps(q: Array, wanted: Array) -> Array:
-    """Return the largest joint difference modulo 2π between each branch (M, B,
-    6) and ``wanted`` (M, 6); inf if none."""
+    """Return the largest joint difference modulo 2π between each branch (M, B, 6)
+    and ``wanted`` (M, 6); inf if none."""
     return np.nan_to_num(np.abs(numerics_wrap_angle(q - wanted[:, None])).max(axis=-1), nan=np.inf)
 
 

@@ -1,4 +1,4 @@
-"""Fits by least absolute deviations: compiled sums against NumPy, bounds, and columns without data."""
+"""Fits by least absolute deviations: compiled sums compared with NumPy, bounds, and columns without data."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_columns_without_data_have_small_coefficients(columns: tuple[int, ...]) 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-7, 1e-3, 1.0])
 def test_known_positive_coefficients_give_the_minimum_of_the_search(angle: float) -> None:
-    """The positive set of the step before holds two antiparallel columns, of which one is needed."""
+    """The positive set of the previous step contains two antiparallel columns; only one of them is needed."""
     rng = np.random.default_rng(5)
     a, b, c = rng.normal(size=(3, 50))
     X = np.stack([a, -a + angle * b, c], axis=1)

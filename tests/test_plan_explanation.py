@@ -83,7 +83,7 @@ def test_advice_follows_the_reason(made: Plan) -> None:
 
 
 def test_near_point_is_not_advised_to_move_by_zero(made: Plan) -> None:
-    """An arm without a wrist centre has no nearest posture and no shortfall in length."""
+    """An arm without a wrist centre has no nearest configuration and no shortfall in length."""
     row = int(made.path.stations[0])
     c = made.candidates
     reason, shortfall = c.reason.copy(), c.shortfall.copy()

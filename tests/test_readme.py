@@ -71,7 +71,7 @@ operations:
 
 @pytest.mark.slow
 def test_commands_run_in_their_documented_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The arm and the part are such as a new user may have; ``view`` waits for a browser and has its own tests."""
+    """The arm and the part are typical of a new user's; ``view`` waits for a browser and has its own tests."""
     monkeypatch.chdir(tmp_path)
     Path("robot.urdf").write_text(urdf_text(), encoding="utf-8")
     Path("part.cls").write_text(PART, encoding="utf-8")

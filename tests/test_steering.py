@@ -355,7 +355,7 @@ def test_verifier_detects_a_violated_zone_and_branch(tmp_path: Path) -> None:
 
 
 def test_external_joint_has_the_value_of_its_operation(tmp_path: Path) -> None:
-    """The value holds for each group; an operation without a value is left to the planner."""
+    """The value applies to each group; an operation without a value is left to the planner."""
     cell, path = external_cell(tmp_path, rail=True), two_operations()
 
     def stands(at: tuple[tuple[str, float], ...]) -> list[OperationGroup]:

@@ -337,7 +337,7 @@ def test_every_elastic_law_of_diagnose_is_a_term_with_equal_predictions(tmp_path
         if h.law.startswith("round") or h.law.startswith("bends about"):
             x[2] = 0.0  # the coupling term may have either sign; without it the matrix is positive
         if h.law == "tilts and sinks":
-            x[[1, 2, 4]] *= 0.1  # coupling of sinking and tilt: no plate has its maximum value
+            x[[1, 2, 4]] *= 0.1  # coupling of sinking and tilt: no plate has all of it at its maximum
         term = h.correction(x, shape)
         assert isinstance(term, StiffnessTerm), h.name
         assert term.location in list_effects_and_locations()[term.effect]

@@ -136,7 +136,7 @@ def test_break_of_a_segment_names_its_ends(alone: list[Plan]) -> None:
 
 
 def build_segment_plan(total: float, worst: float) -> Plan:
-    """Return the part of a plan that its cost needs."""
+    """Return a stand-in for a plan, with the fields that its cost needs."""
     objective = SimpleNamespace(total=total, worst=worst)
     return cast(Plan, SimpleNamespace(chosen=SimpleNamespace(objective=objective)))
 
