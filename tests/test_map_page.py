@@ -296,8 +296,7 @@ def test_page_contains_joints_reasons_and_units_of_every_sample() -> None:
 
 
 def test_stick_figure_data_agree_with_forward_kinematics() -> None:
-    """The page contains only line segments; assembled as in its script,
-    they end at the position of forward kinematics."""
+    """Joint rotations applied one by one, as in the script of the page, give the TCP of forward kinematics."""
     cell = load_cell(KR240)
     robot = load_robot(cell)
     tcp = (robot.T_base_flange_zero @ cell.tool.T_flange_tcp)[:3, 3]

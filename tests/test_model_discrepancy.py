@@ -162,7 +162,7 @@ def test_pose_specific_discrepancy_accounts_for_few_regions() -> None:
 
 @pytest.mark.parametrize("at", [0.09, 0.2, 0.6])
 def test_gear_between_known_laws_is_near_their_sum(at: float) -> None:
-    """Soft starts (arc tangents) with knees anywhere: within 2 % of their total over all torques of the tests."""
+    """The candidate laws approximate a soft start (arc tangent with any knee) within 2 % of its maximum."""
     torque = np.linspace(-1.2, 1.2, 201)
     laws = np.stack([torque, *(np.tanh(torque / s) for s in CURVE_SMOOTHING.values())], axis=1)
     law = np.arctan(torque / at)

@@ -197,7 +197,7 @@ def test_page_without_webgl_reports_it_and_works(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_report_prints_on_three_pages(tmp_path: Path) -> None:
-    """A plan with eighty checks: all failed checks and the first passed ones are printed."""
+    """A report with eighty checks and forty feed dips has at most three printed pages, with six of the dips."""
     data, _ = build_report_with_motion_scene(small_cell(tmp_path))
     data = replace(data, checks=tuple(CheckRow(f"check {n}", n != 70, "0.1 mm", "1 mm", "point 3") for n in range(80)))
     dips = tuple(

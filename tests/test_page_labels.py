@@ -84,7 +84,7 @@ def test_rounding_is_named_only_where_a_check_passed() -> None:
     assert format_found_value(even) == "< 0.1 % of allowed"
     assert format_found_value(replace(even, value=2e-6)) == "0.000002 s"
     assert format_found_value(replace(even, value=0.0)) == "0 s"
-    assert format_found_value(replace(even, passed=False)).endswith("e−14 s")  # a minimum clearance that is not reached
+    assert format_found_value(replace(even, passed=False)).endswith("e−14 s")  # no rounding if the check fails
     beyond = VerificationCheck(
         name="joint positions", passed=True, value=-1e-9, limit=0.0, unit="deg beyond the limit", where="", beyond="deg"
     )

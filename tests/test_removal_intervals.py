@@ -23,7 +23,7 @@ ROWS = "x_mm,y_mm,z_mm,i,j,k,move,feed_mm_min,operation\n" + "\n".join(
 
 
 def compensate(folder: Path, percent: float) -> dict[str, object]:
-    """Return the compensation of a drilling job whose force has one spread."""
+    """Return the compensation of a drilling job whose force has a spread of ``percent`` percent."""
     shutil.copytree(ROOT / "cells" / "kr240_drilling", folder / "cell")
     (folder / "process.yaml").write_text(PROCESS.replace("SPREAD", f"{percent:g}"), encoding="utf-8")
     (folder / "holes.csv").write_text(ROWS, encoding="utf-8")

@@ -329,7 +329,7 @@ def test_reference_between_points_is_that_of_the_previous_point() -> None:
 
 
 def test_missing_body_or_mass_is_named(cell: Cell, tmp_path: Path) -> None:
-    """The elements of the file are counted, so an element that a parser drops is detected."""
+    """The model is compared with the URDF file: an additional body, another size and another mass are detected."""
 
     def told(old: str, new: str) -> list[str]:
         text = cell.urdf.read_text()
