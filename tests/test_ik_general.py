@@ -89,7 +89,7 @@ INDUSTRIAL = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]]
 
 
 def industrial(below: float, beside: float, tilt: float = 0.0) -> Robot:
-    """A KUKA-like arm whose axes 5 and 6 miss axis 4 by ``below`` and ``beside`` m; axis 3 is tilted by ``tilt`` rad."""
+    """A KUKA-like arm: axes 5 and 6 miss axis 4 by ``below`` and ``beside`` m; axis 3 is tilted by ``tilt`` rad."""
     axis = [list(map(float, a)) for a in INDUSTRIAL]
     axis[2] = [0.0, np.cos(tilt), np.sin(tilt)]
     z = 1.784 + below
@@ -266,7 +266,7 @@ def test_quick_error_bound_of_a_branch_is_an_upper_bound(name: str) -> None:
 
 
 def test_margins_of_three_parallel_axes() -> None:
-    """The shoulder margin is computed from the intersection of axes 5 and 6, the others from angles between axes of links."""
+    """The shoulder margin follows from the intersection of axes 5 and 6, the others from angles between link axes."""
     branches = GeneralBranches(UR5)
     _, T = random_poses(UR5, 100, seed=6)
     found = branches.solve(T)
