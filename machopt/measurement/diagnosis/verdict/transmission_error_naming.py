@@ -123,8 +123,8 @@ def is_constant_of_unnamed_waves(finding: Finding, unnamed: Sequence[Finding]) -
 def _find_largest_slow_amplitude(wave: Mapping[str, Any]) -> float:
     """Return the largest amplitude (arcsec) of the waves of less than two periods within the range of the joint."""
     low, high = wave.get(RANGE_KEY, (0.0, 0.0))
-    is_slow = np.asarray(wave[UNNAMED_ORDERS]) * (high - low) / 360.0 < thresholds.LIMITS.certain_periods
-    return float(np.where(is_slow, np.hypot(wave[COS], wave[SIN]), 0.0).max())
+    periods = np.asarray(wave[UNNAMED_ORDERS]) * (high - low) / 360.0
+    return float(np.where(periods < thresholds.LIMITS.certain_periods, np.hypot(wave[COS], wave[SIN]), 0.0).max())
 
 
 def _select_waves(parameters: Mapping[str, object], chosen: Sequence[bool], order_key: str) -> dict[str, object]:

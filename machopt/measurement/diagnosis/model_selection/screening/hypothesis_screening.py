@@ -262,7 +262,8 @@ def compute_chance_probability(
         scores = np.concatenate([t.products_by_cluster(model.w, residual) for t in some], axis=1)
         projection = np.concatenate([one.projection for one in each])
         p = scores.shape[2]
-        scores = scores - (Xr @ projection.reshape(-1, len(Xr.T)).T).reshape(scores.shape)
+        absorbed = projection.reshape(scores.shape[1] * p, Xr.shape[1])  # a base may have no columns
+        scores = scores - (Xr @ absorbed.T).reshape(scores.shape)
         along = _whiten_scores(np.concatenate([one.information for one in each]), scores)
         drawn = (signs @ along.reshape(len(along), -1)).reshape(flips, *along.shape[1:])
         lower = some[0].hypothesis.lower
